@@ -1,0 +1,2 @@
+//! The raykd program.
+fn main() {}

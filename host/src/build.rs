@@ -1,0 +1,381 @@
+//! The plan of a build: which kernels, over which buffers, how large.
+
+use crate::{
+    Error,
+    exec::{Buffer, Device, Step, Timing},
+    mesh::Mesh,
+};
+use raykd_kernels::build::{
+    ARGS_ACTIVE, ARGS_CHUNKS, ARGS_WORDS, LEVEL_WORDS, STATE_DEPTH, STATE_NODES, STATE_REFS, STATE_STATUS,
+    STATE_TREELET_REFS, STATE_TREELETS, STATE_WORDS, alloc::ALLOC, bin::BIN, bin::HIST_WORDS, count::COUNT,
+    emit::EMIT, gather::GATHER, place::PLACE, scatter::SCATTER, split::SPLIT, top::TOP, treelet::TREELETS,
+    treelet::scratch_base,
+};
+use raykd_shared::{
+    BuildParams, TreeHeader,
+    limits::{CHUNK, MAX_DEPTH, TREELET},
+    status,
+};
+use std::time::{Duration, Instant};
+
+/// What a build may be told.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BuildOptions {
+    /// SAH cost of one traversal step.
+    pub cost_step: f32,
+    /// SAH cost of one triangle test.
+    pub cost_test: f32,
+    /// Deepest level for a leaf, at most [`MAX_DEPTH`].
+    pub max_depth: u32,
+    /// Time every kernel, see [`BuildTimes::kernels`].
+    pub profile: bool,
+}
+
+impl Default for BuildOptions {
+    fn default() -> Self {
+        Self { cost_step: 1.0, cost_test: 1.0, max_depth: MAX_DEPTH, profile: false }
+    }
+}
+
+/// How long a build took and what it needed.
+#[derive(Clone, Debug, Default)]
+pub struct BuildTimes {
+    /// Mesh to device.
+    pub upload: Duration,
+    /// All kernels, on the device's clock.
+    pub build: Duration,
+    /// Most bytes of buffers held at once, the mesh included.
+    pub peak_bytes: u64,
+    /// How often the build was repeated with more room; the times are those of the last try.
+    pub retries: u32,
+    /// With profiling: kernel names, dispatches and summed times.
+    pub kernels: Vec<(&'static str, u32, Duration)>,
+}
+
+/// What a build leaves on the device.
+#[derive(Debug)]
+pub(crate) struct Built {
+    pub header: TreeHeader,
+    pub nodes: Buffer,
+    pub refs: Buffer,
+    pub triangles: Buffer,
+    pub times: BuildTimes,
+}
+
+/// References a scene may make per triangle before the build is repeated with half the depth.
+const MOST_REFS_PER_TRIANGLE: u32 = 48;
+
+/// Allocates, and keeps count.
+struct Arena<'d> {
+    device: &'d Device,
+    bytes: u64,
+}
+
+impl Arena<'_> {
+    fn alloc(&mut self, name: &'static str, count: u32, stride: u64) -> Result<Buffer, Error> {
+        let buffer = self.device.alloc(name, u64::from(count) * stride)?;
+        self.bytes += buffer.bytes();
+        Ok(buffer)
+    }
+}
+
+/// Capacities of one try.
+#[derive(Clone, Copy, Debug)]
+struct Room {
+    level_refs: u32,
+    treelet_refs: u32,
+    active: u32,
+    treelets: u32,
+    levels: u32,
+}
+
+impl Room {
+    fn first_guess(references: u32) -> Self {
+        let n = references;
+        let levels = 6 + (n / TREELET + 1).ilog2();
+        let chunks = n.div_ceil(CHUNK);
+        let level_refs = n + n / 2 + 1024;
+        let treelet_refs = 2 * n + 1024;
+        Self {
+            level_refs,
+            treelet_refs,
+            active: level_refs / (TREELET + 1) + chunks + 64,
+            treelets: treelet_refs / 8 + 64,
+            levels: levels.min(MAX_DEPTH),
+        }
+    }
+
+    fn grown(self) -> Option<Self> {
+        let double = |x: u32| x.checked_mul(2).filter(|&x| x < 1 << 30);
+        Some(Self {
+            level_refs: double(self.level_refs)?,
+            treelet_refs: double(self.treelet_refs)?,
+            active: double(self.active)?,
+            treelets: double(self.treelets)?,
+            levels: self.levels,
+        })
+    }
+}
+
+/// Loads the mesh onto the device and gathers its triangles.
+fn upload(device: &Device, mesh: &Mesh, arena: &mut Arena<'_>) -> Result<(Buffer, Buffer), Error> {
+    let positions = mesh.scaled_positions();
+    let position_buffer = arena.alloc("positions", positions.len() as u32, 4)?;
+    let index_buffer = arena.alloc("indices", 3 * mesh.triangles().len() as u32, 4)?;
+    device.write(&position_buffer, 0, bytemuck::cast_slice(&positions))?;
+    device.write(&index_buffer, 0, bytemuck::cast_slice(mesh.triangles()))?;
+    Ok((position_buffer, index_buffer))
+}
+
+fn params(mesh: &Mesh, options: &BuildOptions, room: Room, max_depth: u32) -> BuildParams {
+    let (lo, hi) = mesh.scaled_bounds();
+    BuildParams {
+        lo,
+        triangles: mesh.triangles().len() as u32,
+        hi,
+        references: mesh.kept().len() as u32,
+        cost_step: options.cost_step,
+        cost_test: options.cost_test,
+        max_depth,
+        level_refs: room.level_refs,
+        treelet_refs: room.treelet_refs,
+        active: room.active,
+        top_nodes: 2 * room.treelets,
+        treelets: room.treelets,
+    }
+}
+
+/// Uploads the mesh's triangles alone, for a tree that exists already or for brute force.
+pub(crate) fn upload_triangles(device: &Device, mesh: &Mesh) -> Result<Buffer, Error> {
+    let mut arena = Arena { device, bytes: 0 };
+    let count = mesh.triangles().len() as u32;
+    let (positions, indices) = upload(device, mesh, &mut arena)?;
+    let triangles = arena.alloc("triangles", count, 48)?;
+    let boxes = arena.alloc("boxes", count, 32)?;
+    let params_buffer = arena.alloc("params", 1, size_of::<BuildParams>() as u64)?;
+    let params = params(mesh, &BuildOptions::default(), Room::first_guess(0), 0);
+    device.write(&params_buffer, 0, bytemuck::bytes_of(&params))?;
+    let gather = Step::over(&GATHER, count, vec![&params_buffer, &positions, &indices, &triangles, &boxes]);
+    device.run(&[gather], false)?;
+    Ok(triangles)
+}
+
+/// Builds the tree of `mesh` on `device`.
+pub(crate) fn build(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Result<Built, Error> {
+    let start = Instant::now();
+    let mut arena = Arena { device, bytes: 0 };
+    let mesh_buffers = upload(device, mesh, &mut arena)?;
+    let upload = start.elapsed();
+    let references = mesh.kept().len() as u32;
+    let mut room = Room::first_guess(references);
+    let mut max_depth = options.max_depth.min(MAX_DEPTH);
+    let most_refs = references.saturating_mul(MOST_REFS_PER_TRIANGLE).saturating_add(1 << 16).min(1 << 29);
+    let mut retries = 0;
+    loop {
+        let mut attempt = Arena { device, bytes: arena.bytes };
+        let params = params(mesh, options, room, max_depth);
+        match attempt_build(device, mesh, &mesh_buffers, &params, room, options.profile, &mut attempt)? {
+            Outcome::Built(mut built) => {
+                built.times.upload += upload;
+                built.times.retries = retries;
+                return Ok(*built);
+            }
+            Outcome::MoreLevels => room.levels = MAX_DEPTH,
+            Outcome::MoreRoom => match room.grown().filter(|r| r.treelet_refs <= most_refs) {
+                Some(grown) => room = grown,
+                // Splitting does not separate these triangles: fewer levels, longer leaves, bounded memory.
+                None => max_depth /= 2,
+            },
+        }
+        retries += 1;
+    }
+}
+
+enum Outcome {
+    Built(Box<Built>),
+    MoreRoom,
+    MoreLevels,
+}
+
+#[expect(clippy::too_many_lines, reason = "one list of buffers and one of steps, best read in one piece")]
+fn attempt_build(
+    device: &Device,
+    mesh: &Mesh,
+    (positions, indices): &(Buffer, Buffer),
+    params: &BuildParams,
+    room: Room,
+    profile: bool,
+    arena: &mut Arena<'_>,
+) -> Result<Outcome, Error> {
+    let count = params.triangles;
+    let references = params.references;
+    let triangles = arena.alloc("triangles", count, 48)?;
+    let boxes = arena.alloc("boxes", count, 32)?;
+    let param_buffer = arena.alloc("params", 1, size_of::<BuildParams>() as u64)?;
+    let state = arena.alloc("state", STATE_WORDS, 4)?;
+    let mut pair = |name, count, stride| -> Result<[Buffer; 2], Error> {
+        Ok([arena.alloc(name, count, stride)?, arena.alloc(name, count, stride)?])
+    };
+    let levels = pair("level", LEVEL_WORDS, 4)?;
+    let args = pair("args", ARGS_WORDS, 4)?;
+    let actives = pair("active", room.active, 48)?;
+    let chunks = pair("chunks", room.active, 4)?;
+    let refs = pair("level refs", room.level_refs, 4)?;
+    let hists = arena.alloc("histograms", room.active, u64::from(HIST_WORDS) * 4)?;
+    let planes = arena.alloc("planes", room.active, 8)?;
+    let sides = arena.alloc("sides", room.active, 8)?;
+    let targets = arena.alloc("targets", room.active, 8)?;
+    let sizes = arena.alloc("sizes", room.active, 8)?;
+    let top = arena.alloc("top", params.top_nodes, 8)?;
+    let treelets = arena.alloc("treelets", room.treelets, 48)?;
+    let treelet_refs = arena.alloc("treelet refs", room.treelet_refs, 4)?;
+    let scratch = arena.alloc("treelet nodes", scratch_base(room.treelet_refs, room.treelets), 8)?;
+    let treelet_sizes = arena.alloc("treelet sizes", room.treelets, 16)?;
+    let places = arena.alloc("treelet places", room.treelets, 8)?;
+
+    let begin = Instant::now();
+    device.write(&param_buffer, 0, bytemuck::bytes_of(params))?;
+    // The root: an active node of many references, or the only treelet.
+    let root_is_large = references > TREELET;
+    let root = |first: u32, extra: u32| {
+        let bits = |v: [f32; 3]| [v[0].to_bits(), v[1].to_bits(), v[2].to_bits(), 0];
+        [[0, first, references, extra], bits(params.lo), bits(params.hi)]
+    };
+    let mut words = [0u32; STATE_WORDS as usize];
+    words[raykd_kernels::build::STATE_TOP as usize] = 1;
+    if root_is_large {
+        let pieces = references.div_ceil(CHUNK);
+        device.write(&levels[0], 0, bytemuck::cast_slice(&[1, pieces, references, 0]))?;
+        let mut first_args = [0u32; ARGS_WORDS as usize];
+        first_args[3 * ARGS_ACTIVE as usize..][..3].copy_from_slice(&[1, 1, 1]);
+        first_args[3 * ARGS_CHUNKS as usize..][..3].copy_from_slice(&[
+            pieces.min(raykd_shared::limits::GROUPS_X),
+            pieces.div_ceil(raykd_shared::limits::GROUPS_X),
+            1,
+        ]);
+        device.write(&args[0], 0, bytemuck::cast_slice(&first_args))?;
+        device.write(&actives[0], 0, bytemuck::cast_slice(&root(0, 0)))?;
+        device.write(&refs[0], 0, bytemuck::cast_slice(mesh.kept()))?;
+    } else {
+        words[STATE_TREELETS as usize] = 1;
+        words[STATE_TREELET_REFS as usize] = references;
+        device.write(&treelets, 0, bytemuck::cast_slice(&root(0, 0)))?;
+        device.write(&treelet_refs, 0, bytemuck::cast_slice(mesh.kept()))?;
+    }
+    device.write(&state, 0, bytemuck::cast_slice(&words))?;
+    let upload = begin.elapsed();
+
+    let mut steps = vec![Step::over(&GATHER, count, vec![&param_buffer, positions, indices, &triangles, &boxes])];
+    let number = if root_is_large { room.levels.min(params.max_depth + 1) } else { 0 };
+    for depth in 0..number as usize {
+        let (now, then) = (depth % 2, (depth + 1) % 2);
+        let (level, arg, active, chunk, list) =
+            (&levels[now], &args[now], &actives[now], &chunks[now], &refs[now]);
+        steps.push(Step::indirect(&BIN, arg, ARGS_CHUNKS, vec![level, active, chunk, list, &boxes, &hists]));
+        steps.push(Step::indirect(&SPLIT, arg, ARGS_ACTIVE, vec![&param_buffer, level, active, &hists, &planes]));
+        steps.push(Step::indirect(
+            &COUNT,
+            arg,
+            ARGS_CHUNKS,
+            vec![level, active, chunk, list, &boxes, &planes, &sides],
+        ));
+        steps.push(Step::groups(
+            &ALLOC,
+            1,
+            vec![
+                &param_buffer,
+                level,
+                active,
+                &planes,
+                &sides,
+                &targets,
+                &sizes,
+                &top,
+                &levels[then],
+                &actives[then],
+                &chunks[then],
+                &args[then],
+                &treelets,
+                &state,
+            ],
+        ));
+        steps.push(Step::indirect(
+            &SCATTER,
+            arg,
+            ARGS_CHUNKS,
+            vec![level, active, chunk, list, &boxes, &planes, &targets, &state, &refs[then], &treelet_refs],
+        ));
+    }
+    // A dispatch as large as the list; groups past the last treelet return at once.
+    let treelet_groups = if root_is_large { room.treelets } else { 1 };
+    steps.push(Step::groups(
+        &TREELETS,
+        treelet_groups,
+        vec![&param_buffer, &state, &treelets, &treelet_refs, &boxes, &scratch, &treelet_sizes],
+    ));
+    let last = &levels[number as usize % 2];
+    steps.push(Step::groups(&PLACE, 1, vec![last, &treelet_sizes, &places, &state]));
+    let first_part = device.run(&steps, profile)?;
+    let mut kernels = Vec::new();
+    tally(&mut kernels, &steps, &first_part);
+
+    // The one look at the device: how large is the tree?
+    let words: Vec<u32> = device.read(&state, 0, STATE_WORDS as usize)?;
+    let bits = words[STATE_STATUS as usize];
+    if bits & status::CAPACITY != 0 {
+        return Ok(Outcome::MoreRoom);
+    }
+    if bits & status::LEVELS != 0 {
+        return Ok(Outcome::MoreLevels);
+    }
+    if bits != 0 {
+        return Err(Error::Kernel(format!("the build raised status {bits:#x}")));
+    }
+    let (node_count, ref_count) = (words[STATE_NODES as usize], words[STATE_REFS as usize]);
+    let nodes = arena.alloc("nodes", node_count, 8)?;
+    let out = arena.alloc("refs", ref_count, 4)?;
+    let steps = [
+        Step::over(&TOP, words[raykd_kernels::build::STATE_TOP as usize], vec![&state, &top, &nodes]),
+        Step::groups(
+            &EMIT,
+            words[STATE_TREELETS as usize],
+            vec![&state, &treelets, &treelet_refs, &scratch, &treelet_sizes, &places, &nodes, &out],
+        ),
+    ];
+    let second_part = device.run(&steps, profile)?;
+    tally(&mut kernels, &steps, &second_part);
+    let header = TreeHeader {
+        lo: params.lo,
+        nodes: node_count,
+        hi: params.hi,
+        refs: ref_count,
+        triangles: count,
+        depth: words[STATE_DEPTH as usize],
+        scale: mesh.scale(),
+        cost_step: params.cost_step,
+        cost_test: params.cost_test,
+        reserved: [0; 3],
+    };
+    let times = BuildTimes {
+        upload,
+        build: first_part.total + second_part.total,
+        peak_bytes: arena.bytes,
+        retries: 0,
+        kernels,
+    };
+    Ok(Outcome::Built(Box::new(Built { header, nodes, refs: out, triangles, times })))
+}
+
+/// Sums the steps' times by kernel, in order of first use.
+fn tally(kernels: &mut Vec<(&'static str, u32, Duration)>, steps: &[Step<'_>], timing: &Timing) {
+    for (step, &time) in steps.iter().zip(&timing.steps) {
+        let name = step.kernel.name();
+        match kernels.iter_mut().find(|(n, ..)| *n == name) {
+            Some((_, count, sum)) => {
+                *count += 1;
+                *sum += time;
+            }
+            None => kernels.push((name, 1, time)),
+        }
+    }
+}

@@ -1,0 +1,71 @@
+//! What can go wrong, and what to do about it.
+
+use std::path::PathBuf;
+
+/// Everything raykd's library reports.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A mesh could not be used.
+    #[error(transparent)]
+    Mesh(#[from] crate::mesh::MeshError),
+    /// A file could not be read or written.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// A buffer would be larger than the device allows.
+    #[error("buffer '{buffer}' needs {bytes} bytes, but {limit_name} allows {limit}; use a smaller mesh, or another device (--device cpu)")]
+    TooLarge {
+        /// Name of the buffer.
+        buffer: &'static str,
+        /// Bytes asked for.
+        bytes: u64,
+        /// Bytes allowed.
+        limit: u64,
+        /// Name of the limit.
+        limit_name: &'static str,
+    },
+    /// Memory ran out.
+    #[error("out of memory: no room for {bytes} bytes of '{buffer}'")]
+    OutOfMemory {
+        /// Name of the buffer.
+        buffer: &'static str,
+        /// Bytes asked for.
+        bytes: u64,
+    },
+    /// CPU threads could not be started.
+    #[error("cannot start threads: {0}")]
+    Threads(String),
+    /// There is no Vulkan adapter (of that name).
+    #[error("no Vulkan adapter{}: install a driver; for a software one, on Debian or Ubuntu: apt install mesa-vulkan-drivers", wanted.as_ref().map(|w| format!(" named like '{w}'")).unwrap_or_default())]
+    NoAdapter {
+        /// The name asked for.
+        wanted: Option<String>,
+    },
+    /// The device does not compute float operations as the CPU does.
+    #[error("{adapter} is refused: {reason}; to use it all the same, name it with --adapter and set RAYKD_ALLOW_INEXACT=1")]
+    Inexact {
+        /// The adapter.
+        adapter: String,
+        /// What the probe found.
+        reason: String,
+    },
+    /// The device failed.
+    #[error("{adapter}: {what}; the same job gives the same bytes with --device cpu")]
+    DeviceFailed {
+        /// The adapter.
+        adapter: String,
+        /// What happened.
+        what: String,
+    },
+    /// A kernel raised a status that more room cannot cure.
+    #[error("kernel fault: {0}; please report this")]
+    Kernel(String),
+    /// A tree file or tree does not hold together.
+    #[error("{0}")]
+    Tree(String),
+}

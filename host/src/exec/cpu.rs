@@ -1,0 +1,182 @@
+//! The CPU executor: workgroups in parallel by rayon, the lanes of each in turn.
+
+use super::{Buffer, Groups, Limit, Step, Timing};
+use crate::Error;
+use raykd_kernels::{Group, Order, RawBuf};
+use rayon::prelude::*;
+use std::{
+    alloc::{Layout, alloc_zeroed, dealloc},
+    sync::Arc,
+    time::Instant,
+};
+
+/// Buffers are aligned for the widest element, a vector of four.
+const ALIGN: usize = 16;
+
+/// The processor as a device.
+#[derive(Debug)]
+pub struct Cpu {
+    pool: Option<rayon::ThreadPool>,
+    order: Order,
+    name: String,
+}
+
+impl Default for Cpu {
+    fn default() -> Self {
+        Self::on(None)
+    }
+}
+
+impl Cpu {
+    /// With `threads` threads of its own.
+    ///
+    /// # Errors
+    /// The threads could not be started.
+    pub fn with_threads(threads: usize) -> Result<Self, Error> {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.max(1)).build();
+        pool.map(|p| Self::on(Some(p))).map_err(|e| Error::Threads(e.to_string()))
+    }
+
+    fn on(pool: Option<rayon::ThreadPool>) -> Self {
+        let threads = pool.as_ref().map_or_else(rayon::current_num_threads, rayon::ThreadPool::current_num_threads);
+        let model = std::fs::read_to_string("/proc/cpuinfo").ok().and_then(|text| {
+            let line = text.lines().find(|l| l.starts_with("model name"))?;
+            line.split_once(':').map(|(_, name)| name.trim().to_owned())
+        });
+        let model = model.unwrap_or_else(|| std::env::consts::ARCH.to_owned());
+        let s = if threads == 1 { "" } else { "s" };
+        Self { pool, order: Order::Forward, name: format!("{model}, {threads} thread{s}") }
+    }
+
+    /// Visits lanes and workgroups in another order; results must not change. For tests.
+    #[must_use]
+    pub const fn in_order(mut self, order: Order) -> Self {
+        self.order = order;
+        self
+    }
+
+    pub(super) fn name(&self) -> &str {
+        &self.name
+    }
+
+    #[expect(clippy::unused_self, reason = "same shape as the GPU's")]
+    pub(super) const fn limit(&self) -> Limit {
+        // Indices are u32, of elements down to 4 bytes.
+        Limit { bytes: (u32::MAX as u64) * 4, name: "32-bit indices" }
+    }
+
+    #[expect(clippy::unused_self, reason = "same shape as the GPU's")]
+    pub(super) fn alloc(&self, name: &'static str, bytes: u64) -> Result<Memory, Error> {
+        Memory::zeroed(bytes).ok_or(Error::OutOfMemory { buffer: name, bytes })
+    }
+
+    #[expect(clippy::unused_self, reason = "same shape as the GPU's")]
+    pub(super) fn write(&self, memory: &Memory, offset: u64, data: &[u8]) {
+        // SAFETY: the caller checked the range; no kernel runs during a call on the same thread of control.
+        unsafe { memory.0.ptr.add(offset as usize).copy_from(data.as_ptr(), data.len()) }
+    }
+
+    #[expect(clippy::unused_self, reason = "same shape as the GPU's")]
+    pub(super) fn read(&self, memory: &Memory, offset: u64, out: &mut [u8]) {
+        // SAFETY: as above.
+        unsafe { memory.0.ptr.add(offset as usize).copy_to(out.as_mut_ptr(), out.len()) }
+    }
+
+    pub(super) fn run(&self, steps: &[Step<'_>], profile: bool) -> Timing {
+        match &self.pool {
+            Some(pool) => pool.install(|| self.run_here(steps, profile)),
+            None => self.run_here(steps, profile),
+        }
+    }
+
+    fn run_here(&self, steps: &[Step<'_>], profile: bool) -> Timing {
+        let start = Instant::now();
+        let mut times = Vec::new();
+        for step in steps {
+            let begin = Instant::now();
+            let groups = match step.groups {
+                Groups::Fixed(n) => n,
+                Groups::Indirect(args, entry) => {
+                    let mut xyz = [0u32; 3];
+                    self.read(memory(args), u64::from(entry) * 12, bytemuck::bytes_of_mut(&mut xyz));
+                    xyz.iter().product()
+                }
+            };
+            self.dispatch(step, groups);
+            if profile {
+                times.push(begin.elapsed());
+            }
+        }
+        Timing { total: start.elapsed(), steps: times }
+    }
+
+    fn dispatch(&self, step: &Step<'_>, groups: u32) {
+        let raw: Vec<Shared> = step.buffers.iter().map(|b| Shared(memory(b).raw())).collect();
+        let run = |id: u32| {
+            let mut buffers = [RawBuf { ptr: std::ptr::null_mut(), len: 0 }; 16];
+            for (slot, shared) in buffers.iter_mut().zip(&raw) {
+                *slot = shared.0;
+            }
+            let group = Group { id, width: step.kernel.threads, order: self.order };
+            // SAFETY: one live, 16-byte aligned buffer per slot (checked in Device::run); the groups of one
+            // dispatch have different ids, and kernels give every slot one writer.
+            unsafe { (step.kernel.run)(group, &buffers[..raw.len()]) }
+        };
+        if self.order == Order::Reverse {
+            (0..groups).rev().for_each(run);
+        } else {
+            (0..groups).into_par_iter().for_each(run);
+        }
+    }
+}
+
+/// A buffer's address may go to other threads: kernels keep its slots apart.
+#[derive(Clone, Copy)]
+struct Shared(RawBuf);
+// SAFETY: only the address is shared; accesses follow the contract of `Kernel::run`.
+unsafe impl Send for Shared {}
+// SAFETY: as above.
+unsafe impl Sync for Shared {}
+
+fn memory(buffer: &Buffer) -> &Memory {
+    match &buffer.memory {
+        super::Memory::Cpu(memory) => memory,
+        #[cfg(feature = "gpu")]
+        super::Memory::Gpu(_) => panic!("buffer {} belongs to another device", buffer.name),
+    }
+}
+
+/// Shared ownership of aligned, zeroed memory.
+#[derive(Clone, Debug)]
+pub(super) struct Memory(Arc<Allocation>);
+
+#[derive(Debug)]
+struct Allocation {
+    ptr: *mut u8,
+    layout: Layout,
+}
+
+// SAFETY: plain memory; whoever reads or writes it keeps apart from others as `Kernel::run` demands.
+unsafe impl Send for Allocation {}
+// SAFETY: as above.
+unsafe impl Sync for Allocation {}
+
+impl Memory {
+    fn zeroed(bytes: u64) -> Option<Self> {
+        let layout = Layout::from_size_align(usize::try_from(bytes).ok()?, ALIGN).ok()?;
+        // SAFETY: sizes are at least 16.
+        let ptr = unsafe { alloc_zeroed(layout) };
+        (!ptr.is_null()).then(|| Self(Arc::new(Allocation { ptr, layout })))
+    }
+
+    fn raw(&self) -> RawBuf {
+        RawBuf { ptr: self.0.ptr, len: self.0.layout.size() }
+    }
+}
+
+impl Drop for Allocation {
+    fn drop(&mut self) {
+        // SAFETY: allocated with this layout and freed once.
+        unsafe { dealloc(self.ptr, self.layout) }
+    }
+}

@@ -1,0 +1,441 @@
+//! The GPU executor: kernels as SPIR-V on Vulkan devices, by wgpu.
+
+mod adapter;
+mod clock;
+mod link;
+mod probe;
+mod staging;
+
+pub use adapter::{AdapterReport, adapters};
+pub use probe::Verdict;
+
+use super::{Buffer, Device, Groups, Limit, Memory, Step, Timing};
+use crate::Error;
+use clock::Clock;
+use link::Link;
+use raykd_kernels::{Access, Kernel};
+use raykd_shared::limits::GROUPS_X;
+use rayon::prelude::*;
+use staging::{CHUNK, Slot};
+use std::{
+    collections::{HashMap, HashSet},
+    sync::{Mutex, MutexGuard, PoisonError},
+    time::Instant,
+};
+
+/// Writes of at most this many bytes ride along with the next submission.
+const SMALL: usize = 64 << 10;
+
+/// A Vulkan device.
+#[derive(Debug)]
+pub struct Gpu {
+    link: Link,
+    limit: Limit,
+    module: wgpu::ShaderModule,
+    /// Names of the kernels in the module.
+    entry_points: HashSet<String>,
+    pipelines: Mutex<HashMap<&'static str, Pipeline>>,
+    /// Staging buffers; taken while in use, and not put back after an error.
+    uploads: Mutex<Option<[Slot; 2]>>,
+    downloads: Mutex<Option<[Slot; 2]>>,
+    /// None where the device has no timestamps.
+    clock: Option<Mutex<Option<Clock>>>,
+}
+
+/// A kernel made ready for the device.
+#[derive(Clone, Debug)]
+struct Pipeline {
+    layout: wgpu::BindGroupLayout,
+    pipeline: wgpu::ComputePipeline,
+}
+
+/// What the steps of one run bind: the levels of a build repeat the same buffers, told apart by where they are
+/// while the run borrows them.
+type Bindings = HashMap<(&'static str, Vec<*const Buffer>), wgpu::BindGroup>;
+
+impl Gpu {
+    /// The best adapter, or the best whose name or driver contains `adapter` (any case).
+    ///
+    /// # Errors
+    /// No such adapter; it cannot run our kernels; or it does not compute our float operations exactly and
+    /// `RAYKD_ALLOW_INEXACT=1` is not set.
+    pub fn open(adapter: Option<&str>) -> Result<Self, Error> {
+        let allowed = std::env::var_os("RAYKD_ALLOW_INEXACT").is_some_and(|value| value == "1");
+        Self::accepted(adapter::choose(adapter, false)?, allowed)
+    }
+
+    /// The best adapter that is not a CPU.
+    ///
+    /// # Errors
+    /// As for [`Self::open`], except that an inexact device is never taken.
+    pub fn open_hardware() -> Result<Self, Error> {
+        Self::accepted(adapter::choose(None, true)?, false)
+    }
+
+    /// Compiles kernels for the device, several at a time, so that no later run has to.
+    ///
+    /// # Errors
+    /// The device refused a kernel or was lost.
+    pub fn prepare(&self, kernels: &[&'static Kernel]) -> Result<(), Error> {
+        let missing: Vec<_> = {
+            let ready = lock(&self.pipelines);
+            let mut seen = HashSet::new();
+            let new = |k: &&Kernel| !ready.contains_key(k.path) && seen.insert(k.path);
+            kernels.iter().copied().filter(new).collect()
+        };
+        missing.into_par_iter().try_for_each(|kernel| {
+            let pipeline = self.compile(kernel)?;
+            lock(&self.pipelines).insert(kernel.path, pipeline);
+            Ok(())
+        })
+    }
+
+    /// Opens an adapter and refuses it if it is inexact, unless that is `allowed`.
+    fn accepted(adapter: &wgpu::Adapter, allowed: bool) -> Result<Self, Error> {
+        match Self::on(adapter)?.probed()? {
+            (gpu, Verdict::Inexact(reason)) if !allowed => {
+                Err(Error::Inexact { adapter: gpu.link.name, reason })
+            }
+            (gpu, _) => Ok(gpu),
+        }
+    }
+
+    /// Opens an adapter.
+    fn on(adapter: &wgpu::Adapter) -> Result<Self, Error> {
+        let name = adapter::describe(&adapter.get_info());
+        if let Some(what) = adapter::lacks(adapter) {
+            return Err(Error::DeviceFailed { adapter: name, what });
+        }
+        let link = Link::open(adapter, name, adapter::WANTED)?;
+        let words = words(raykd_kernels::SPIRV);
+        let entry_points = entry_points(&words);
+        if entry_points.is_empty() {
+            return Err(link.failed("there are no compiled kernels: run `cargo xtask kernels`"));
+        }
+        let module = link.guard("loading the kernels", || {
+            let entry = |kernel: &&Kernel| wgpu::PassthroughShaderEntryPoint {
+                name: kernel.entry_point().into(),
+                workgroup_size: (kernel.threads, 1, 1),
+            };
+            let descriptor = wgpu::ShaderModuleDescriptorPassthrough {
+                label: Some("raykd"),
+                spirv: Some(words.into()),
+                entry_points: raykd_kernels::ALL.iter().map(entry).collect(),
+                ..Default::default()
+            };
+            // SAFETY: the module was validated by spirv-val when it was made; its kernels keep to their buffers,
+            // which robust buffer access bounds.
+            unsafe { link.device.create_shader_module_passthrough(descriptor) }
+        })?;
+        let limits = link.device.limits();
+        let binding = Limit {
+            bytes: limits.max_storage_buffer_binding_size,
+            name: "the device's max_storage_buffer_binding_size",
+        };
+        let whole = Limit { bytes: limits.max_buffer_size, name: "the device's max_buffer_size" };
+        let timed = link.device.features().contains(Clock::FEATURES);
+        Ok(Self {
+            limit: if whole.bytes < binding.bytes { whole } else { binding },
+            module,
+            entry_points,
+            pipelines: Mutex::default(),
+            uploads: Mutex::default(),
+            downloads: Mutex::default(),
+            clock: timed.then(Mutex::default),
+            link,
+        })
+    }
+
+    /// Runs the start-up probe.
+    fn probed(self) -> Result<(Self, Verdict), Error> {
+        let device = Device::Gpu(Box::new(self));
+        let verdict = probe::check(&device)?;
+        match device {
+            Device::Gpu(gpu) => Ok((*gpu, verdict)),
+            Device::Cpu(_) => unreachable!("made a line above"),
+        }
+    }
+
+    pub(super) fn name(&self) -> &str {
+        &self.link.name
+    }
+
+    pub(super) fn limit(&self) -> Limit {
+        self.limit.clone()
+    }
+
+    pub(super) fn alloc(&self, name: &'static str, bytes: u64) -> Result<wgpu::Buffer, Error> {
+        use wgpu::BufferUsages as Use;
+        self.link.buffer(name, bytes, Use::STORAGE | Use::COPY_SRC | Use::COPY_DST | Use::INDIRECT)
+    }
+
+    /// Writes, and waits until the data is on the device; small data is on its way and arrives before
+    /// whatever is run or read next.
+    pub(super) fn write(&self, buffer: &wgpu::Buffer, offset: u64, data: &[u8]) -> Result<(), Error> {
+        self.link.check()?;
+        if data.len() <= SMALL {
+            return self.link.guard("writing", || self.link.queue.write_buffer(buffer, offset, data));
+        }
+        let create = || Slot::upload(&self.link, CHUNK as u64);
+        let transfer = |slots: &mut _| staging::upload(&self.link, slots, buffer, offset, data);
+        with(&self.uploads, || Ok([create()?, create()?]), transfer)
+    }
+
+    pub(super) fn read(&self, buffer: &wgpu::Buffer, offset: u64, out: &mut [u8]) -> Result<(), Error> {
+        self.link.check()?;
+        let create = || Slot::download(&self.link, CHUNK as u64);
+        let transfer = |slots: &mut _| staging::download(&self.link, slots, buffer, offset, out);
+        with(&self.downloads, || Ok([create()?, create()?]), transfer)
+    }
+
+    pub(super) fn run(&self, steps: &[Step<'_>], profile: bool) -> Result<Timing, Error> {
+        self.link.check()?;
+        if steps.is_empty() {
+            return Ok(Timing::default());
+        }
+        self.prepare(&steps.iter().map(|step| step.kernel).collect::<Vec<_>>())?;
+        match &self.clock {
+            Some(clock) => self.run_timed(clock, steps, profile),
+            None => self.run_by_wall_clock(steps, profile),
+        }
+    }
+
+    /// Runs in as many passes as there are timestamps for: one, unless very many steps are timed each.
+    fn run_timed(
+        &self,
+        clock: &Mutex<Option<Clock>>,
+        steps: &[Step<'_>],
+        profile: bool,
+    ) -> Result<Timing, Error> {
+        let per_pass = if profile { clock::STEPS_PER_PASS } else { steps.len() };
+        let passes = steps.len().div_ceil(per_pass);
+        let create = || Clock::new(&self.link, passes);
+        with(clock, create, |clock| {
+            if clock.sets.len() < passes {
+                *clock = create()?;
+            }
+            let mut stamps = Vec::with_capacity(passes);
+            let commands = self.link.guard("encoding kernels", || {
+                let mut commands = self.link.encoder();
+                let mut bindings = Bindings::new();
+                for (steps, set) in steps.chunks(per_pass).zip(&clock.sets) {
+                    let end = if profile { None } else { Some(1) };
+                    let writes = wgpu::ComputePassTimestampWrites {
+                        query_set: set,
+                        beginning_of_pass_write_index: Some(0),
+                        end_of_pass_write_index: end,
+                    };
+                    let after = profile.then_some(set);
+                    self.encode(&mut commands, &mut bindings, steps, Some(writes), after);
+                    stamps.push(end.unwrap_or(steps.len() as u32) + 1);
+                }
+                commands
+            })?;
+            clock.finish(&self.link, commands, &stamps, profile)
+        })
+    }
+
+    /// Runs with the host's clock, which also sees submission and waiting.
+    fn run_by_wall_clock(&self, steps: &[Step<'_>], profile: bool) -> Result<Timing, Error> {
+        let at_a_time = if profile { 1 } else { steps.len() };
+        let mut times = Vec::new();
+        for steps in steps.chunks(at_a_time) {
+            let start = Instant::now();
+            let commands = self.link.guard("encoding kernels", || {
+                let mut commands = self.link.encoder();
+                self.encode(&mut commands, &mut Bindings::new(), steps, None, None);
+                commands
+            })?;
+            self.link.wait(self.link.submit(commands)?)?;
+            times.push(start.elapsed());
+        }
+        Ok(Timing { total: times.iter().sum(), steps: if profile { times } else { Vec::new() } })
+    }
+
+    /// Encodes one pass; wgpu puts barriers between dispatches that need them. With `after`, a timestamp
+    /// follows each step.
+    fn encode(
+        &self,
+        commands: &mut wgpu::CommandEncoder,
+        bindings: &mut Bindings,
+        steps: &[Step<'_>],
+        timestamp_writes: Option<wgpu::ComputePassTimestampWrites<'_>>,
+        after: Option<&wgpu::QuerySet>,
+    ) {
+        let pipelines = lock(&self.pipelines);
+        let mut pass =
+            commands.begin_compute_pass(&wgpu::ComputePassDescriptor { label: None, timestamp_writes });
+        for (step, stamp) in steps.iter().zip(1..) {
+            if !matches!(step.groups, Groups::Fixed(0)) {
+                let Pipeline { layout, pipeline } = &pipelines[step.kernel.path];
+                let buffers = step.buffers.iter().map(|&buffer| std::ptr::from_ref(buffer)).collect();
+                let binding = bindings
+                    .entry((step.kernel.path, buffers))
+                    .or_insert_with(|| self.bind(layout, &step.buffers));
+                pass.set_pipeline(pipeline);
+                pass.set_bind_group(0, &*binding, &[]);
+                match step.groups {
+                    Groups::Fixed(n) if n <= GROUPS_X => pass.dispatch_workgroups(n, 1, 1),
+                    Groups::Fixed(n) => pass.dispatch_workgroups(GROUPS_X, n.div_ceil(GROUPS_X), 1),
+                    Groups::Indirect(args, entry) => {
+                        pass.dispatch_workgroups_indirect(memory(args), u64::from(entry) * 12);
+                    }
+                }
+            }
+            if let Some(set) = after {
+                pass.write_timestamp(set, stamp);
+            }
+        }
+    }
+
+    fn bind(&self, layout: &wgpu::BindGroupLayout, buffers: &[&Buffer]) -> wgpu::BindGroup {
+        let entry = |(binding, &buffer)| wgpu::BindGroupEntry {
+            binding,
+            resource: memory(buffer).as_entire_binding(),
+        };
+        let entries: Vec<_> = (0..).zip(buffers).map(entry).collect();
+        let descriptor = wgpu::BindGroupDescriptor { label: None, layout, entries: &entries };
+        self.link.device.create_bind_group(&descriptor)
+    }
+
+    fn compile(&self, kernel: &'static Kernel) -> Result<Pipeline, Error> {
+        let (name, entry_point) = (kernel.name(), kernel.entry_point());
+        // With a name that is not there drivers may do anything.
+        if !self.entry_points.contains(entry_point) {
+            let what = format!("no kernel '{entry_point}' in the compiled module: run `cargo xtask kernels`");
+            return Err(self.link.failed(what));
+        }
+        let entries: Vec<_> = (0..)
+            .zip(kernel.slots)
+            .map(|(binding, slot)| wgpu::BindGroupLayoutEntry {
+                binding,
+                visibility: wgpu::ShaderStages::COMPUTE,
+                ty: wgpu::BindingType::Buffer {
+                    ty: wgpu::BufferBindingType::Storage { read_only: slot.access == Access::Read },
+                    has_dynamic_offset: false,
+                    min_binding_size: None,
+                },
+                count: None,
+            })
+            .collect();
+        let device = &self.link.device;
+        self.link.guard(format_args!("preparing kernel {name}"), || {
+            let layout = device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+                label: Some(name),
+                entries: &entries,
+            });
+            let pipeline_layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+                label: Some(name),
+                bind_group_layouts: &[Some(&layout)],
+                immediate_size: 0,
+            });
+            let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: Some(name),
+                layout: Some(&pipeline_layout),
+                module: &self.module,
+                entry_point: Some(entry_point),
+                compilation_options: wgpu::PipelineCompilationOptions::default(),
+                cache: None,
+            });
+            Pipeline { layout, pipeline }
+        })
+    }
+}
+
+fn memory(buffer: &Buffer) -> &wgpu::Buffer {
+    match &buffer.memory {
+        Memory::Gpu(memory) => memory,
+        Memory::Cpu(_) => panic!("buffer {} belongs to another device", buffer.name),
+    }
+}
+
+/// A panic elsewhere leaves nothing half done that matters here.
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Uses what is kept in `place`, made first if need be, and keeps it unless the use failed.
+fn with<T, R>(
+    place: &Mutex<Option<T>>,
+    create: impl FnOnce() -> Result<T, Error>,
+    act: impl FnOnce(&mut T) -> Result<R, Error>,
+) -> Result<R, Error> {
+    let mut place = lock(place);
+    let mut tool = place.take().map_or_else(create, Ok)?;
+    let result = act(&mut tool)?;
+    *place = Some(tool);
+    Ok(result)
+}
+
+/// The words of a SPIR-V module.
+fn words(bytes: &[u8]) -> Vec<u32> {
+    bytes.as_chunks().0.iter().map(|word| u32::from_le_bytes(*word)).collect()
+}
+
+/// Names of the entry points in a SPIR-V module.
+fn entry_points(words: &[u32]) -> HashSet<String> {
+    const OP_ENTRY_POINT: u32 = 15;
+    // A header of five words; then instructions, whose first word is length and opcode.
+    let mut rest = words.get(5..).unwrap_or_default();
+    let mut names = HashSet::new();
+    while let Some(&head) = rest.first() {
+        let length = (head >> 16).max(1) as usize;
+        if head & 0xFFFF == OP_ENTRY_POINT {
+            let name = rest.iter().take(length).skip(3).flat_map(|word| word.to_le_bytes());
+            let name: Vec<u8> = name.take_while(|&byte| byte != 0).collect();
+            names.insert(String::from_utf8_lossy(&name).into_owned());
+        }
+        rest = rest.get(length..).unwrap_or_default();
+    }
+    names
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use raykd_kernels::probe::PROBE;
+
+    #[test]
+    fn lost_device_gives_errors_ever_after() {
+        let gpu = Gpu::open(None).unwrap();
+        let small = gpu.alloc("small", 64).unwrap();
+        let large = gpu.alloc("large", 1 << 20).unwrap();
+        gpu.write(&large, 0, &[1; 1 << 20]).unwrap();
+        gpu.link.device.destroy();
+        gpu.link.device.poll(wgpu::PollType::Poll).unwrap();
+        for _ in 0..2 {
+            let mut out = [0; 64];
+            assert!(matches!(gpu.write(&small, 0, &[0; 64]), Err(Error::DeviceFailed { .. })));
+            assert!(matches!(gpu.write(&large, 0, &[0; 1 << 20]), Err(Error::DeviceFailed { .. })));
+            assert!(matches!(gpu.read(&small, 0, &mut out), Err(Error::DeviceFailed { .. })));
+            assert!(matches!(gpu.alloc("more", 64), Err(Error::DeviceFailed { .. })));
+            assert!(matches!(gpu.prepare(&[&PROBE]), Ok(()) | Err(Error::DeviceFailed { .. })));
+        }
+    }
+
+    #[test]
+    fn without_timestamps_the_host_takes_the_time() {
+        let mut gpu = Gpu::open(None).unwrap();
+        gpu.clock = None;
+        let device = Device::Gpu(Box::new(gpu));
+        let buffers = ["inputs", "results", "count"].map(|name| device.alloc(name, 64).unwrap());
+        let steps = [1, 0, 1].map(|groups| Step::groups(&PROBE, groups, buffers.iter().collect()));
+        for profile in [false, true] {
+            let timing = device.run(&steps, profile).unwrap();
+            assert!(!timing.total.is_zero());
+            assert_eq!(timing.steps.len(), if profile { 3 } else { 0 });
+        }
+    }
+
+    #[test]
+    fn module_holds_every_kernel() {
+        let names = entry_points(&words(raykd_kernels::SPIRV));
+        for kernel in raykd_kernels::ALL {
+            assert!(
+                names.contains(kernel.entry_point()),
+                "{}: run `cargo xtask kernels`",
+                kernel.entry_point()
+            );
+        }
+    }
+}

@@ -1,0 +1,153 @@
+//! Finding and describing Vulkan adapters.
+
+use super::{Gpu, clock::Clock, probe::Verdict};
+use crate::Error;
+use std::sync::LazyLock;
+
+/// What `raykd devices` says about one adapter.
+#[derive(Clone, Debug)]
+pub struct AdapterReport {
+    /// Name of the device.
+    pub name: String,
+    /// Name of its driver.
+    pub driver: String,
+    /// Version of its driver.
+    pub driver_info: String,
+    /// The interface it is reached by.
+    pub backend: &'static str,
+    /// discrete, integrated, virtual, other or cpu.
+    pub kind: &'static str,
+    /// Version of Vulkan that it speaks, if known.
+    pub api: Option<String>,
+    /// Largest part of a buffer that a kernel may see, in bytes.
+    pub max_binding_bytes: u64,
+    /// Largest buffer, in bytes.
+    pub max_buffer_bytes: u64,
+    /// Workgroup memory, in bytes.
+    pub workgroup_bytes: u32,
+    /// Most lanes of a workgroup.
+    pub workgroup_lanes: u32,
+    /// Most buffers that a kernel binds.
+    pub buffers_per_kernel: u32,
+    /// Smallest and largest subgroup.
+    pub subgroup: [u32; 2],
+    /// SPIR-V is taken as it is.
+    pub passthrough: bool,
+    /// Kernels are timed on the device.
+    pub timestamps: bool,
+    /// Result of the start-up probe.
+    pub verdict: Verdict,
+}
+
+/// All Vulkan adapters, best first, each opened and probed.
+pub fn adapters() -> Vec<AdapterReport> {
+    enumerate().iter().map(report).collect()
+}
+
+/// The features wanted of a device; of these only [`REQUIRED`] must be there.
+pub(super) const WANTED: wgpu::Features = REQUIRED.union(Clock::FEATURES);
+
+/// The features without which nothing runs.
+const REQUIRED: wgpu::Features = wgpu::Features::PASSTHROUGH_SHADERS;
+
+/// The best adapter, or the best whose description contains `wanted`; with `hardware`, none that is a CPU.
+pub(super) fn choose(wanted: Option<&str>, hardware: bool) -> Result<&'static wgpu::Adapter, Error> {
+    let needle = wanted.map(str::to_lowercase);
+    let fits = |adapter: &&wgpu::Adapter| {
+        let info = adapter.get_info();
+        let named = needle.as_ref().is_none_or(|n| describe(&info).to_lowercase().contains(n.as_str()));
+        named && !(hardware && info.device_type == wgpu::DeviceType::Cpu)
+    };
+    let found = enumerate().iter().find(fits);
+    found.ok_or_else(|| Error::NoAdapter { wanted: wanted.map(str::to_owned) })
+}
+
+/// An adapter's name and driver, as shown to users.
+pub(super) fn describe(info: &wgpu::AdapterInfo) -> String {
+    let driver = format!("{} {}", info.driver, info.driver_info);
+    match driver.trim() {
+        "" => info.name.clone(),
+        driver => format!("{}, {driver}", info.name),
+    }
+}
+
+/// What an adapter lacks to run our kernels.
+pub(super) fn lacks(adapter: &wgpu::Adapter) -> Option<String> {
+    let limits = adapter.limits();
+    let missing = REQUIRED - adapter.features();
+    if !missing.is_empty() {
+        return Some(format!("the driver lacks {missing}"));
+    }
+    raykd_kernels::ALL.iter().find_map(|kernel| {
+        let (threads, buffers) = (kernel.threads, kernel.slots.len() as u32);
+        if threads > limits.max_compute_invocations_per_workgroup {
+            let most = limits.max_compute_invocations_per_workgroup;
+            Some(format!("kernel {} needs workgroups of {threads}, {most} are allowed", kernel.name()))
+        } else if buffers > limits.max_storage_buffers_per_shader_stage {
+            let most = limits.max_storage_buffers_per_shader_stage;
+            Some(format!("kernel {} needs {buffers} buffers, {most} are allowed", kernel.name()))
+        } else {
+            None
+        }
+    })
+}
+
+/// All adapters, usable ones first and among these the faster kinds. Looked for once: drivers take long to load.
+fn enumerate() -> &'static [wgpu::Adapter] {
+    static ADAPTERS: LazyLock<Vec<wgpu::Adapter>> = LazyLock::new(|| {
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
+            backends: wgpu::Backends::VULKAN,
+            // In particular no checks of indirect dispatches, which cost a dispatch each.
+            flags: wgpu::InstanceFlags::empty(),
+            ..wgpu::InstanceDescriptor::new_without_display_handle()
+        });
+        let mut adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::VULKAN));
+        adapters.sort_by_key(|adapter| (lacks(adapter).is_some(), kind(adapter.get_info().device_type).0));
+        adapters
+    });
+    &ADAPTERS
+}
+
+/// Rank and name of a device type.
+const fn kind(kind: wgpu::DeviceType) -> (u32, &'static str) {
+    match kind {
+        wgpu::DeviceType::DiscreteGpu => (0, "discrete"),
+        wgpu::DeviceType::IntegratedGpu => (1, "integrated"),
+        wgpu::DeviceType::VirtualGpu => (2, "virtual"),
+        wgpu::DeviceType::Other => (3, "other"),
+        wgpu::DeviceType::Cpu => (4, "cpu"),
+    }
+}
+
+fn report(adapter: &wgpu::Adapter) -> AdapterReport {
+    let (info, limits, features) = (adapter.get_info(), adapter.limits(), adapter.features());
+    let verdict = Gpu::on(adapter).and_then(Gpu::probed).map(|(_, verdict)| verdict);
+    AdapterReport {
+        kind: kind(info.device_type).1,
+        backend: info.backend.to_str(),
+        name: info.name,
+        driver: info.driver,
+        driver_info: info.driver_info,
+        api: api(adapter),
+        max_binding_bytes: limits.max_storage_buffer_binding_size,
+        max_buffer_bytes: limits.max_buffer_size,
+        workgroup_bytes: limits.max_compute_workgroup_storage_size,
+        workgroup_lanes: limits.max_compute_invocations_per_workgroup,
+        buffers_per_kernel: limits.max_storage_buffers_per_shader_stage,
+        subgroup: [info.subgroup_min_size, info.subgroup_max_size],
+        passthrough: features.contains(wgpu::Features::PASSTHROUGH_SHADERS),
+        timestamps: features.contains(Clock::FEATURES),
+        verdict: verdict.unwrap_or_else(|error| Verdict::Unusable(error.to_string())),
+    }
+}
+
+/// The Vulkan version, which wgpu keeps to itself.
+fn api(adapter: &wgpu::Adapter) -> Option<String> {
+    // SAFETY: the adapter is only asked for its properties.
+    let raw = unsafe { adapter.as_hal::<wgpu::hal::api::Vulkan>() }?;
+    let instance = raw.shared_instance().raw_instance();
+    // SAFETY: the physical device is this instance's.
+    let properties = unsafe { instance.get_physical_device_properties(raw.raw_physical_device()) };
+    let v = properties.api_version;
+    Some(format!("{}.{}.{}", v >> 22 & 0x7F, v >> 12 & 0x3FF, v & 0xFFF))
+}

@@ -1,0 +1,126 @@
+//! The connection to one device: every wgpu call that can fail goes through here and becomes a `Result`.
+
+use crate::Error;
+use std::{
+    fmt::Display,
+    panic::{AssertUnwindSafe, catch_unwind},
+    sync::{Arc, OnceLock},
+};
+
+/// A device with its queue, and the first fault it reported.
+#[derive(Debug)]
+pub(super) struct Link {
+    pub(super) name: String,
+    pub(super) device: wgpu::Device,
+    pub(super) queue: wgpu::Queue,
+    /// Set once, by wgpu's callbacks or by us; afterwards every call fails with it.
+    fault: Arc<OnceLock<String>>,
+}
+
+impl Link {
+    /// Opens a device on `adapter` with all its limits and those of `features` that it has.
+    pub(super) fn open(
+        adapter: &wgpu::Adapter,
+        name: String,
+        features: wgpu::Features,
+    ) -> Result<Self, Error> {
+        let request = adapter.request_device(&wgpu::DeviceDescriptor {
+            label: Some("raykd"),
+            required_features: adapter.features() & features,
+            required_limits: adapter.limits(),
+            // SAFETY: passthrough counts as experimental; the modules we pass are checked by `cargo xtask kernels`.
+            experimental_features: unsafe { wgpu::ExperimentalFeatures::enabled() },
+            ..Default::default()
+        });
+        let (device, queue) = pollster::block_on(request)
+            .map_err(|e| Error::DeviceFailed { adapter: name.clone(), what: flat(e) })?;
+        let fault = Arc::new(OnceLock::new());
+        let (lost, uncaught) = (Arc::clone(&fault), Arc::clone(&fault));
+        device.set_device_lost_callback(move |_, message| {
+            let _ = lost.set(flat(format_args!("the device was lost: {message}")));
+        });
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+            let _ = uncaught.set(flat(error));
+        }));
+        Ok(Self { name, device, queue, fault })
+    }
+
+    /// The error that this device failed in some way.
+    pub(super) fn failed(&self, what: impl Display) -> Error {
+        Error::DeviceFailed { adapter: self.name.clone(), what: flat(what) }
+    }
+
+    /// Whether the device still works.
+    pub(super) fn check(&self) -> Result<(), Error> {
+        self.fault.get().map_or(Ok(()), |what| Err(self.failed(what)))
+    }
+
+    /// Runs wgpu calls, and gives the error that they raised, if any.
+    pub(super) fn guard<T>(&self, doing: impl Display, calls: impl FnOnce() -> T) -> Result<T, Error> {
+        let (value, error) = self.scoped(calls);
+        error.map_or(Ok(value), |e| Err(self.failed(format_args!("{doing}: {e}")))).and_then(|value| {
+            // A lost device raises no error, it calls back.
+            self.check().map(|()| value)
+        })
+    }
+
+    /// A buffer for the given use.
+    pub(super) fn buffer(
+        &self,
+        name: &'static str,
+        bytes: u64,
+        usage: wgpu::BufferUsages,
+    ) -> Result<wgpu::Buffer, Error> {
+        self.check()?;
+        let mapped_at_creation = usage.contains(wgpu::BufferUsages::MAP_WRITE);
+        let descriptor = wgpu::BufferDescriptor { label: Some(name), size: bytes, usage, mapped_at_creation };
+        let (buffer, error) = self.scoped(|| self.device.create_buffer(&descriptor));
+        match error {
+            None => self.check().map(|()| buffer),
+            Some(wgpu::Error::OutOfMemory { .. }) => Err(Error::OutOfMemory { buffer: name, bytes }),
+            Some(error) => Err(self.failed(format_args!("allocating '{name}': {error}"))),
+        }
+    }
+
+    /// An encoder for [`Self::submit`].
+    pub(super) fn encoder(&self) -> wgpu::CommandEncoder {
+        self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default())
+    }
+
+    /// Hands commands to the device.
+    pub(super) fn submit(&self, encoder: wgpu::CommandEncoder) -> Result<wgpu::SubmissionIndex, Error> {
+        self.check()?;
+        self.guard("submitting commands", || self.queue.submit([encoder.finish()]))
+    }
+
+    /// Waits until a submission is done, and runs the callbacks that waited for it.
+    pub(super) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<(), Error> {
+        let poll = wgpu::PollType::Wait { submission_index: Some(submission), timeout: None };
+        // wgpu panics where the device is lost while it waits.
+        match catch_unwind(AssertUnwindSafe(|| self.device.poll(poll))) {
+            Ok(Ok(_)) => {}
+            Ok(Err(error)) => return Err(self.failed(format_args!("waiting for the device: {error}"))),
+            Err(_) => {
+                let _ = self.fault.set("the device was lost".to_owned());
+            }
+        }
+        self.check()
+    }
+
+    /// Runs calls within error scopes (which belong to this thread) of all kinds.
+    fn scoped<T>(&self, calls: impl FnOnce() -> T) -> (T, Option<wgpu::Error>) {
+        use wgpu::ErrorFilter::{Internal, OutOfMemory, Validation};
+        let scopes = [Internal, OutOfMemory, Validation].map(|kind| self.device.push_error_scope(kind));
+        let value = calls();
+        let mut error = None;
+        for scope in scopes.into_iter().rev() {
+            error = pollster::block_on(scope.pop()).or(error);
+        }
+        (value, error)
+    }
+}
+
+/// wgpu's messages on one line.
+fn flat(message: impl Display) -> String {
+    message.to_string().split_whitespace().collect::<Vec<_>>().join(" ")
+}

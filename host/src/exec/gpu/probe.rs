@@ -1,0 +1,158 @@
+//! Whether a device computes our float operations as the CPU does, to the bit.
+
+use crate::{
+    Error,
+    exec::{Device, Step},
+};
+use raykd_kernels::probe::{PROBE, RESULTS};
+
+/// Inputs of the probe, in four families.
+const INPUTS: u32 = 4096;
+
+/// What the start-up probe says about an adapter.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// It computes float operations exactly.
+    Exact {
+        /// Whether it keeps subnormal results rather than flushing them to zero. raykd's results do not depend
+        /// on it.
+        subnormals: bool,
+    },
+    /// It does not, for this reason, and is refused.
+    Inexact(String),
+    /// It cannot run the kernels at all, for this reason.
+    Unusable(String),
+}
+
+/// Runs the probe on a device and on the CPU.
+pub(super) fn check(device: &Device) -> Result<Verdict, Error> {
+    Ok(judge(&results(&Device::cpu())?, &results(device)?))
+}
+
+/// Deterministic inputs: pseudo-random numbers near 1 and over a wider range, never near overflow or underflow,
+/// and combinations that show one fault clearly.
+fn inputs() -> Vec<[f32; 4]> {
+    let mut state = 0x9E37_79B9_7F4A_7C15u64;
+    let mut number = |spread: u64| {
+        state = state.wrapping_mul(0x5851_F42D_4C95_7F2D).wrapping_add(0x1405_7B7E_F767_814F);
+        let bits = state >> 33;
+        let exponent = 127 - spread + (state >> 8) % (2 * spread + 1);
+        f32::from_bits(
+            ((bits << 31) as u32 & 0x8000_0000) | (exponent as u32) << 23 | (bits >> 8) as u32 & 0x7F_FFFF,
+        )
+    };
+    (0..INPUTS)
+        .map(|i| match i % 4 {
+            0 => [number(1), number(1), number(1), number(1)],
+            1 => [number(20), number(20), number(20), number(20)],
+            2 => {
+                // x * y + z is the rounding error of x * y if contracted, and 0 if not.
+                let (x, y) = (number(4), number(4));
+                [x, y, -(x * y), -1.0]
+            }
+            _ => {
+                // x is of the size of y's last bit: (x + y) - y is x if rearranged, and a multiple of it if not.
+                let (x, y) = (number(1), number(1));
+                [x, y * 8_388_608.0, y, x]
+            }
+        })
+        .collect()
+}
+
+/// What a device makes of the inputs.
+fn results(device: &Device) -> Result<Vec<u32>, Error> {
+    let inputs = inputs();
+    let count = INPUTS * RESULTS;
+    let source = device.alloc("probe inputs", size_of_val(&inputs[..]) as u64)?;
+    let target = device.alloc("probe results", u64::from(count) * 4)?;
+    let length = device.alloc("probe count", 4)?;
+    device.write(&source, 0, bytemuck::cast_slice(&inputs))?;
+    device.write(&length, 0, bytemuck::bytes_of(&INPUTS))?;
+    device.run(&[Step::over(&PROBE, INPUTS, vec![&source, &target, &length])], false)?;
+    device.read(&target, 0, count as usize)
+}
+
+/// Compares what a device computed with what is right.
+fn judge(right: &[u32], found: &[u32]) -> Verdict {
+    let mut wrong = [0u32; RESULTS as usize];
+    for (right, found) in right.chunks(RESULTS as usize).zip(found.chunks(RESULTS as usize)) {
+        for (wrong, (right, found)) in wrong.iter_mut().zip(right.iter().zip(found)) {
+            *wrong += u32::from(right != found);
+        }
+    }
+    let rounded = wrong[5] + wrong[6];
+    let contracted = wrong[0] + wrong[1];
+    let rearranged = wrong[2] + wrong[3] + wrong[4];
+    let of = |count: u32, kinds: u32| format!("in {count} of {} cases", kinds * INPUTS);
+    if rounded > 0 {
+        return Verdict::Inexact(format!("it rounds sums or products otherwise {}", of(rounded, 2)));
+    }
+    let mut faults = Vec::new();
+    if contracted > 0 {
+        faults.push(format!("contracts a product and a sum into one rounding {}", of(contracted, 2)));
+    }
+    if rearranged > 0 {
+        faults.push(format!("rearranges sums and products {}", of(rearranged, 3)));
+    }
+    if faults.is_empty() {
+        Verdict::Exact { subnormals: wrong[7] == 0 }
+    } else {
+        Verdict::Inexact(format!("it {}", faults.join(" and ")))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a device with a fault would compute: one expression of each input replaced.
+    fn faulty(result: usize, expression: impl Fn([f32; 4]) -> f32) -> Verdict {
+        let right = results(&Device::cpu()).unwrap();
+        let mut found = right.clone();
+        for (input, found) in inputs().into_iter().zip(found.chunks_mut(RESULTS as usize)) {
+            found[result] = expression(input).to_bits();
+        }
+        judge(&right, &found)
+    }
+
+    fn refused(verdict: &Verdict, word: &str) {
+        assert!(matches!(verdict, Verdict::Inexact(reason) if reason.contains(word)), "{verdict:?}");
+    }
+
+    #[test]
+    fn faithful_device_passes() {
+        assert_eq!(faulty(0, |[x, y, z, _]| x * y + z), Verdict::Exact { subnormals: true });
+    }
+
+    #[test]
+    fn flushed_subnormals_are_reported_only() {
+        let flush = |v: f32| if v.is_subnormal() { 0.0 } else { v };
+        let verdict = faulty(7, |[x, y, ..]| flush((x * 1.0e-20) * (y * 1.0e-20)));
+        assert_eq!(verdict, Verdict::Exact { subnormals: false });
+    }
+
+    #[test]
+    fn each_fault_is_refused() {
+        refused(&faulty(0, |[x, y, z, _]| x.mul_add(y, z)), "contracts");
+        refused(&faulty(1, |[x, y, z, w]| x.mul_add(y, -(z * w))), "contracts");
+        refused(&faulty(2, |[x, y, z, _]| x * (y + z)), "rearranges");
+        refused(&faulty(3, |[x, ..]| x), "rearranges");
+        refused(&faulty(4, |[x, ..]| x + 3.75), "rearranges");
+        let truncated = |exact: f64| {
+            let near = exact as f32;
+            if f64::from(near).abs() > exact.abs() { f32::from_bits(near.to_bits() - 1) } else { near }
+        };
+        refused(&faulty(5, |[x, y, ..]| truncated(f64::from(x) + f64::from(y))), "rounds");
+        refused(&faulty(6, |[x, y, ..]| truncated(f64::from(x) * f64::from(y))), "rounds");
+    }
+
+    #[test]
+    fn results_that_count_are_never_subnormal() {
+        for row in results(&Device::cpu()).unwrap().chunks(RESULTS as usize) {
+            for &bits in &row[..7] {
+                let value = f32::from_bits(bits);
+                assert!(value.is_normal() || value == 0.0, "{value}");
+            }
+        }
+    }
+}

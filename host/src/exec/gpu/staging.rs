@@ -1,0 +1,125 @@
+//! Transfers between host and device through mapped buffers that are kept.
+
+use super::link::Link;
+use crate::Error;
+use std::sync::mpsc::{Receiver, channel};
+
+/// Bytes of one staging buffer. Two of them take turns, so that the device copies one while the host fills or
+/// empties the other.
+pub(super) const CHUNK: usize = 8 << 20;
+
+/// A buffer that the host maps whenever the device is done with it.
+#[derive(Debug)]
+pub(super) struct Slot {
+    pub(super) buffer: wgpu::Buffer,
+    mode: wgpu::MapMode,
+    /// The submission that uses it, and where its mapping will be announced.
+    pending: Option<(wgpu::SubmissionIndex, Receiver<Result<(), wgpu::BufferAsyncError>>)>,
+}
+
+impl Slot {
+    /// A buffer that the host writes and the device copies from; mapped.
+    pub(super) fn upload(link: &Link, bytes: u64) -> Result<Self, Error> {
+        let usage = wgpu::BufferUsages::MAP_WRITE | wgpu::BufferUsages::COPY_SRC;
+        let buffer = link.buffer("upload staging", bytes, usage)?;
+        Ok(Self { buffer, mode: wgpu::MapMode::Write, pending: None })
+    }
+
+    /// A buffer that the device copies to and the host reads; not mapped.
+    pub(super) fn download(link: &Link, bytes: u64) -> Result<Self, Error> {
+        let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
+        let buffer = link.buffer("download staging", bytes, usage)?;
+        Ok(Self { buffer, mode: wgpu::MapMode::Read, pending: None })
+    }
+
+    /// Submits commands that use the buffer (unmapped now), after which its first `bytes` bytes are mapped.
+    pub(super) fn submit(
+        &mut self,
+        link: &Link,
+        commands: wgpu::CommandEncoder,
+        bytes: u64,
+    ) -> Result<(), Error> {
+        let (done, signal) = channel();
+        commands.map_buffer_on_submit(&self.buffer, self.mode, 0..bytes, move |result| {
+            let _ = done.send(result);
+        });
+        self.pending = Some((link.submit(commands)?, signal));
+        Ok(())
+    }
+
+    /// Waits until the submission is done and the buffer mapped.
+    pub(super) fn mapped(&mut self, link: &Link) -> Result<(), Error> {
+        let Some((submission, signal)) = self.pending.take() else { return Ok(()) };
+        link.wait(submission)?;
+        match signal.recv() {
+            Ok(Ok(())) => Ok(()),
+            Ok(Err(error)) => Err(link.failed(format_args!("mapping a buffer: {error}"))),
+            Err(_) => Err(link.failed("mapping a buffer: given up")),
+        }
+    }
+
+    /// Copies the mapped buffer's first bytes to `out` and unmaps it.
+    pub(super) fn take(&self, link: &Link, out: &mut [u8]) -> Result<(), Error> {
+        let view = self.buffer.get_mapped_range(0..out.len() as u64).map_err(|e| link.failed(e))?;
+        out.copy_from_slice(&view);
+        drop(view);
+        self.buffer.unmap();
+        Ok(())
+    }
+
+    /// Fills the mapped buffer's first bytes with `data` and unmaps it.
+    fn give(&self, link: &Link, data: &[u8]) -> Result<(), Error> {
+        let view = self.buffer.get_mapped_range_mut(0..data.len() as u64);
+        view.map_err(|e| link.failed(e))?.copy_from_slice(data);
+        self.buffer.unmap();
+        Ok(())
+    }
+}
+
+/// Writes `data` to `target` from byte `offset` on, and waits until it is there.
+pub(super) fn upload(
+    link: &Link,
+    slots: &mut [Slot; 2],
+    target: &wgpu::Buffer,
+    offset: u64,
+    data: &[u8],
+) -> Result<(), Error> {
+    for (i, part) in data.chunks(CHUNK).enumerate() {
+        let slot = &mut slots[i % 2];
+        slot.mapped(link)?;
+        slot.give(link, part)?;
+        let mut commands = link.encoder();
+        let at = offset + (i * CHUNK) as u64;
+        commands.copy_buffer_to_buffer(&slot.buffer, 0, target, at, part.len() as u64);
+        slot.submit(link, commands, CHUNK as u64)?;
+    }
+    slots.iter_mut().try_for_each(|slot| slot.mapped(link))
+}
+
+/// Reads `out.len()` bytes of `source` from byte `offset` on.
+pub(super) fn download(
+    link: &Link,
+    slots: &mut [Slot; 2],
+    source: &wgpu::Buffer,
+    offset: u64,
+    out: &mut [u8],
+) -> Result<(), Error> {
+    let total = out.len();
+    let request = |slot: &mut Slot, at: usize| {
+        let bytes = CHUNK.min(total - at) as u64;
+        let mut commands = link.encoder();
+        commands.copy_buffer_to_buffer(source, offset + at as u64, &slot.buffer, 0, bytes);
+        slot.submit(link, commands, bytes)
+    };
+    request(&mut slots[0], 0)?;
+    for (i, part) in out.chunks_mut(CHUNK).enumerate() {
+        let next = (i + 1) * CHUNK;
+        if next < total {
+            request(&mut slots[(i + 1) % 2], next)?;
+        }
+        let slot = &mut slots[i % 2];
+        slot.mapped(link)?;
+        slot.take(link, part)?;
+    }
+    Ok(())
+}

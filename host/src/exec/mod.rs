@@ -1,0 +1,237 @@
+//! Running kernels: buffers and dispatches on the CPU and on the GPU behind one surface.
+
+mod cpu;
+#[cfg(feature = "gpu")]
+mod gpu;
+
+pub use cpu::Cpu;
+#[cfg(feature = "gpu")]
+pub use gpu::{AdapterReport, Gpu, Verdict, adapters};
+
+use crate::Error;
+use raykd_kernels::Kernel;
+use std::time::Duration;
+
+/// A machine that kernels run on.
+#[derive(Debug)]
+pub enum Device {
+    /// The processor, by rayon.
+    Cpu(Cpu),
+    /// A Vulkan device, by wgpu.
+    #[cfg(feature = "gpu")]
+    Gpu(Box<Gpu>),
+}
+
+/// A buffer on a [`Device`]. Clones share the memory.
+#[derive(Clone, Debug)]
+pub struct Buffer {
+    name: &'static str,
+    bytes: u64,
+    memory: Memory,
+}
+
+#[derive(Clone, Debug)]
+enum Memory {
+    Cpu(cpu::Memory),
+    #[cfg(feature = "gpu")]
+    Gpu(wgpu::Buffer),
+}
+
+impl Buffer {
+    /// The name it was allocated under.
+    pub const fn name(&self) -> &'static str {
+        self.name
+    }
+
+    /// Its size in bytes.
+    pub const fn bytes(&self) -> u64 {
+        self.bytes
+    }
+}
+
+/// How many workgroups a step runs.
+#[derive(Clone, Debug)]
+pub enum Groups<'a> {
+    /// This many.
+    Fixed(u32),
+    /// As many as an earlier kernel wrote: three words `[x, y, z]` at word `3 * entry` of the buffer, for a
+    /// dispatch of `x * y * z` workgroups. The step itself must not bind that buffer.
+    Indirect(&'a Buffer, u32),
+}
+
+/// One dispatch: a kernel, its buffers in binding order, and how many workgroups.
+#[derive(Clone, Debug)]
+pub struct Step<'a> {
+    /// What runs.
+    pub kernel: &'static Kernel,
+    /// On which buffers; as many as the kernel has slots.
+    pub buffers: Vec<&'a Buffer>,
+    /// How often.
+    pub groups: Groups<'a>,
+}
+
+impl<'a> Step<'a> {
+    /// A step of as many workgroups as cover `items` lanes.
+    pub fn over(kernel: &'static Kernel, items: u32, buffers: Vec<&'a Buffer>) -> Self {
+        Self { kernel, buffers, groups: Groups::Fixed(items.div_ceil(kernel.threads)) }
+    }
+
+    /// A step of exactly `groups` workgroups.
+    pub fn groups(kernel: &'static Kernel, groups: u32, buffers: Vec<&'a Buffer>) -> Self {
+        Self { kernel, buffers, groups: Groups::Fixed(groups) }
+    }
+
+    /// A step whose size an earlier kernel wrote.
+    pub fn indirect(kernel: &'static Kernel, args: &'a Buffer, entry: u32, buffers: Vec<&'a Buffer>) -> Self {
+        Self { kernel, buffers, groups: Groups::Indirect(args, entry) }
+    }
+}
+
+/// How long a run took, measured on the device where it has timestamps.
+#[derive(Clone, Debug, Default)]
+pub struct Timing {
+    /// From the first kernel's start to the last one's end, transfers excluded.
+    pub total: Duration,
+    /// Time of each step, in order; empty unless profiling was asked for.
+    pub steps: Vec<Duration>,
+}
+
+/// The most that one buffer may hold, and why.
+#[derive(Clone, Debug)]
+pub struct Limit {
+    /// Bytes.
+    pub bytes: u64,
+    /// Name of the limit, for messages.
+    pub name: &'static str,
+}
+
+impl Device {
+    /// The processor, with all its threads.
+    pub fn cpu() -> Self {
+        Self::Cpu(Cpu::default())
+    }
+
+    /// The best Vulkan adapter, or the best whose name contains `adapter` (any case).
+    ///
+    /// # Errors
+    /// No adapter, or one that does not compute our float operations exactly.
+    #[cfg(feature = "gpu")]
+    pub fn gpu(adapter: Option<&str>) -> Result<Self, Error> {
+        Gpu::open(adapter).map(|gpu| Self::Gpu(Box::new(gpu)))
+    }
+
+    /// A real GPU if there is one that computes exactly, else the CPU.
+    pub fn best() -> Self {
+        #[cfg(feature = "gpu")]
+        if let Ok(gpu) = Gpu::open_hardware() {
+            return Self::Gpu(Box::new(gpu));
+        }
+        Self::cpu()
+    }
+
+    /// `cpu` or `gpu`.
+    pub const fn kind(&self) -> &'static str {
+        match self {
+            Self::Cpu(_) => "cpu",
+            #[cfg(feature = "gpu")]
+            Self::Gpu(_) => "gpu",
+        }
+    }
+
+    /// Name of the adapter or the processor, with its driver or thread count.
+    pub fn name(&self) -> &str {
+        match self {
+            Self::Cpu(cpu) => cpu.name(),
+            #[cfg(feature = "gpu")]
+            Self::Gpu(gpu) => gpu.name(),
+        }
+    }
+
+    /// The most one buffer may hold.
+    pub fn limit(&self) -> Limit {
+        match self {
+            Self::Cpu(cpu) => cpu.limit(),
+            #[cfg(feature = "gpu")]
+            Self::Gpu(gpu) => gpu.limit(),
+        }
+    }
+
+    /// A zeroed buffer of at least `bytes` bytes (at least 16, rounded up to a multiple of 16).
+    ///
+    /// # Errors
+    /// The size is past the device's limit, or memory ran out.
+    pub fn alloc(&self, name: &'static str, bytes: u64) -> Result<Buffer, Error> {
+        let bytes = bytes.max(16).next_multiple_of(16);
+        let limit = self.limit();
+        if bytes > limit.bytes {
+            return Err(Error::TooLarge { buffer: name, bytes, limit: limit.bytes, limit_name: limit.name });
+        }
+        let memory = match self {
+            Self::Cpu(cpu) => Memory::Cpu(cpu.alloc(name, bytes)?),
+            #[cfg(feature = "gpu")]
+            Self::Gpu(gpu) => Memory::Gpu(gpu.alloc(name, bytes)?),
+        };
+        Ok(Buffer { name, bytes, memory })
+    }
+
+    /// Writes `data` (length a multiple of 4) at byte `offset` (a multiple of 4).
+    ///
+    /// # Errors
+    /// The device was lost, or ran out of memory.
+    ///
+    /// # Panics
+    /// The range lies outside the buffer, or the buffer is another device's.
+    pub fn write(&self, buffer: &Buffer, offset: u64, data: &[u8]) -> Result<(), Error> {
+        assert!(offset + data.len() as u64 <= buffer.bytes, "write past the end of {}", buffer.name);
+        match (self, &buffer.memory) {
+            (Self::Cpu(cpu), Memory::Cpu(memory)) => {
+                cpu.write(memory, offset, data);
+                Ok(())
+            }
+            #[cfg(feature = "gpu")]
+            (Self::Gpu(gpu), Memory::Gpu(memory)) => gpu.write(memory, offset, data),
+            #[cfg(feature = "gpu")]
+            _ => panic!("buffer {} belongs to another device", buffer.name),
+        }
+    }
+
+    /// Reads `bytes` bytes (a multiple of 4) from byte `offset` (a multiple of 4) into a vector of words.
+    ///
+    /// # Errors
+    /// The device was lost, or ran out of memory.
+    ///
+    /// # Panics
+    /// The range lies outside the buffer, or the buffer is another device's.
+    pub fn read<T: bytemuck::Pod>(&self, buffer: &Buffer, offset: u64, count: usize) -> Result<Vec<T>, Error> {
+        let bytes = (count * size_of::<T>()) as u64;
+        assert!(offset + bytes <= buffer.bytes, "read past the end of {}", buffer.name);
+        let mut out = vec![T::zeroed(); count];
+        if count > 0 {
+            let target: &mut [u8] = bytemuck::cast_slice_mut(&mut out);
+            match (self, &buffer.memory) {
+                (Self::Cpu(cpu), Memory::Cpu(memory)) => cpu.read(memory, offset, target),
+                #[cfg(feature = "gpu")]
+                (Self::Gpu(gpu), Memory::Gpu(memory)) => gpu.read(memory, offset, target)?,
+                #[cfg(feature = "gpu")]
+                _ => panic!("buffer {} belongs to another device", buffer.name),
+            }
+        }
+        Ok(out)
+    }
+
+    /// Runs the steps in order, each seeing all that the ones before it wrote, and waits for the end.
+    /// With `profile`, times every step too.
+    ///
+    /// # Errors
+    /// The device refused a kernel, was lost, or ran out of memory.
+    pub fn run(&self, steps: &[Step<'_>], profile: bool) -> Result<Timing, Error> {
+        for step in steps {
+            assert_eq!(step.buffers.len(), step.kernel.slots.len(), "buffers of {}", step.kernel.name());
+        }
+        match self {
+            Self::Cpu(cpu) => Ok(cpu.run(steps, profile)),
+            #[cfg(feature = "gpu")]
+            Self::Gpu(gpu) => gpu.run(steps, profile),
+        }
+    }
+}

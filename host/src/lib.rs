@@ -1,0 +1,20 @@
+//! raykd: kd-trees for ray tracing triangle meshes, one kernel source for CPU and GPU, identical bytes.
+
+mod build;
+mod error;
+pub mod exec;
+pub mod mesh;
+pub mod output;
+pub mod rays;
+mod scene;
+mod tree;
+
+pub use build::{BuildOptions, BuildTimes};
+pub use error::Error;
+pub use exec::Device;
+pub use mesh::Mesh;
+pub use raykd_kernels as kernels;
+pub use raykd_shared as shared;
+pub use raykd_shared::{Hit, Ray};
+pub use scene::{Query, RaySteps, Resident, Scene, Traced};
+pub use tree::{KdTree, hits_digest};

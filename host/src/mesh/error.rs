@@ -1,0 +1,195 @@
+//! What can be wrong with a mesh, where it is, and what to do about it.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+/// Where in a mesh something is wrong. Displays as `dragon.ply, vertex 17`; a mesh handed over in memory has
+/// no file.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Place {
+    /// The file, if the mesh came from one.
+    pub file: Option<PathBuf>,
+    /// The spot inside.
+    pub spot: Spot,
+}
+
+/// A spot inside a mesh or its file.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Spot {
+    /// No place in particular.
+    #[default]
+    Whole,
+    /// The header of a PLY file.
+    Header,
+    /// A line of a text file, counted from 1.
+    Line(u64),
+    /// An element of a binary file or of the arrays handed over, counted from 0.
+    Element(String, u64),
+}
+
+impl Place {
+    pub(crate) fn line(line: u64) -> Self {
+        Self { file: None, spot: Spot::Line(line) }
+    }
+
+    pub(crate) fn element(kind: &str, index: u64) -> Self {
+        Self { file: None, spot: Spot::Element(kind.to_owned(), index) }
+    }
+
+    pub(crate) fn header() -> Self {
+        Self { file: None, spot: Spot::Header }
+    }
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match &self.file {
+            Some(file) => write!(f, "{}", file.display())?,
+            None => f.write_str("mesh")?,
+        }
+        match &self.spot {
+            Spot::Whole => Ok(()),
+            Spot::Header => f.write_str(", header"),
+            Spot::Line(line) => write!(f, ", line {line}"),
+            Spot::Element(kind, index) => write!(f, ", {kind} {index}"),
+        }
+    }
+}
+
+/// Why a mesh cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum MeshError {
+    /// The file could not be read.
+    #[error("cannot read {}: {source}; check the path and its permissions", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The file's gzip layer is broken.
+    #[error("{at}: the gzip data is damaged or ends early ({reason}); fetch or pack the file again")]
+    Gzip {
+        /// The file.
+        at: Place,
+        /// What the decoder said.
+        reason: String,
+    },
+    /// The file is neither OBJ nor PLY.
+    #[error("{at}: neither OBJ nor PLY; convert it to one of them (.obj, .ply, each also .gz)")]
+    UnknownFormat {
+        /// The file.
+        at: Place,
+    },
+    /// The file does not follow its format.
+    #[error("{at}: {what}; repair the file or export it again")]
+    Malformed {
+        /// Where.
+        at: Place,
+        /// What is wrong there.
+        what: String,
+    },
+    /// The file ends before everything it announced.
+    #[error("{at}: {what}; the file is incomplete, fetch or export it again")]
+    Truncated {
+        /// Where the data end.
+        at: Place,
+        /// What is missing.
+        what: String,
+    },
+    /// A coordinate is NaN, infinite, or too large for an `f32`.
+    #[error("{at}: coordinate '{value}' is not a finite 32-bit float; correct or remove this vertex")]
+    NonFinite {
+        /// Where.
+        at: Place,
+        /// The coordinate as found.
+        value: String,
+    },
+    /// A face names a vertex that does not exist.
+    #[error("{at}: vertex index {index} is out of range, {}; correct or remove this face", range_of(*.first, *.vertices))]
+    IndexOutOfRange {
+        /// Where.
+        at: Place,
+        /// The index as found.
+        index: i64,
+        /// Index of the first vertex: 1 in OBJ files, else 0.
+        first: u32,
+        /// Number of vertices.
+        vertices: u64,
+    },
+    /// A face has fewer than three corners.
+    #[error("{at}: a face needs at least 3 corners, this one has {corners}; correct or remove it")]
+    TooFewCorners {
+        /// Where.
+        at: Place,
+        /// Corners found.
+        corners: u64,
+    },
+    /// There are no faces at all.
+    #[error("{at}: there are no faces; export the mesh with polygons (points, lines and strips do not count)")]
+    NoFaces {
+        /// The file.
+        at: Place,
+    },
+    /// There are more triangles than a tree can number.
+    #[error("{at}: more than {limit} triangles; split the mesh into parts")]
+    TooManyTriangles {
+        /// The file.
+        at: Place,
+        /// The most there may be.
+        limit: u32,
+    },
+    /// The whole mesh is so small that 32-bit floats have no digits left for it.
+    #[error("{at}: the mesh is only {extent:e} large, less than 2^-137 (5.7e-42); scale its coordinates up")]
+    TooSmall {
+        /// The file.
+        at: Place,
+        /// Largest extent of the box.
+        extent: f64,
+    },
+    /// A named scene has not been fetched.
+    #[error("scene '{name}' is not here ({} is missing); run: cargo xtask scenes", path.display())]
+    MissingScene {
+        /// Its name.
+        name: String,
+        /// The file looked for.
+        path: PathBuf,
+    },
+    /// Neither a scene's name nor a file.
+    #[error("'{name}' is neither a file nor a scene; the scenes are teapot, teapot:LEVEL (1 to {}), {}", super::teapot::MAX_LEVEL, super::scenes::names())]
+    UnknownScene {
+        /// What was asked for.
+        name: String,
+    },
+}
+
+/// The valid indices, in words.
+fn range_of(first: u32, vertices: u64) -> String {
+    match vertices {
+        0 => "there are no vertices".to_owned(),
+        n => format!("the vertices are {first} to {}", u64::from(first) + n - 1),
+    }
+}
+
+impl MeshError {
+    /// Names the file in an error that does not name one yet.
+    pub(crate) fn in_file(mut self, path: &Path) -> Self {
+        match &mut self {
+            Self::Gzip { at, .. }
+            | Self::UnknownFormat { at }
+            | Self::Malformed { at, .. }
+            | Self::Truncated { at, .. }
+            | Self::NonFinite { at, .. }
+            | Self::IndexOutOfRange { at, .. }
+            | Self::TooFewCorners { at, .. }
+            | Self::NoFaces { at }
+            | Self::TooManyTriangles { at, .. }
+            | Self::TooSmall { at, .. } => {
+                at.file.get_or_insert_with(|| path.to_owned());
+            }
+            Self::Read { .. } | Self::MissingScene { .. } | Self::UnknownScene { .. } => {}
+        }
+        self
+    }
+}

@@ -1,0 +1,389 @@
+//! Stanford PLY: text, binary little-endian and binary big-endian.
+//!
+//! `ply-rs-bw` reads the header and binary elements. Text elements are read here: version 4.0.1 refuses
+//! numbers such as `.5` and `1.`, and takes three times as long.
+
+use super::load::Raw;
+use super::{MeshError, Place};
+use ply_rs_bw::parser::{ParseError, Parser, Reader};
+use ply_rs_bw::ply::{
+    BeginList, ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult, PropertyType,
+    ScalarType,
+};
+use raykd_shared::limits::MAX_TRIANGLES;
+use std::io::ErrorKind;
+
+/// The mesh of a PLY file, its triangles numbered in the order of the faces.
+pub(super) fn parse(bytes: &[u8]) -> Result<Raw, MeshError> {
+    let mut reader = Reader::new(bytes);
+    let header = Parser::<Vertex>::new().read_header(&mut reader).map_err(|e| header_error(&e))?;
+    let line = reader.line() as u64;
+    let body = reader.into_inner();
+    let mut sink = Sink::new(&header)?;
+    match header.encoding {
+        Encoding::Ascii => Text { rest: body, line }.read(&header, &mut sink)?,
+        Encoding::BinaryLittleEndian => Binary { rest: body, big_endian: false }.read(&header, &mut sink)?,
+        Encoding::BinaryBigEndian => Binary { rest: body, big_endian: true }.read(&header, &mut sink)?,
+    }
+    Ok(sink.raw)
+}
+
+fn header_error(e: &ParseError) -> MeshError {
+    let at = e.line().map_or_else(Place::header, |line| Place::line(line as u64));
+    let text = e.to_string();
+    // `Line 3: what happened`, followed by lines of detail.
+    let what = text.lines().next().unwrap_or_default();
+    let what = what.split_once(": ").filter(|_| e.line().is_some()).map_or(what, |(_, what)| what);
+    let what = what.trim_end_matches('.').to_owned();
+    if e.kind() == ErrorKind::UnexpectedEof {
+        MeshError::Truncated { at, what }
+    } else {
+        MeshError::Malformed { at, what }
+    }
+}
+
+/// What an element is to us.
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    Vertex,
+    Face,
+    Other,
+}
+
+fn kind(element: &ElementDef) -> Kind {
+    match element.name.as_str() {
+        "vertex" => Kind::Vertex,
+        "face" => Kind::Face,
+        _ => Kind::Other,
+    }
+}
+
+/// Which coordinate a vertex property is.
+fn axis(name: &str) -> Option<usize> {
+    match name {
+        "x" => Some(0),
+        "y" => Some(1),
+        "z" => Some(2),
+        _ => None,
+    }
+}
+
+/// Whether a face property is the list of corners.
+fn is_corners(name: &str) -> bool {
+    matches!(name, "vertex_indices" | "vertex_index")
+}
+
+/// Checks elements and collects them.
+struct Sink {
+    raw: Raw,
+    /// As the header says.
+    vertices: u64,
+}
+
+impl Sink {
+    /// Makes sure that the header describes a mesh.
+    fn new(header: &Header) -> Result<Self, MeshError> {
+        let malformed = |what: &str| MeshError::Malformed { at: Place::header(), what: what.to_owned() };
+        let vertices = header.elements.get("vertex").ok_or_else(|| malformed("there is no element 'vertex'"))?;
+        for name in ["x", "y", "z"] {
+            let scalar = vertices.properties.get(name).map(|p| matches!(p.data_type, PropertyType::Scalar(_)));
+            if scalar != Some(true) {
+                return Err(malformed(&format!("element 'vertex' has no coordinate '{name}'")));
+            }
+        }
+        let faces = header.elements.get("face").filter(|faces| faces.count > 0);
+        let faces = faces.ok_or(MeshError::NoFaces { at: Place::default() })?;
+        let mut lists = faces.properties.values().filter(|p| is_corners(&p.name));
+        match (lists.next().map(|p| &p.data_type), lists.next()) {
+            (Some(PropertyType::List(_, ScalarType::Float | ScalarType::Double) | PropertyType::Scalar(_)), _) => {
+                return Err(malformed("the corners of 'face' are not a list of integers"));
+            }
+            (Some(PropertyType::List(..)), None) => {}
+            _ => return Err(malformed("element 'face' needs one list 'vertex_indices' or 'vertex_index'")),
+        }
+        if u32::try_from(vertices.count).is_err() {
+            return Err(malformed(&format!("{} vertices are more than 32 bits can number", vertices.count)));
+        }
+        if faces.count > MAX_TRIANGLES as usize {
+            return Err(MeshError::TooManyTriangles { at: Place::default(), limit: MAX_TRIANGLES });
+        }
+        Ok(Self { raw: Raw::default(), vertices: vertices.count as u64 })
+    }
+
+    fn vertex(&mut self, position: [f32; 3], at: impl Fn() -> Place) -> Result<(), MeshError> {
+        if let Some(x) = position.iter().find(|x| !x.is_finite()) {
+            return Err(MeshError::NonFinite { at: at(), value: x.to_string() });
+        }
+        self.raw.positions.push(position);
+        Ok(())
+    }
+
+    fn face<I: Copy + Into<i64>>(&mut self, corners: &[I], at: impl Fn() -> Place) -> Result<(), MeshError> {
+        let vertex = |&index: &I| {
+            let index = index.into();
+            u32::try_from(index).ok().filter(|&v| u64::from(v) < self.vertices).ok_or_else(|| {
+                MeshError::IndexOutOfRange { at: at(), index, first: 0, vertices: self.vertices }
+            })
+        };
+        let [first, second, others @ ..] = corners else {
+            return Err(MeshError::TooFewCorners { at: at(), corners: corners.len() as u64 });
+        };
+        if others.is_empty() {
+            return Err(MeshError::TooFewCorners { at: at(), corners: 2 });
+        }
+        if self.raw.triangles.len() + others.len() > MAX_TRIANGLES as usize {
+            return Err(MeshError::TooManyTriangles { at: Place::default(), limit: MAX_TRIANGLES });
+        }
+        let first = vertex(first)?;
+        let mut previous = vertex(second)?;
+        for corner in others {
+            let corner = vertex(corner)?;
+            self.raw.triangles.push([first, previous, corner]);
+            previous = corner;
+        }
+        self.raw.repairs.polygons += u32::from(others.len() > 1);
+        Ok(())
+    }
+}
+
+/// The body of a text file: a line per element.
+struct Text<'a> {
+    rest: &'a [u8],
+    /// Number of the next line.
+    line: u64,
+}
+
+impl<'a> Text<'a> {
+    fn read(mut self, header: &Header, sink: &mut Sink) -> Result<(), MeshError> {
+        for element in header.elements.values().filter(|e| !e.properties.is_empty()) {
+            let kind = kind(element);
+            for index in 0..element.count {
+                let mut words = self.next_line().ok_or_else(|| end_of_file(element, index))?;
+                match kind {
+                    Kind::Vertex => {
+                        let position = words.vertex(element)?;
+                        sink.vertex(position, || Place::line(words.line))?;
+                    }
+                    Kind::Face => {
+                        let corners = words.face(element)?;
+                        sink.face(&corners, || Place::line(words.line))?;
+                    }
+                    Kind::Other => {}
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The next line that is not blank.
+    fn next_line(&mut self) -> Option<Words<'a>> {
+        while !self.rest.is_empty() {
+            let end = self.rest.iter().position(|&b| b == b'\n');
+            let (line, rest) = match end {
+                Some(end) => (&self.rest[..end], &self.rest[end + 1..]),
+                None => (self.rest, &[][..]),
+            };
+            self.rest = rest;
+            self.line += 1;
+            let line = line.trim_ascii();
+            if !line.is_empty() {
+                return Some(Words { rest: line, line: self.line - 1 });
+            }
+        }
+        None
+    }
+}
+
+/// One line of a text file.
+struct Words<'a> {
+    rest: &'a [u8],
+    line: u64,
+}
+
+impl Words<'_> {
+    fn vertex(&mut self, element: &ElementDef) -> Result<[f32; 3], MeshError> {
+        let mut position = [0.0; 3];
+        for property in element.properties.values() {
+            match (&property.data_type, axis(&property.name)) {
+                (PropertyType::Scalar(_), Some(axis)) => position[axis] = self.number("a coordinate")?,
+                (PropertyType::Scalar(_), None) => self.skip(1)?,
+                (PropertyType::List(..), _) => self.skip_list()?,
+            }
+        }
+        Ok(position)
+    }
+
+    fn face(&mut self, element: &ElementDef) -> Result<Vec<i64>, MeshError> {
+        let mut corners = Vec::new();
+        for property in element.properties.values() {
+            match &property.data_type {
+                PropertyType::List(..) if is_corners(&property.name) => {
+                    let count: u64 = self.number("a number of corners")?;
+                    // A corner takes two bytes at least, so what the line says cannot ask for too much.
+                    corners.reserve_exact((count as usize).min(self.rest.len()));
+                    for _ in 0..count {
+                        corners.push(self.number("a vertex index")?);
+                    }
+                }
+                PropertyType::List(..) => self.skip_list()?,
+                PropertyType::Scalar(_) => self.skip(1)?,
+            }
+        }
+        Ok(corners)
+    }
+
+    fn word(&mut self) -> Result<&[u8], MeshError> {
+        let start = self.rest.trim_ascii_start();
+        let end = start.iter().position(u8::is_ascii_whitespace).unwrap_or(start.len());
+        self.rest = &start[end..];
+        if end == 0 {
+            let what = "the line ends before all its properties".to_owned();
+            return Err(MeshError::Malformed { at: Place::line(self.line), what });
+        }
+        Ok(&start[..end])
+    }
+
+    fn number<T: std::str::FromStr>(&mut self, wanted: &str) -> Result<T, MeshError> {
+        let line = self.line;
+        let word = self.word()?;
+        std::str::from_utf8(word).ok().and_then(|text| text.parse().ok()).ok_or_else(|| MeshError::Malformed {
+            at: Place::line(line),
+            what: format!("'{}' is not {wanted}", word.escape_ascii()),
+        })
+    }
+
+    fn skip(&mut self, count: u64) -> Result<(), MeshError> {
+        (0..count).try_for_each(|_| self.word().map(|_| ()))
+    }
+
+    fn skip_list(&mut self) -> Result<(), MeshError> {
+        let count = self.number("the length of a list")?;
+        self.skip(count)
+    }
+}
+
+/// The body of a binary file.
+struct Binary<'a> {
+    rest: &'a [u8],
+    big_endian: bool,
+}
+
+impl Binary<'_> {
+    fn read(mut self, header: &Header, sink: &mut Sink) -> Result<(), MeshError> {
+        for element in header.elements.values().filter(|e| !e.properties.is_empty()) {
+            let kind = kind(element);
+            for index in 0..element.count {
+                let at = || Place::element(&element.name, index as u64);
+                match kind {
+                    Kind::Vertex => {
+                        let vertex: Vertex = self.element(element, index)?;
+                        sink.vertex(vertex.0, at)?;
+                    }
+                    Kind::Face => {
+                        let face: Face = self.element(element, index)?;
+                        if face.unsigned.is_empty() {
+                            sink.face(&face.signed, at)?;
+                        } else {
+                            sink.face(&face.unsigned, at)?;
+                        }
+                    }
+                    Kind::Other => {
+                        let _: Skipped = self.element(element, index)?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn element<E: PropertyAccess>(&mut self, element: &ElementDef, index: usize) -> Result<E, MeshError> {
+        let parser = Parser::<E>::new();
+        let read = if self.big_endian {
+            parser.read_big_endian_element(&mut self.rest, element)
+        } else {
+            parser.read_little_endian_element(&mut self.rest, element)
+        };
+        read.map_err(|e| match e.kind() {
+            ErrorKind::UnexpectedEof => end_of_file(element, index),
+            _ => MeshError::Malformed {
+                at: Place::element(&element.name, index as u64),
+                what: e.to_string().lines().next().unwrap_or_default().to_owned(),
+            },
+        })
+    }
+}
+
+fn end_of_file(element: &ElementDef, index: usize) -> MeshError {
+    let what = format!("the file ends here, but its header promises {} of '{}'", element.count, element.name);
+    MeshError::Truncated { at: Place::element(&element.name, index as u64), what }
+}
+
+/// A vertex of a binary file.
+struct Vertex([f32; 3]);
+
+impl PropertyAccess for Vertex {
+    fn new() -> Self {
+        Self([0.0; 3])
+    }
+
+    fn set_float(&mut self, name: &str, value: f32) -> PropertyAccessResult {
+        match axis(name) {
+            Some(axis) => {
+                self.0[axis] = value;
+                PropertyAccessResult::Set
+            }
+            None => PropertyAccessResult::Ignored,
+        }
+    }
+
+    fn set_property(&mut self, name: &str, value: Property) -> PropertyAccessResult {
+        match value.to_f32_lossy() {
+            Some(value) => self.set_float(name, value),
+            None => PropertyAccessResult::Ignored,
+        }
+    }
+}
+
+/// A face of a binary file; its corners are in one of the two.
+#[derive(Default)]
+struct Face {
+    signed: Vec<i32>,
+    unsigned: Vec<u32>,
+}
+
+impl PropertyAccess for Face {
+    fn new() -> Self {
+        Self::default()
+    }
+
+    fn begin_list_int(&mut self, name: &str, _: usize) -> BeginList<'_, i32> {
+        if is_corners(name) { BeginList::Fill(&mut self.signed) } else { BeginList::UseSetter }
+    }
+
+    fn begin_list_uint(&mut self, name: &str, _: usize) -> BeginList<'_, u32> {
+        if is_corners(name) { BeginList::Fill(&mut self.unsigned) } else { BeginList::UseSetter }
+    }
+
+    fn set_property(&mut self, name: &str, value: Property) -> PropertyAccessResult {
+        if !is_corners(name) {
+            return PropertyAccessResult::Ignored;
+        }
+        self.signed = match value {
+            Property::ListChar(list) => list.into_iter().map(i32::from).collect(),
+            Property::ListUChar(list) => list.into_iter().map(i32::from).collect(),
+            Property::ListShort(list) => list.into_iter().map(i32::from).collect(),
+            Property::ListUShort(list) => list.into_iter().map(i32::from).collect(),
+            _ => return PropertyAccessResult::UnsupportedType,
+        };
+        PropertyAccessResult::Set
+    }
+}
+
+/// An element that plays no part.
+struct Skipped;
+
+impl PropertyAccess for Skipped {
+    fn new() -> Self {
+        Self
+    }
+}

@@ -1,0 +1,116 @@
+//! Scenes by name: the built-in teapot, the meshes that `cargo xtask scenes` fetches, or any file.
+
+use super::{Mesh, MeshError, teapot};
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+/// Name and file of the scenes that are fetched; docs/scenes.md tells more.
+const FETCHED: [(&str, &str); 5] = [
+    ("dragon", "dragon.ply.gz"),
+    ("dragon_res2", "dragon_res2.ply.gz"),
+    ("dragon_res3", "dragon_res3.ply.gz"),
+    ("dragon_res4", "dragon_res4.ply.gz"),
+    ("sponza", "sponza.obj"),
+];
+
+/// The level of the scene `teapot`: 992 triangles with area.
+const DEFAULT_LEVEL: u32 = 4;
+
+/// Something to build a tree of, as the command line names it.
+///
+/// `teapot`, `teapot:LEVEL`, `dragon`, `dragon_res2`, `dragon_res3`, `dragon_res4`, `sponza`, or the path of a
+/// file. A scene's name comes first; write `./dragon` for a file of that name.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Scene {
+    /// The Utah teapot with each of its patches cut into so many by so many quads.
+    Teapot(u32),
+    /// A mesh that `cargo xtask scenes` fetches.
+    Fetched {
+        /// Its name.
+        name: &'static str,
+        /// Its file in [`folder`].
+        file: &'static str,
+    },
+    /// A mesh file.
+    File(PathBuf),
+}
+
+impl FromStr for Scene {
+    type Err = MeshError;
+
+    fn from_str(text: &str) -> Result<Self, MeshError> {
+        if text == "teapot" {
+            return Ok(Self::Teapot(DEFAULT_LEVEL));
+        }
+        if let Some(&(name, file)) = FETCHED.iter().find(|(name, _)| *name == text) {
+            return Ok(Self::Fetched { name, file });
+        }
+        if let Some(level) = text.strip_prefix("teapot:").and_then(|level| level.parse().ok())
+            && (1..=teapot::MAX_LEVEL).contains(&level)
+        {
+            return Ok(Self::Teapot(level));
+        }
+        // Something that looks like a path gets the system's own words if it cannot be read.
+        let path = Path::new(text);
+        if path.exists() || (path.extension().is_some() || path.components().count() > 1) {
+            return Ok(Self::File(path.to_owned()));
+        }
+        Err(MeshError::UnknownScene { name: text.to_owned() })
+    }
+}
+
+impl fmt::Display for Scene {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Teapot(DEFAULT_LEVEL) => f.write_str("teapot"),
+            Self::Teapot(level) => write!(f, "teapot:{level}"),
+            Self::Fetched { name, .. } => f.write_str(name),
+            Self::File(path) => write!(f, "{}", path.display()),
+        }
+    }
+}
+
+impl Scene {
+    /// Reads or makes the mesh.
+    ///
+    /// # Errors
+    /// If its file is missing or unusable.
+    pub fn load(&self) -> Result<Mesh, MeshError> {
+        match self {
+            Self::Teapot(level) => Ok(Mesh::teapot(*level)),
+            Self::Fetched { name, file } => {
+                let path = folder().join(file);
+                if path.exists() {
+                    Mesh::load(&path)
+                } else {
+                    Err(MeshError::MissingScene { name: (*name).to_owned(), path })
+                }
+            }
+            Self::File(path) => Mesh::load(path),
+        }
+    }
+}
+
+/// The mesh of a scene given by name or path.
+///
+/// # Errors
+/// If there is no such scene or file, or it is unusable.
+pub fn scene(name: &str) -> Result<Mesh, MeshError> {
+    name.parse::<Scene>()?.load()
+}
+
+/// Where fetched scenes are looked for: the folder `RAYKD_SCENES` names, else `scenes` here, else `scenes` in
+/// the checkout that this library was built from.
+pub fn folder() -> PathBuf {
+    if let Some(folder) = std::env::var_os("RAYKD_SCENES").filter(|f| !f.is_empty()) {
+        return folder.into();
+    }
+    let here = PathBuf::from("scenes");
+    if here.is_dir() { here } else { Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes") }
+}
+
+/// The names of the fetched scenes, for messages.
+pub(super) fn names() -> String {
+    FETCHED.map(|(name, _)| name).join(", ")
+}

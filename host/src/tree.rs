@@ -1,0 +1,139 @@
+//! A kd-tree in memory and on disk.
+
+use crate::Error;
+use raykd_shared::{LAYOUT_VERSION, Node, Report, TreeHeader, TreeView};
+use sha2::{Digest, Sha256};
+use std::{
+    io::{Read, Write},
+    path::Path,
+};
+
+/// A tree, owned: header, nodes and references as `raykd-shared` lays them out.
+#[derive(Clone, Debug, PartialEq)]
+pub struct KdTree {
+    pub(crate) header: TreeHeader,
+    pub(crate) nodes: Vec<Node>,
+    pub(crate) refs: Vec<u32>,
+}
+
+/// First bytes of a tree file.
+const MAGIC: &[u8; 8] = b"raykd-kd";
+/// Bytes of the checksum at the end of a tree file.
+const SUM: usize = 32;
+
+impl KdTree {
+    /// The parts, for code that reads the layout.
+    pub fn view(&self) -> TreeView<'_> {
+        TreeView { header: &self.header, nodes: &self.nodes, refs: &self.refs }
+    }
+
+    /// Header, nodes and references as they lie in memory, one after the other.
+    fn parts(&self) -> [&[u8]; 3] {
+        [bytemuck::bytes_of(&self.header), bytemuck::cast_slice(&self.nodes), bytemuck::cast_slice(&self.refs)]
+    }
+
+    /// Bytes of nodes and references.
+    pub fn bytes(&self) -> u64 {
+        (size_of_val(self.nodes.as_slice()) + size_of_val(self.refs.as_slice())) as u64
+    }
+
+    /// SHA-256 of the tree's bytes, in hexadecimal.
+    pub fn digest(&self) -> String {
+        let mut hasher = Sha256::new();
+        for part in self.parts() {
+            hasher.update(part);
+        }
+        hex(&hasher.finalize())
+    }
+
+    /// Checks the whole tree and measures it; see [`TreeView::validate`].
+    ///
+    /// # Errors
+    /// The tree is damaged.
+    pub fn validate(&self) -> Result<Report, Error> {
+        self.view().validate().map_err(|fault| Error::Tree(format!("damaged tree: {fault}")))
+    }
+
+    /// Writes the tree to a file: magic, layout version, header, nodes, references, SHA-256 of all that.
+    /// The file appears whole or not at all.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn save(&self, path: &Path) -> Result<(), Error> {
+        let mut hasher = Sha256::new();
+        crate::output::write_whole(path, |file| {
+            let version = LAYOUT_VERSION.to_le_bytes();
+            let [header, nodes, refs] = self.parts();
+            for part in [MAGIC.as_slice(), &version, header, nodes, refs] {
+                hasher.update(part);
+                file.write_all(part)?;
+            }
+            file.write_all(&hasher.finalize_reset())
+        })
+    }
+
+    /// Reads a tree that [`KdTree::save`] wrote, and checks every node.
+    ///
+    /// # Errors
+    /// The file cannot be read, is no tree file, has another version, or is damaged.
+    pub fn load(path: &Path) -> Result<Self, Error> {
+        let io = |source| Error::Io { path: path.to_owned(), source };
+        let mut bytes = Vec::new();
+        std::fs::File::open(path).and_then(|mut f| f.read_to_end(&mut bytes)).map_err(io)?;
+        Self::from_bytes(&bytes).map_err(|e| match e {
+            Error::Tree(what) => Error::Tree(format!("{}: {what}", path.display())),
+            other => other,
+        })
+    }
+
+    /// Reads a tree from the bytes of a tree file.
+    ///
+    /// # Errors
+    /// They are no tree file, of another version, or damaged.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, Error> {
+        let fail = |what: &str| Err(Error::Tree(what.to_owned()));
+        let start = MAGIC.len() + 4;
+        let body = start + size_of::<TreeHeader>();
+        if bytes.len() < MAGIC.len() || &bytes[..MAGIC.len()] != MAGIC {
+            return fail("not a raykd tree file (write one with: raykd build MESH -o FILE)");
+        }
+        if bytes.len() < body + SUM {
+            return fail("truncated tree file");
+        }
+        let version = u32::from_le_bytes([bytes[8], bytes[9], bytes[10], bytes[11]]);
+        if version != LAYOUT_VERSION {
+            return Err(Error::Tree(format!(
+                "tree layout version {version}, but this raykd reads {LAYOUT_VERSION}; build the tree again"
+            )));
+        }
+        let (data, sum) = bytes.split_at(bytes.len() - SUM);
+        if Sha256::digest(data).as_slice() != sum {
+            return fail("damaged or truncated tree file: its checksum does not match");
+        }
+        let header: TreeHeader = bytemuck::pod_read_unaligned(&data[start..body]);
+        let node_bytes = header.nodes as usize * size_of::<Node>();
+        let ref_bytes = header.refs as usize * 4;
+        if data.len() - body != node_bytes + ref_bytes {
+            return fail("damaged tree file: its length does not match its header");
+        }
+        let nodes = bytemuck::pod_collect_to_vec::<u8, _>(&data[body..body + node_bytes]);
+        let refs = bytemuck::pod_collect_to_vec::<u8, _>(&data[body + node_bytes..]);
+        let tree = Self { header, nodes, refs };
+        tree.validate()?;
+        Ok(tree)
+    }
+}
+
+/// Bytes in hexadecimal.
+pub(crate) fn hex(bytes: &[u8]) -> String {
+    use std::fmt::Write as _;
+    bytes.iter().fold(String::new(), |mut s, b| {
+        let _ = write!(s, "{b:02x}");
+        s
+    })
+}
+
+/// SHA-256 of hits as their file would hold them, in hexadecimal.
+pub fn hits_digest(hits: &[raykd_shared::Hit]) -> String {
+    hex(&Sha256::digest(bytemuck::cast_slice::<_, u8>(hits)))
+}

@@ -1,0 +1,266 @@
+//! The two executors against each other: same kernels, same buffers, same bytes.
+
+use raykd::{
+    Device, Error,
+    exec::{Buffer, Gpu, Groups, Step, Verdict, adapters},
+    kernels::{
+        Kernel,
+        build::gather::GATHER,
+        probe::{PROBE, RESULTS},
+    },
+    shared::{BuildParams, limits::GROUPS_X},
+};
+use std::{sync::LazyLock, thread, time::Duration};
+
+/// What outputs hold before a kernel runs.
+const POISON: u8 = 0xA5;
+
+/// Two machines, the best adapter being one; no adapter is a failure.
+fn devices() -> [&'static Device; 2] {
+    static DEVICES: LazyLock<[Device; 2]> =
+        LazyLock::new(|| [Device::cpu(), Device::gpu(None).expect("these tests need a Vulkan adapter")]);
+    DEVICES.each_ref()
+}
+
+fn gpu() -> &'static Device {
+    devices()[1]
+}
+
+/// A buffer with these contents.
+fn buffer<T: bytemuck::Pod>(device: &Device, name: &'static str, data: &[T]) -> Buffer {
+    let data: &[u8] = bytemuck::cast_slice(data);
+    let buffer = device.alloc(name, data.len() as u64).unwrap();
+    device.write(&buffer, 0, data).unwrap();
+    buffer
+}
+
+fn poisoned(device: &Device, name: &'static str, bytes: usize) -> Buffer {
+    buffer(device, name, &vec![POISON; bytes.next_multiple_of(16)])
+}
+
+/// All bytes of a buffer.
+fn bytes(device: &Device, buffer: &Buffer) -> Vec<u8> {
+    device.read(buffer, 0, buffer.bytes() as usize).unwrap()
+}
+
+/// A stream of pseudo-random words.
+fn words(mut state: u64) -> impl Iterator<Item = u32> {
+    std::iter::repeat_with(move || {
+        state = state.wrapping_mul(0x5851_F42D_4C95_7F2D).wrapping_add(0x1405_7B7E_F767_814F);
+        (state >> 32) as u32
+    })
+}
+
+/// Inputs whose results are neither subnormal nor infinite.
+fn probe_inputs(count: u32) -> Vec<f32> {
+    let float = |word: u32| f32::from_bits(word & 0x807F_FFFF | (0x78 + (word >> 23 & 15)) << 23);
+    words(7).map(float).take(count as usize * 4).collect()
+}
+
+/// The buffers of the probe kernel.
+struct Probe {
+    inputs: Buffer,
+    results: Buffer,
+    count: Buffer,
+}
+
+impl Probe {
+    fn new(device: &Device, count: u32) -> Self {
+        Self {
+            inputs: buffer(device, "inputs", &probe_inputs(count)),
+            results: poisoned(device, "results", (count * RESULTS) as usize * 4),
+            count: buffer(device, "count", &[count]),
+        }
+    }
+
+    fn buffers(&self) -> Vec<&Buffer> {
+        vec![&self.inputs, &self.results, &self.count]
+    }
+}
+
+/// The results of the probe when run as `groups` says, with indirect arguments at hand.
+fn probe(device: &Device, count: u32, groups: impl Fn(&Buffer) -> Groups<'_>) -> Vec<u8> {
+    let probe = Probe::new(device, count);
+    let args = buffer(device, "args", &[9, 9, 9, 0, 1, 1, 1, 1, 1, 2, 3, 1u32]);
+    let step = Step { kernel: &PROBE, buffers: probe.buffers(), groups: groups(&args) };
+    device.run(&[step], false).unwrap();
+    bytes(device, &probe.results)
+}
+
+#[test]
+fn probe_gives_the_same_bytes() {
+    let [cpu, gpu] = devices().map(|device| probe(device, 10_001, |_| Groups::Fixed(10_001u32.div_ceil(64))));
+    // Results that may be subnormal do not count.
+    for (i, (cpu, gpu)) in cpu.chunks(4).zip(gpu.chunks(4)).enumerate() {
+        assert!(cpu == gpu || i % 8 == 7, "result {} of input {}: {cpu:?} and {gpu:?}", i % 8, i / 8);
+    }
+    assert!(cpu.chunks(4).all(|word| word != [POISON; 4]), "every result is written");
+}
+
+#[test]
+fn gather_gives_the_same_bytes() {
+    let triangles = 1001u32;
+    let params = BuildParams { triangles, ..bytemuck::Zeroable::zeroed() };
+    let positions: Vec<f32> = probe_inputs(triangles).into_iter().take(triangles as usize * 3).collect();
+    let indices: Vec<u32> = words(3).map(|word| word % triangles).take(triangles as usize * 3).collect();
+    let [cpu, gpu] = devices().map(|device| {
+        let params = buffer(device, "params", &[params]);
+        let positions = buffer(device, "positions", &positions);
+        let indices = buffer(device, "indices", &indices);
+        // With room to spare, which must stay as it is.
+        let points = poisoned(device, "triangles", triangles as usize * 48 + 4096);
+        let boxes = poisoned(device, "boxes", triangles as usize * 32 + 4096);
+        let step = Step::over(&GATHER, triangles, vec![&params, &positions, &indices, &points, &boxes]);
+        device.run(&[step], false).unwrap();
+        [bytes(device, &points), bytes(device, &boxes)]
+    });
+    assert!(cpu == gpu);
+    for (out, size) in cpu.iter().zip([48, 32]) {
+        let (written, spare) = out.split_at(triangles as usize * size);
+        assert!(written.chunks(16).all(|row| row != [POISON; 16]));
+        assert!(spare.iter().all(|&byte| byte == POISON));
+    }
+}
+
+#[test]
+fn indirect_dispatches_run_as_many_groups_as_the_buffer_says() {
+    // Entry 1 holds no groups, entry 2 one, entry 3 six in a grid.
+    for (entry, groups) in [(1, 0), (2, 1), (3, 6)] {
+        let [cpu, gpu] = devices().map(|device| probe(device, 500, |args| Groups::Indirect(args, entry)));
+        assert!(cpu == gpu, "entry {entry}");
+        let written = cpu.chunks(4 * RESULTS as usize).filter(|row| row[..4] != [POISON; 4]).count();
+        assert_eq!(written, (groups * 64).min(500));
+    }
+}
+
+#[test]
+fn large_dispatches_wrap_into_rows() {
+    let groups = GROUPS_X + 3;
+    let results = probe(gpu(), groups * 64, |_| Groups::Fixed(groups));
+    assert!(results.chunks(4).all(|word| word != [POISON; 4]));
+}
+
+#[test]
+fn steps_see_what_earlier_steps_wrote() {
+    // Each step reads the results of the one before as its inputs.
+    let [cpu, gpu] = devices().map(|device| {
+        let first = Probe::new(device, 4096);
+        let [second, third] = ["second", "third"].map(|name| poisoned(device, name, 4096 * 32));
+        let steps = [
+            Step::over(&PROBE, 4096, first.buffers()),
+            Step::over(&PROBE, 4096, vec![&first.results, &second, &first.count]),
+            Step::over(&PROBE, 4096, vec![&second, &third, &first.count]),
+            Step::over(&PROBE, 4096, vec![&third, &second, &first.count]),
+        ];
+        device.run(&steps, false).unwrap();
+        device.read::<f32>(&second, 0, 4096 * 8).unwrap()
+    });
+    // The numbers may grow out of range here, and NaNs have many patterns.
+    let same =
+        |(a, b): (&f32, &f32)| a.to_bits() == b.to_bits() || (a.is_nan() && b.is_nan()) || a.is_subnormal();
+    assert!(cpu.iter().zip(&gpu).all(same));
+}
+
+#[test]
+fn transfers_keep_every_byte() {
+    let data: Vec<u32> = words(11).take(5 << 20).collect();
+    for device in devices() {
+        let target = device.alloc("target", 24 << 20).unwrap();
+        device.write(&target, 4, bytemuck::cast_slice(&data)).unwrap();
+        device.write(&target, 64, &[1; 8]).unwrap();
+        let read: Vec<u32> = device.read(&target, 0, 6 << 20).unwrap();
+        assert_eq!(read[0], 0, "buffers start as zeroes");
+        assert!(read[1..16] == data[..15]);
+        assert_eq!(read[16..18], [0x0101_0101; 2]);
+        assert!(read[18..=5 << 20] == data[17..]);
+        assert!(read[(5 << 20) + 1..].iter().all(|&word| word == 0));
+        let tail: Vec<u32> = device.read(&target, 20 << 20, 1).unwrap();
+        assert_eq!(tail[0], data[(5 << 20) - 1]);
+        assert!(device.read::<u32>(&target, 0, 0).unwrap().is_empty());
+    }
+}
+
+#[test]
+fn profile_times_each_step() {
+    for device in devices() {
+        let probe = Probe::new(device, 64);
+        // More steps than one set of timestamps holds, some of them empty.
+        for count in [0, 1, 2, 4500] {
+            let step = |i| Step::groups(&PROBE, u32::from(i % 16 == 0), probe.buffers());
+            let steps: Vec<_> = (0..count).map(step).collect();
+            let timing = device.run(&steps, true).unwrap();
+            assert_eq!(timing.steps.len(), count);
+            let rounding = Duration::from_nanos(count as u64);
+            assert!(timing.total + rounding >= timing.steps.iter().sum());
+            assert!(count == 0 || !timing.total.is_zero());
+            assert!(device.run(&steps, false).unwrap().steps.is_empty());
+        }
+    }
+}
+
+#[test]
+fn unknown_adapter_is_an_error_that_helps() {
+    let error = Device::gpu(Some("no such card")).unwrap_err();
+    assert!(matches!(&error, Error::NoAdapter { wanted: Some(name) } if name == "no such card"));
+    let text = error.to_string();
+    assert!(text.contains("'no such card'") && text.contains("apt install mesa-vulkan-drivers"), "{text}");
+}
+
+#[test]
+fn adapters_are_found_by_part_of_their_name() {
+    let reports = adapters();
+    assert!(!reports.is_empty());
+    assert!(reports.iter().any(|report| matches!(report.verdict, Verdict::Exact { .. })), "{reports:?}");
+    let part = reports[0].name.to_uppercase();
+    assert!(Device::gpu(Some(&part)).unwrap().name().starts_with(&reports[0].name));
+    // Whether there is hardware depends on the machine, what it may be does not.
+    if let Ok(gpu) = Gpu::open_hardware() {
+        let device = Device::Gpu(Box::new(gpu));
+        assert!(reports.iter().any(|report| device.name().starts_with(&report.name) && report.kind != "cpu"));
+    }
+}
+
+#[test]
+fn too_large_a_buffer_is_an_error_that_names_the_limit() {
+    for device in devices() {
+        let limit = device.limit();
+        let error = device.alloc("everything", limit.bytes + 1).unwrap_err();
+        assert!(matches!(error, Error::TooLarge { buffer: "everything", .. }));
+        assert!(error.to_string().contains(limit.name), "{error}");
+    }
+}
+
+#[test]
+fn misuse_is_an_error_and_leaves_the_device_working() {
+    let probe = Probe::new(gpu(), 64);
+    // Read and written in one dispatch.
+    let step = Step::groups(&PROBE, 1, vec![&probe.results, &probe.results, &probe.count]);
+    assert!(matches!(gpu().run(&[step], false), Err(Error::DeviceFailed { .. })));
+    // Not in the compiled module.
+    static UNKNOWN: Kernel = Kernel { path: "raykd_kernels::unknown::entry", ..PROBE };
+    let error = gpu().run(&[Step::groups(&UNKNOWN, 1, probe.buffers())], false).unwrap_err();
+    assert!(error.to_string().contains("cargo xtask kernels"), "{error}");
+    gpu().run(&[Step::groups(&PROBE, 1, probe.buffers())], true).unwrap();
+}
+
+#[test]
+fn devices_may_be_shared_and_used_side_by_side() {
+    let expected = probe(gpu(), 1000, |_| Groups::Fixed(16));
+    thread::scope(|scope| {
+        for i in 0..4 {
+            let expected = &expected;
+            scope.spawn(move || {
+                let own;
+                let device = if i % 2 == 0 {
+                    gpu()
+                } else {
+                    own = Device::gpu(None).unwrap();
+                    &own
+                };
+                for _ in 0..10 {
+                    assert!(probe(device, 1000, |_| Groups::Fixed(16)) == *expected);
+                }
+            });
+        }
+    });
+}

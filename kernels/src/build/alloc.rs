@@ -1,0 +1,288 @@
+//! Gives every child of a level its place: tree slots, next level's lists, treelets. One workgroup.
+//!
+//! Counts, scan, write: each lane owns a run of active nodes, so the order of everything is that of the nodes.
+
+use super::{
+    ARGS_ACTIVE, ARGS_CHUNKS, Item, LEVEL_ACTIVE, LEVEL_CHUNKS, LEVEL_DEPTH, LEVEL_REFS, STATE_DEPTH, STATE_PEAK,
+    STATE_STATUS, STATE_TOP, STATE_TREELET_REFS, STATE_TREELETS,
+};
+use crate::{
+    Group,
+    glam::{UVec2, UVec4, Vec3},
+    mem::{Buf, Slots},
+};
+use raykd_shared::{
+    BuildParams, Node,
+    limits::{CHUNK, GROUPS_X, TREELET},
+    status,
+};
+
+/// Bit of a scatter target that says: into the treelets' list, not the next level's.
+pub const TO_TREELET: u32 = 1 << 31;
+
+const LANES: u32 = 1024;
+const BLOCK: u32 = 32;
+const BLOCKS: u32 = LANES / BLOCK;
+
+// What is counted for every run of nodes.
+const PAIRS: u32 = 0;
+const ACTIVE: u32 = 1;
+const CHUNKS: u32 = 2;
+const REFS: u32 = 3;
+const TREELETS: u32 = 4;
+const TREELET_REFS: u32 = 5;
+const KINDS: u32 = 6;
+
+/// Sums of every lane, then what comes before it in its block.
+const SUMS: usize = (KINDS * LANES) as usize;
+/// Sums of every block, then what comes before it; then the totals.
+const BLOCK_SUMS: usize = (KINDS * BLOCKS + KINDS) as usize;
+const TOTALS: u32 = KINDS * BLOCKS;
+
+#[inline(always)]
+fn with(v: Vec3, axis: u32, value: f32) -> Vec3 {
+    if axis == 0 {
+        Vec3::new(value, v.y, v.z)
+    } else if axis == 1 {
+        Vec3::new(v.x, value, v.z)
+    } else {
+        Vec3::new(v.x, v.y, value)
+    }
+}
+
+#[inline(always)]
+fn bump(sums: &mut [u32; SUMS], lane: u32, kind: u32, by: u32) {
+    let i = kind * LANES + lane;
+    let old = sums.at(i);
+    sums.put(i, old + by);
+}
+
+/// What a child of so many references adds to a lane's sums.
+#[inline(always)]
+fn tally(sums: &mut [u32; SUMS], lane: u32, count: u32) {
+    if count > TREELET {
+        bump(sums, lane, ACTIVE, 1);
+        bump(sums, lane, CHUNKS, count.div_ceil(CHUNK));
+        bump(sums, lane, REFS, count);
+    } else {
+        bump(sums, lane, TREELETS, 1);
+        bump(sums, lane, TREELET_REFS, count);
+    }
+}
+
+/// Places all children of a level.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+pub fn alloc(
+    group: Group,
+    sums: &mut [u32; SUMS],
+    blocks: &mut [u32; BLOCK_SUMS],
+    params: &Buf<BuildParams>,
+    level: &Buf<u32>,
+    active: &Buf<UVec4>,
+    planes: &Buf<UVec2>,
+    sides: &Buf<UVec2>,
+    targets: &mut Buf<UVec2>,
+    sizes: &mut Buf<UVec2>,
+    top: &mut Buf<UVec2>,
+    next_level: &mut Buf<u32>,
+    next_active: &mut Buf<UVec4>,
+    next_chunks: &mut Buf<u32>,
+    next_args: &mut Buf<u32>,
+    treelets: &mut Buf<UVec4>,
+    state: &mut Buf<u32>,
+) {
+    let params = params.at(0);
+    let number = level.at(LEVEL_ACTIVE);
+    let depth = level.at(LEVEL_DEPTH);
+    let run = number.div_ceil(LANES);
+    lanes!(group, |lane| {
+        let mut kind = 0;
+        while kind < KINDS {
+            sums.put(kind * LANES + lane, 0);
+            kind += 1;
+        }
+        let mut i = 0;
+        while i < run {
+            let k = lane * run + i;
+            if k < number {
+                let item = Item::load(active, k);
+                let (mut below, mut above) = (0, 0);
+                let mut c = 0;
+                while c < item.count.div_ceil(CHUNK) {
+                    let both = sides.at(item.extra + c);
+                    below += both.x;
+                    above += both.y;
+                    c += 1;
+                }
+                sizes.put(k, UVec2::new(below, above));
+                if planes.at(k).x == Node::LEAF {
+                    bump(sums, lane, TREELETS, 1);
+                    bump(sums, lane, TREELET_REFS, below);
+                } else {
+                    bump(sums, lane, PAIRS, 1);
+                    tally(sums, lane, below);
+                    tally(sums, lane, above);
+                }
+            }
+            i += 1;
+        }
+    });
+    // Exclusive scan of the six kinds: within blocks of lanes, then over blocks.
+    lanes!(group, |lane| {
+        if lane < KINDS * BLOCKS {
+            let mut sum = 0;
+            let mut i = 0;
+            while i < BLOCK {
+                let at = lane * BLOCK + i;
+                let value = sums.at(at);
+                sums.put(at, sum);
+                sum += value;
+                i += 1;
+            }
+            blocks.put(lane, sum);
+        }
+    });
+    lanes!(group, |lane| {
+        if lane < KINDS {
+            let mut sum = 0;
+            let mut i = 0;
+            while i < BLOCKS {
+                let at = lane * BLOCKS + i;
+                let value = blocks.at(at);
+                blocks.put(at, sum);
+                sum += value;
+                i += 1;
+            }
+            blocks.put(TOTALS + lane, sum);
+        }
+    });
+    let top_base = state.at(STATE_TOP);
+    let treelet_base = state.at(STATE_TREELETS);
+    let ref_base = state.at(STATE_TREELET_REFS);
+    let fits = state.at(STATE_STATUS) == 0
+        && top_base + 2 * blocks.at(TOTALS + PAIRS) <= params.top_nodes
+        && treelet_base + blocks.at(TOTALS + TREELETS) <= params.treelets
+        && ref_base + blocks.at(TOTALS + TREELET_REFS) <= params.treelet_refs
+        && blocks.at(TOTALS + ACTIVE) <= params.active
+        && blocks.at(TOTALS + CHUNKS) <= params.active
+        && blocks.at(TOTALS + REFS) <= params.level_refs;
+    lanes!(group, |lane| {
+        let before = move |sums: &[u32; SUMS], blocks: &[u32; BLOCK_SUMS], kind: u32| {
+            sums.at(kind * LANES + lane) + blocks.at(kind * BLOCKS + lane / BLOCK)
+        };
+        let mut pair = top_base + 2 * before(sums, blocks, PAIRS);
+        let mut slot = before(sums, blocks, ACTIVE);
+        let mut chunk = before(sums, blocks, CHUNKS);
+        let mut reference = before(sums, blocks, REFS);
+        let mut treelet = treelet_base + before(sums, blocks, TREELETS);
+        let mut treelet_ref = ref_base + before(sums, blocks, TREELET_REFS);
+        let mut i = 0;
+        while i < run && fits {
+            let k = lane * run + i;
+            if k < number {
+                let item = Item::load(active, k);
+                let plane = planes.at(k);
+                let size = sizes.at(k);
+                let is_leaf = plane.x == Node::LEAF;
+                let at = f32::from_bits(plane.y);
+                // The node itself as a leaf counts as one child that keeps the slot and the box.
+                let mut place = [0u32; 2];
+                let mut child = 0;
+                while child < 2 {
+                    let count = if child == 0 { size.x } else { size.y };
+                    let mut to = Item { node: item.node, first: treelet_ref, count, extra: depth, lo: item.lo, hi: item.hi };
+                    if !is_leaf {
+                        to.node = pair + child;
+                        to.extra = depth + 1;
+                        if child == 0 {
+                            to.hi = with(item.hi, plane.x, at);
+                        } else {
+                            to.lo = with(item.lo, plane.x, at);
+                        }
+                    }
+                    if !is_leaf && count > TREELET {
+                        to.first = reference;
+                        to.extra = chunk;
+                        to.store(next_active, slot);
+                        place.put(child, reference);
+                        let end = chunk + count.div_ceil(CHUNK);
+                        while chunk < end {
+                            next_chunks.put(chunk, slot);
+                            chunk += 1;
+                        }
+                        slot += 1;
+                        reference += count;
+                    } else if !is_leaf || child == 0 {
+                        to.store(treelets, treelet);
+                        place.put(child, treelet_ref | TO_TREELET);
+                        treelet += 1;
+                        treelet_ref += count;
+                    }
+                    child += 1;
+                }
+                if !is_leaf {
+                    let (word0, word1) = Node::inner(plane.x, at, pair).words();
+                    top.put(item.node, UVec2::new(word0, word1));
+                    pair += 2;
+                }
+                let mut target = UVec2::new(place.at(0), place.at(1));
+                let mut c = 0;
+                while c < item.count.div_ceil(CHUNK) {
+                    targets.put(item.extra + c, target);
+                    let both = sides.at(item.extra + c);
+                    target = UVec2::new(target.x + both.x, target.y + both.y);
+                    c += 1;
+                }
+            }
+            i += 1;
+        }
+    });
+    lanes!(group, |lane| {
+        if lane == 0 {
+            let (nodes, pieces, refs) = if fits {
+                (blocks.at(TOTALS + ACTIVE), blocks.at(TOTALS + CHUNKS), blocks.at(TOTALS + REFS))
+            } else {
+                (0, 0, 0)
+            };
+            next_level.put(LEVEL_ACTIVE, nodes);
+            next_level.put(LEVEL_CHUNKS, pieces);
+            next_level.put(LEVEL_REFS, refs);
+            next_level.put(LEVEL_DEPTH, depth + 1);
+            put_groups(next_args, ARGS_ACTIVE, nodes);
+            put_groups(next_args, ARGS_CHUNKS, pieces);
+            if fits {
+                state.put(STATE_TOP, top_base + 2 * blocks.at(TOTALS + PAIRS));
+                state.put(STATE_TREELETS, treelet_base + blocks.at(TOTALS + TREELETS));
+                state.put(STATE_TREELET_REFS, ref_base + blocks.at(TOTALS + TREELET_REFS));
+                if refs > state.at(STATE_PEAK) {
+                    state.put(STATE_PEAK, refs);
+                }
+                if number > 0 {
+                    state.put(STATE_DEPTH, depth);
+                }
+            } else {
+                let old = state.at(STATE_STATUS);
+                state.put(STATE_STATUS, old | status::CAPACITY);
+            }
+        }
+    });
+}
+
+/// Indirect arguments for a dispatch of `groups` workgroups.
+#[inline(always)]
+pub fn put_groups(args: &mut Buf<u32>, entry: u32, groups: u32) {
+    let wide = groups > GROUPS_X;
+    args.put(3 * entry, if wide { GROUPS_X } else { groups });
+    args.put(3 * entry + 1, if wide { groups.div_ceil(GROUPS_X) } else { 1 });
+    args.put(3 * entry + 2, 1);
+}
+
+kernel! {
+    /// [`alloc`] for one level; a single workgroup.
+    group ALLOC = alloc, threads 1024, shared [sums: SUMS, blocks: BLOCK_SUMS], {
+        0 params: read BuildParams, 1 level: read u32, 2 active: read UVec4, 3 planes: read UVec2,
+        4 sides: read UVec2, 5 targets: write UVec2, 6 sizes: write UVec2, 7 top: write UVec2,
+        8 next_level: write u32, 9 next_active: write UVec4, 10 next_chunks: write u32, 11 next_args: write u32,
+        12 treelets: write UVec4, 13 state: write u32,
+    }
+}

@@ -1,0 +1,201 @@
+//! Building the tree, in pipeline order.
+//!
+//! Large nodes are split level by level, every node of a level in parallel: [`bin`] counts references per bin,
+//! [`split`] chooses planes, [`count`] sizes the children, [`alloc`] gives every child its place, [`scatter`]
+//! moves the references there. Nodes of at most 32 references become treelets, each finished by one
+//! workgroup: [`treelet`] builds, [`place`] gives it its place, [`emit`] writes nodes and references.
+
+pub mod alloc;
+pub mod bin;
+pub mod count;
+pub mod emit;
+pub mod gather;
+pub mod place;
+pub mod scatter;
+pub mod split;
+pub mod top;
+pub mod treelet;
+
+use crate::{
+    glam::{UVec4, Vec3, Vec4},
+    math::abs,
+    mem::{Buf, Slots},
+};
+use raykd_shared::{BuildParams, Node};
+
+/// Words of a level's record: active nodes, chunks, references, level number.
+pub const LEVEL_ACTIVE: u32 = 0;
+/// Workgroups over the level's references.
+pub const LEVEL_CHUNKS: u32 = 1;
+/// References in the level's list.
+pub const LEVEL_REFS: u32 = 2;
+/// Depth of the level's nodes.
+pub const LEVEL_DEPTH: u32 = 3;
+/// Words of a level's record.
+pub const LEVEL_WORDS: u32 = 4;
+
+/// Words of the build's state: status bits, see [`raykd_shared::status`].
+pub const STATE_STATUS: u32 = 0;
+/// Nodes above the treelets.
+pub const STATE_TOP: u32 = 1;
+/// Treelets, single large leaves included.
+pub const STATE_TREELETS: u32 = 2;
+/// References handed to treelets.
+pub const STATE_TREELET_REFS: u32 = 3;
+/// Nodes of the whole tree.
+pub const STATE_NODES: u32 = 4;
+/// References of the whole tree.
+pub const STATE_REFS: u32 = 5;
+/// Depth of the deepest leaf.
+pub const STATE_DEPTH: u32 = 6;
+/// The longest list of references any level had.
+pub const STATE_PEAK: u32 = 7;
+/// Words of the build's state.
+pub const STATE_WORDS: u32 = 8;
+
+/// Entries of the indirect arguments of a level: a workgroup per active node.
+pub const ARGS_ACTIVE: u32 = 0;
+/// A workgroup per chunk.
+pub const ARGS_CHUNKS: u32 = 1;
+/// Words of the indirect arguments of a level.
+pub const ARGS_WORDS: u32 = 6;
+
+/// Extents below `2^-60` count as flat: areas stay clear of subnormals, and nothing is split there.
+const FLAT: f32 = crate::math::exp2(-60);
+
+/// A node or treelet in a list: three words of four.
+#[derive(Clone, Copy, Debug)]
+pub struct Item {
+    /// Its slot in the tree.
+    pub node: u32,
+    /// Where its references start.
+    pub first: u32,
+    /// How many it has.
+    pub count: u32,
+    /// Active node: its first chunk. Treelet: its depth.
+    pub extra: u32,
+    /// Lower corner of its box.
+    pub lo: Vec3,
+    /// Upper corner of its box.
+    pub hi: Vec3,
+}
+
+impl Item {
+    /// Reads item `i` of a list.
+    #[inline(always)]
+    pub fn load(list: &Buf<UVec4>, i: u32) -> Self {
+        let (head, lo, hi) = (list.at(3 * i), list.at(3 * i + 1), list.at(3 * i + 2));
+        Self { node: head.x, first: head.y, count: head.z, extra: head.w, lo: from_bits(lo), hi: from_bits(hi) }
+    }
+
+    /// Writes item `i` of a list.
+    #[inline(always)]
+    pub fn store(&self, list: &mut Buf<UVec4>, i: u32) {
+        list.put(3 * i, UVec4::new(self.node, self.first, self.count, self.extra));
+        list.put(3 * i + 1, to_bits(self.lo));
+        list.put(3 * i + 2, to_bits(self.hi));
+    }
+}
+
+#[inline(always)]
+fn from_bits(v: UVec4) -> Vec3 {
+    Vec3::new(f32::from_bits(v.x), f32::from_bits(v.y), f32::from_bits(v.z))
+}
+
+#[inline(always)]
+fn to_bits(v: Vec3) -> UVec4 {
+    UVec4::new(v.x.to_bits(), v.y.to_bits(), v.z.to_bits(), 0)
+}
+
+/// A plane that cuts a node.
+#[derive(Clone, Copy, Debug)]
+pub struct Plane {
+    /// Axis it is perpendicular to, or [`Node::LEAF`] for none: the node becomes a leaf.
+    pub axis: u32,
+    /// Its position.
+    pub at: f32,
+}
+
+/// The box of triangle `id`, on `axis`.
+#[inline(always)]
+pub fn extent(boxes: &Buf<Vec4>, id: u32, axis: u32) -> (f32, f32) {
+    let (lo, hi) = (boxes.at(2 * id), boxes.at(2 * id + 1));
+    if axis == 0 {
+        (lo.x, hi.x)
+    } else if axis == 1 {
+        (lo.y, hi.y)
+    } else {
+        (lo.z, hi.z)
+    }
+}
+
+/// Whether a reference with this extent belongs below the plane. One that lies in the plane does, and not above.
+#[inline(always)]
+pub fn is_below(lo: f32, hi: f32, at: f32) -> bool {
+    lo < at || hi <= at
+}
+
+/// Whether a reference with this extent belongs above the plane.
+#[inline(always)]
+pub fn is_above(hi: f32, at: f32) -> bool {
+    hi > at
+}
+
+/// Which children reference `id` goes to: bit 0 below, bit 1 above. A leaf keeps all its references below.
+#[inline(always)]
+pub fn side(boxes: &Buf<Vec4>, id: u32, plane: Plane) -> u32 {
+    if plane.axis == Node::LEAF {
+        1
+    } else {
+        let (lo, hi) = extent(boxes, id, plane.axis);
+        is_below(lo, hi, plane.at) as u32 | ((is_above(hi, plane.at) as u32) << 1)
+    }
+}
+
+/// The surface area heuristic in one node, with costs that scale with area (Wald & Havran 2006, equation 5).
+#[derive(Clone, Copy, Debug)]
+pub struct Sah {
+    lo: Vec3,
+    hi: Vec3,
+    step: f32,
+    test: f32,
+    /// Half the node's surface area.
+    area: f32,
+}
+
+/// An extent, 0 if flat.
+#[inline(always)]
+fn flat(d: f32) -> f32 {
+    if abs(d) < FLAT { 0.0 } else { d }
+}
+
+impl Sah {
+    /// For the box of a node.
+    #[inline(always)]
+    pub fn new(lo: Vec3, hi: Vec3, params: &BuildParams) -> Self {
+        let d = hi - lo;
+        let (x, y, z) = (flat(d.x), flat(d.y), flat(d.z));
+        Self { lo, hi, step: params.cost_step, test: params.cost_test, area: x * y + y * z + z * x }
+    }
+
+    /// Cost of the node as a leaf.
+    #[inline(always)]
+    pub fn leaf(&self, count: u32) -> f32 {
+        self.area * count as f32 * self.test
+    }
+
+    /// Cost of cutting it at `at` on `axis` into children of so many references; infinite unless the plane
+    /// lies strictly inside.
+    #[inline(always)]
+    pub fn cut(&self, axis: u32, at: f32, below: u32, above: u32) -> f32 {
+        let (lo, hi) = (crate::trace::frame::cycle(self.lo, axis), crate::trace::frame::cycle(self.hi, axis));
+        let (b, c) = (flat(hi.x - lo.x), flat(hi.y - lo.y));
+        let (girth, cap) = (b + c, b * c);
+        let area_below = flat(at - lo.z) * girth + cap;
+        let area_above = flat(hi.z - at) * girth + cap;
+        let cost = self.step * self.area
+            + (area_below * below as f32 * self.test + area_above * above as f32 * self.test);
+        let inside = lo.z < at && at < hi.z && hi.z - lo.z >= FLAT;
+        if inside { cost } else { f32::INFINITY }
+    }
+}

@@ -1,0 +1,107 @@
+//! Moves the references of a chunk to the children's lists, in order.
+
+use super::{Item, LEVEL_CHUNKS, Plane, STATE_STATUS, alloc::TO_TREELET, side};
+use crate::{
+    Group,
+    glam::{UVec2, UVec4, Vec4},
+    mem::{Buf, Slots},
+};
+use raykd_shared::limits::CHUNK;
+
+const LANES: u32 = 128;
+const WIDTH: usize = LANES as usize;
+// Two bits a reference must fit the word a lane keeps them in.
+const _: () = assert!(CHUNK <= 16 * LANES, "a lane keeps the sides of at most 16 references");
+
+/// Scatters chunk `group.id`. Each lane takes a run of references, so that runs in lane order keep the order.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+pub fn scatter(
+    group: Group,
+    kept: &mut [u32; WIDTH],
+    sums: &mut [u32; WIDTH],
+    level: &Buf<u32>,
+    active: &Buf<UVec4>,
+    chunks: &Buf<u32>,
+    refs: &Buf<u32>,
+    boxes: &Buf<Vec4>,
+    planes: &Buf<UVec2>,
+    targets: &Buf<UVec2>,
+    state: &Buf<u32>,
+    next: &mut Buf<u32>,
+    treelet_refs: &mut Buf<u32>,
+) {
+    if group.id < level.at(LEVEL_CHUNKS) && state.at(STATE_STATUS) == 0 {
+        let node = chunks.at(group.id);
+        let item = Item::load(active, node);
+        let plane = planes.at(node);
+        let plane = Plane { axis: plane.x, at: f32::from_bits(plane.y) };
+        let from = (group.id - item.extra) * CHUNK;
+        let rest = item.count - from;
+        let number = if rest < CHUNK { rest } else { CHUNK };
+        let run = number.div_ceil(LANES);
+        let start = item.first + from;
+        lanes!(group, |lane| {
+            let (mut bits, mut sum) = (0, 0);
+            let mut i = 0;
+            while i < run {
+                let at = lane * run + i;
+                if at < number {
+                    let s = side(boxes, refs.at(start + at), plane);
+                    bits |= s << (2 * i);
+                    sum += (s & 1) | ((s >> 1) << 16);
+                }
+                i += 1;
+            }
+            kept.put(lane, bits);
+            sums.put(lane, sum);
+        });
+        let target = targets.at(group.id);
+        lanes!(group, |lane| {
+            if lane * run < number {
+                let mut before = 0;
+                let mut j = 0;
+                while j < lane {
+                    before += sums.at(j);
+                    j += 1;
+                }
+                let bits = kept.at(lane);
+                let mut below = (target.x & !TO_TREELET) + (before & 0xFFFF);
+                let mut above = (target.y & !TO_TREELET) + (before >> 16);
+                let mut i = 0;
+                while i < run {
+                    let at = lane * run + i;
+                    let s = bits >> (2 * i);
+                    if at < number && (s & 3) != 0 {
+                        let id = refs.at(start + at);
+                        if (s & 1) != 0 {
+                            if (target.x & TO_TREELET) != 0 {
+                                treelet_refs.put(below, id);
+                            } else {
+                                next.put(below, id);
+                            }
+                            below += 1;
+                        }
+                        if (s & 2) != 0 {
+                            if (target.y & TO_TREELET) != 0 {
+                                treelet_refs.put(above, id);
+                            } else {
+                                next.put(above, id);
+                            }
+                            above += 1;
+                        }
+                    }
+                    i += 1;
+                }
+            }
+        });
+    }
+}
+
+kernel! {
+    /// [`scatter`] over all chunks of a level.
+    group SCATTER = scatter, threads 128, shared [kept: WIDTH, sums: WIDTH], {
+        0 level: read u32, 1 active: read UVec4, 2 chunks: read u32, 3 refs: read u32, 4 boxes: read Vec4,
+        5 planes: read UVec2, 6 targets: read UVec2, 7 state: read u32, 8 next: write u32,
+        9 treelet_refs: write u32,
+    }
+}

@@ -1,0 +1,115 @@
+//! The cheapest plane of every active node, over the bin borders of all three axes.
+
+use super::{Item, LEVEL_ACTIVE, LEVEL_DEPTH, Sah, bin::HIST_WORDS};
+use crate::{
+    Group,
+    glam::{UVec2, UVec4},
+    mem::{Buf, Slots},
+    trace::frame::component,
+};
+use raykd_shared::{
+    BuildParams, Node,
+    limits::{BINS, CHUNK},
+};
+
+const WORDS: usize = HIST_WORDS as usize;
+const LANES: usize = BINS as usize;
+
+/// Position of the border below bin `i`.
+#[inline(always)]
+fn border(lo: f32, hi: f32, i: u32) -> f32 {
+    lo + (hi - lo) * (1.0 / BINS as f32) * i as f32
+}
+
+/// Chooses the plane of active node `group.id`: one lane a bin border, ties to the lowest border, then axis.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+pub fn split(
+    group: Group,
+    starts: &mut [u32; WORDS],
+    ends: &mut [u32; WORDS],
+    costs: &mut [u32; LANES],
+    axes: &mut [u32; LANES],
+    params: &Buf<BuildParams>,
+    level: &Buf<u32>,
+    active: &Buf<UVec4>,
+    hists: &Buf<u32>,
+    planes: &mut Buf<UVec2>,
+) {
+    if group.id < level.at(LEVEL_ACTIVE) {
+        let params = params.at(0);
+        let item = Item::load(active, group.id);
+        let chunks = item.count.div_ceil(CHUNK);
+        lanes!(group, |lane| {
+            let mut axis = 0;
+            while axis < 3 {
+                let word = axis * BINS + lane;
+                let (mut start, mut end) = (0, 0);
+                let mut c = 0;
+                while c < chunks {
+                    let both = hists.at((item.extra + c) * HIST_WORDS + word);
+                    start += both & 0xFFFF;
+                    end += both >> 16;
+                    c += 1;
+                }
+                starts.put(word, start);
+                ends.put(word, end);
+                axis += 1;
+            }
+        });
+        let sah = Sah::new(item.lo, item.hi, &params);
+        lanes!(group, |lane| {
+            let mut best = f32::INFINITY;
+            let mut best_axis = Node::LEAF;
+            let mut axis = 0;
+            while axis < 3 {
+                let (mut below, mut above) = (0, 0);
+                let mut b = 0;
+                while b < BINS {
+                    if b < lane {
+                        below += starts.at(axis * BINS + b);
+                    } else {
+                        above += ends.at(axis * BINS + b);
+                    }
+                    b += 1;
+                }
+                let at = border(component(item.lo, axis), component(item.hi, axis), lane);
+                let cost = sah.cut(axis, at, below, above);
+                if cost < best {
+                    best = cost;
+                    best_axis = axis;
+                }
+                axis += 1;
+            }
+            costs.put(lane, best.to_bits());
+            axes.put(lane, best_axis);
+        });
+        lanes!(group, |lane| {
+            if lane == 0 {
+                let mut best = sah.leaf(item.count);
+                let mut plane = UVec2::new(Node::LEAF, 0);
+                if level.at(LEVEL_DEPTH) < params.max_depth {
+                    let mut b = 0;
+                    while b < BINS {
+                        let cost = f32::from_bits(costs.at(b));
+                        if cost < best {
+                            best = cost;
+                            let axis = axes.at(b);
+                            let at = border(component(item.lo, axis), component(item.hi, axis), b);
+                            plane = UVec2::new(axis, at.to_bits());
+                        }
+                        b += 1;
+                    }
+                }
+                planes.put(group.id, plane);
+            }
+        });
+    }
+}
+
+kernel! {
+    /// [`split`] over all active nodes of a level.
+    group SPLIT = split, threads 32, shared [starts: WORDS, ends: WORDS, costs: LANES, axes: LANES], {
+        0 params: read BuildParams, 1 level: read u32, 2 active: read UVec4, 3 hists: read u32,
+        4 planes: write UVec2,
+    }
+}

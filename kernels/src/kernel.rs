@@ -1,0 +1,231 @@
+//! What makes one function body a kernel on both machines: the workgroup, `lanes!` and `kernel!`.
+
+/// The workgroup a group kernel runs for.
+#[derive(Clone, Copy, Debug)]
+pub struct Group {
+    /// Number of this workgroup in its dispatch.
+    pub id: u32,
+    /// This invocation's lane.
+    #[cfg(target_arch = "spirv")]
+    pub lane: u32,
+    /// Lanes in the group.
+    #[cfg(not(target_arch = "spirv"))]
+    pub width: u32,
+    /// The order in which the CPU visits them.
+    #[cfg(not(target_arch = "spirv"))]
+    pub order: Order,
+}
+
+#[cfg(target_arch = "spirv")]
+impl Group {
+    /// Waits for all lanes; what they wrote to workgroup memory is then seen by all.
+    #[inline(always)]
+    pub fn barrier(&self) {
+        spirv_std::arch::workgroup_memory_barrier_with_group_sync()
+    }
+}
+
+/// The order in which the CPU runs the lanes between two barriers. Kernels must not depend on it, and tests
+/// run them in several orders to show that.
+#[cfg(not(target_arch = "spirv"))]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Order {
+    /// 0, 1, 2, …
+    #[default]
+    Forward,
+    /// …, 2, 1, 0
+    Reverse,
+    /// A permutation drawn from this seed.
+    Shuffled(u32),
+}
+
+#[cfg(not(target_arch = "spirv"))]
+impl Group {
+    /// The lanes of the group in the group's order.
+    #[inline(always)]
+    pub fn lanes(&self) -> impl Iterator<Item = u32> + use<> {
+        // An odd multiplier permutes the residues of a power of two.
+        let (mul, add) = match self.order {
+            Order::Forward => (1, 0),
+            Order::Reverse => (u32::MAX, u32::MAX),
+            Order::Shuffled(seed) => (seed | 1, (seed ^ self.id).wrapping_mul(0x9E37_79B9) >> 7),
+        };
+        let mask = self.width - 1;
+        (0..self.width).map(move |i| i.wrapping_mul(mul).wrapping_add(add) & mask)
+    }
+}
+
+/// Runs a block once per lane and then lets all lanes meet: on the GPU this lane's turn and a barrier, on the
+/// CPU a loop. Within a block no lane may read what another lane writes; nothing a lane computes in a private
+/// variable survives the block, so everything that must goes to workgroup memory. Code between blocks is run
+/// by every lane and must compute the same for all.
+#[macro_export]
+macro_rules! lanes {
+    ($group:expr, |$lane:ident| $body:block) => {
+        #[cfg(target_arch = "spirv")]
+        {
+            let $lane = $group.lane;
+            $body
+            $group.barrier();
+        }
+        #[cfg(not(target_arch = "spirv"))]
+        for $lane in $group.lanes() $body
+    };
+}
+
+/// How a kernel uses a buffer.
+#[cfg(not(target_arch = "spirv"))]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Access {
+    /// Only read; on the GPU declared `NonWritable`.
+    Read,
+    /// Written, perhaps read too.
+    Write,
+}
+
+/// One buffer a kernel binds; its binding number is its place in [`Kernel::slots`].
+#[cfg(not(target_arch = "spirv"))]
+#[derive(Clone, Copy, Debug)]
+pub struct Slot {
+    /// The kernel's name for it.
+    pub name: &'static str,
+    /// How it is used.
+    pub access: Access,
+    /// Bytes per element.
+    pub stride: usize,
+}
+
+/// A buffer handed to a kernel on the CPU.
+#[cfg(not(target_arch = "spirv"))]
+#[derive(Clone, Copy, Debug)]
+pub struct RawBuf {
+    /// Start, aligned to 16 bytes.
+    pub ptr: *mut u8,
+    /// Bytes.
+    pub len: usize,
+}
+
+/// A kernel as the host dispatches it.
+#[cfg(not(target_arch = "spirv"))]
+#[derive(Clone, Copy, Debug)]
+pub struct Kernel {
+    /// Path of the entry point, crate name first.
+    pub path: &'static str,
+    /// Lanes per workgroup.
+    pub threads: u32,
+    /// Map kernels run one invocation per index, group kernels one workgroup per group.
+    pub slots: &'static [Slot],
+    /// Runs one workgroup on the CPU.
+    ///
+    /// # Safety
+    /// One [`RawBuf`] per slot, aligned to 16 bytes, valid while the call runs, writable where the slot says
+    /// so; concurrent calls must be workgroups of the same dispatch, with different ids.
+    pub run: unsafe fn(Group, &[RawBuf]),
+}
+
+#[cfg(not(target_arch = "spirv"))]
+impl Kernel {
+    /// Name of the SPIR-V entry point: the path without the crate, as rust-gpu names it.
+    pub fn entry_point(&self) -> &'static str {
+        self.path.split_once("::").map_or(self.path, |(_, rest)| rest)
+    }
+
+    /// Short name: the file the kernel lives in.
+    pub fn name(&self) -> &'static str {
+        self.path.rsplit("::").nth(1).unwrap_or(self.path)
+    }
+}
+
+#[cfg(target_arch = "spirv")]
+macro_rules! slot {
+    (read $t:ty) => { &$crate::mem::Buf<$t> };
+    (write $t:ty) => { &mut $crate::mem::Buf<$t> };
+}
+
+#[cfg(not(target_arch = "spirv"))]
+macro_rules! slot {
+    (access read) => { $crate::Access::Read };
+    (access write) => { $crate::Access::Write };
+    (pass read $b:ident) => { &$b };
+    (pass write $b:ident) => { &mut $b };
+}
+
+/// Declares a kernel: a SPIR-V entry point on the GPU, a [`Kernel`] constant on the CPU.
+macro_rules! kernel {
+    ($(#[$doc:meta])* map $name:ident = $body:path, threads $n:tt,
+     { $($b:tt $arg:ident: $mode:ident $t:ty),+ $(,)? }) => {
+        $(#[$doc])*
+        #[cfg(target_arch = "spirv")]
+        #[spirv_std::spirv(compute(threads($n), signed_zero_inf_nan_preserve = 32, rounding_mode_rte = 32))]
+        pub fn entry(
+            #[spirv(workgroup_id)] group: $crate::glam::UVec3,
+            #[spirv(num_workgroups)] groups: $crate::glam::UVec3,
+            #[spirv(local_invocation_index)] lane: u32,
+            $(#[spirv(storage_buffer, descriptor_set = 0, binding = $b)] $arg: slot!($mode $t)),+
+        ) {
+            $body((group.y * groups.x + group.x) * $n + lane, $($arg),+);
+        }
+
+        $(#[$doc])*
+        #[cfg(not(target_arch = "spirv"))]
+        pub const $name: $crate::Kernel = $crate::Kernel {
+            path: concat!(module_path!(), "::entry"),
+            threads: $n,
+            slots: &[$($crate::Slot {
+                name: stringify!($arg), access: slot!(access $mode), stride: size_of::<$t>(),
+            }),+],
+            run: |group, buffers| {
+                $(
+                    let raw = buffers[$b];
+                    // SAFETY: the contract of `Kernel::run` is that of `Buf::new`.
+                    #[allow(unused_mut, reason = "buffers that are only read are passed by & below")]
+                    let mut $arg = unsafe {
+                        $crate::mem::Buf::<$t>::new(raw.ptr.cast(), raw.len / size_of::<$t>())
+                    };
+                )+
+                for lane in group.lanes() {
+                    $body(group.id * $n + lane, $(slot!(pass $mode $arg)),+);
+                }
+            },
+        };
+    };
+    ($(#[$doc:meta])* group $name:ident = $body:path, threads $n:tt, shared [$($sh:ident: $len:expr),*],
+     { $($b:tt $arg:ident: $mode:ident $t:ty),+ $(,)? }) => {
+        $(#[$doc])*
+        #[cfg(target_arch = "spirv")]
+        #[spirv_std::spirv(compute(threads($n), signed_zero_inf_nan_preserve = 32, rounding_mode_rte = 32))]
+        pub fn entry(
+            #[spirv(workgroup_id)] group: $crate::glam::UVec3,
+            #[spirv(num_workgroups)] groups: $crate::glam::UVec3,
+            #[spirv(local_invocation_index)] lane: u32,
+            $(#[spirv(workgroup)] $sh: &mut [u32; $len],)*
+            $(#[spirv(storage_buffer, descriptor_set = 0, binding = $b)] $arg: slot!($mode $t)),+
+        ) {
+            let group = $crate::Group { id: group.y * groups.x + group.x, lane };
+            $body(group, $($sh,)* $($arg),+);
+        }
+
+        $(#[$doc])*
+        #[cfg(not(target_arch = "spirv"))]
+        pub const $name: $crate::Kernel = $crate::Kernel {
+            path: concat!(module_path!(), "::entry"),
+            threads: $n,
+            slots: &[$($crate::Slot {
+                name: stringify!($arg), access: slot!(access $mode), stride: size_of::<$t>(),
+            }),+],
+            run: |group, buffers| {
+                $(
+                    let raw = buffers[$b];
+                    // SAFETY: the contract of `Kernel::run` is that of `Buf::new`.
+                    #[allow(unused_mut, reason = "buffers that are only read are passed by & below")]
+                    let mut $arg = unsafe {
+                        $crate::mem::Buf::<$t>::new(raw.ptr.cast(), raw.len / size_of::<$t>())
+                    };
+                )+
+                // Workgroup memory starts as garbage on a GPU, so it does here.
+                $(let mut $sh = [0xDEAD_BEEFu32; $len];)*
+                $body(group, $(&mut $sh,)* $(slot!(pass $mode $arg)),+);
+            },
+        };
+    };
+}

@@ -1,0 +1,59 @@
+//! The kernels of raykd: one body each, for both machines.
+//!
+//! A kernel body is an ordinary function over buffers ([`mem::Buf`]). Two forms cover everything:
+//!
+//! * a **map** kernel is a function of one index: one invocation, one slot;
+//! * a **group** kernel is a function of one workgroup whose steps are written in [`lanes!`](crate::lanes)
+//!   blocks: on the GPU a block is one lane's work followed by a barrier, on the CPU a loop over all lanes.
+//!
+//! `kernel!` turns a body into a SPIR-V entry point (by rust-gpu) and, on the CPU, into a [`Kernel`] that the
+//! host dispatches. Both come from one declaration, so bindings cannot disagree.
+//!
+//! # Rules for results that must agree to the bit
+//! `+ - *`, comparisons and exact conversions on `f32` only; quotients by [`math::div`]; no `min`/`max` methods;
+//! no float reduction whose order a scheduler decides; no atomic append: count, scan, scatter.
+//! `cargo xtask kernels` refuses SPIR-V that breaks the first three.
+#![no_std]
+
+#[macro_use]
+mod kernel;
+pub mod math;
+pub mod mem;
+
+pub mod build;
+pub mod probe;
+pub mod trace;
+
+pub use kernel::Group;
+#[cfg(not(target_arch = "spirv"))]
+pub use kernel::{Access, Kernel, Order, RawBuf, Slot};
+
+#[cfg(not(target_arch = "spirv"))]
+pub use glam;
+#[cfg(target_arch = "spirv")]
+pub use spirv_std::glam;
+
+/// Every kernel, in pipeline order.
+#[cfg(not(target_arch = "spirv"))]
+pub const ALL: &[&Kernel] = &[
+    &probe::PROBE,
+    &build::gather::GATHER,
+    &build::bin::BIN,
+    &build::split::SPLIT,
+    &build::count::COUNT,
+    &build::alloc::ALLOC,
+    &build::scatter::SCATTER,
+    &build::treelet::TREELETS,
+    &build::place::PLACE,
+    &build::top::TOP,
+    &build::emit::EMIT,
+    &trace::closest::CLOSEST,
+    &trace::any::ANY,
+    &trace::steps::STEPS,
+    &trace::brute::BRUTE,
+];
+
+/// All kernels as one SPIR-V module, made by `cargo xtask kernels`; its entry points are
+/// [`Kernel::entry_point`].
+#[cfg(not(target_arch = "spirv"))]
+pub const SPIRV: &[u8] = include_bytes!("../spv/raykd.spv");

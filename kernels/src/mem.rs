@@ -1,0 +1,177 @@
+//! Buffers and workgroup memory as kernels see them on both machines.
+
+/// A storage buffer. On the GPU a slice; on the CPU a view that several workgroups may hold at once.
+#[cfg(target_arch = "spirv")]
+pub type Buf<T> = [T];
+
+/// A storage buffer. On the GPU a slice; on the CPU a view that several workgroups may hold at once.
+///
+/// No `&mut` to the elements ever exists: reads and writes go through a raw pointer, one element at a time.
+#[cfg(not(target_arch = "spirv"))]
+#[derive(Debug)]
+pub struct Buf<T> {
+    ptr: *mut T,
+    len: usize,
+}
+
+#[cfg(not(target_arch = "spirv"))]
+impl<T> Buf<T> {
+    /// A view of `len` elements at `ptr`.
+    ///
+    /// # Safety
+    /// While the view lives, `ptr` must be valid for reads of `len` elements, and for writes if the kernel
+    /// writes through it; and no element may be written by one workgroup while another reads or writes it.
+    /// That is the contract every kernel keeps: a slot has one writer per dispatch.
+    pub const unsafe fn new(ptr: *mut T, len: usize) -> Self {
+        Self { ptr, len }
+    }
+}
+
+/// Element access, checked on the CPU. On the GPU the device's robust buffer access bounds it.
+pub trait Slots<T: Copy> {
+    /// Reads element `i`.
+    fn at(&self, i: u32) -> T;
+    /// Writes element `i`.
+    fn put(&mut self, i: u32, value: T);
+}
+
+/// Atomic access for the few words that several workgroups touch; all operations commute.
+pub trait Atomics {
+    /// Adds to word `i`.
+    fn add(&mut self, i: u32, value: u32);
+    /// Sets bits of word `i`.
+    fn or(&mut self, i: u32, value: u32);
+}
+
+#[cfg(target_arch = "spirv")]
+mod gpu {
+    use super::{Atomics, Slots};
+    use spirv_std::arch::IndexUnchecked;
+    use spirv_std::memory::{Scope, Semantics};
+
+    const SCOPE: u32 = Scope::QueueFamily as u32;
+    const NONE: u32 = Semantics::NONE.bits();
+
+    impl<T: Copy> Slots<T> for [T] {
+        #[inline(always)]
+        fn at(&self, i: u32) -> T {
+            unsafe { *self.index_unchecked(i as usize) }
+        }
+        #[inline(always)]
+        fn put(&mut self, i: u32, value: T) {
+            unsafe { *self.index_unchecked_mut(i as usize) = value }
+        }
+    }
+
+    impl Atomics for [u32] {
+        #[inline(always)]
+        fn add(&mut self, i: u32, value: u32) {
+            unsafe {
+                spirv_std::arch::atomic_i_add::<u32, SCOPE, NONE>(self.index_unchecked_mut(i as usize), value);
+            }
+        }
+        #[inline(always)]
+        fn or(&mut self, i: u32, value: u32) {
+            unsafe {
+                spirv_std::arch::atomic_or::<u32, SCOPE, NONE>(self.index_unchecked_mut(i as usize), value);
+            }
+        }
+    }
+
+    impl<T: Copy, const N: usize> Slots<T> for [T; N] {
+        #[inline(always)]
+        fn at(&self, i: u32) -> T {
+            unsafe { *self.index_unchecked(i as usize) }
+        }
+        #[inline(always)]
+        fn put(&mut self, i: u32, value: T) {
+            unsafe { *self.index_unchecked_mut(i as usize) = value }
+        }
+    }
+
+    impl<const N: usize> Atomics for [u32; N] {
+        #[inline(always)]
+        fn add(&mut self, i: u32, value: u32) {
+            unsafe {
+                spirv_std::arch::atomic_i_add::<u32, { Scope::Workgroup as u32 }, NONE>(
+                    self.index_unchecked_mut(i as usize),
+                    value,
+                );
+            }
+        }
+        #[inline(always)]
+        fn or(&mut self, i: u32, value: u32) {
+            unsafe {
+                spirv_std::arch::atomic_or::<u32, { Scope::Workgroup as u32 }, NONE>(
+                    self.index_unchecked_mut(i as usize),
+                    value,
+                );
+            }
+        }
+    }
+}
+
+#[cfg(not(target_arch = "spirv"))]
+mod cpu {
+    use super::{Atomics, Buf, Slots};
+    use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
+
+    impl<T> Buf<T> {
+        #[inline(always)]
+        fn slot(&self, i: u32) -> *mut T {
+            let i = i as usize;
+            assert!(i < self.len, "index {i} in a buffer of {}", self.len);
+            // SAFETY: i is below len, and `new` promised len elements.
+            unsafe { self.ptr.add(i) }
+        }
+    }
+
+    impl<T: Copy> Slots<T> for Buf<T> {
+        #[inline(always)]
+        fn at(&self, i: u32) -> T {
+            // SAFETY: in bounds; `new` promised that nobody writes this element now.
+            unsafe { self.slot(i).read() }
+        }
+        #[inline(always)]
+        fn put(&mut self, i: u32, value: T) {
+            // SAFETY: in bounds; `new` promised that nobody else touches this element now.
+            unsafe { self.slot(i).write(value) }
+        }
+    }
+
+    impl Atomics for Buf<u32> {
+        #[inline(always)]
+        fn add(&mut self, i: u32, value: u32) {
+            // SAFETY: in bounds and aligned; words used atomically are used only so within a dispatch.
+            unsafe { AtomicU32::from_ptr(self.slot(i)) }.fetch_add(value, Relaxed);
+        }
+        #[inline(always)]
+        fn or(&mut self, i: u32, value: u32) {
+            // SAFETY: as above.
+            unsafe { AtomicU32::from_ptr(self.slot(i)) }.fetch_or(value, Relaxed);
+        }
+    }
+
+    // Workgroup memory belongs to one CPU thread, which runs the lanes in turn: plain arithmetic is atomic.
+    impl<T: Copy, const N: usize> Slots<T> for [T; N] {
+        #[inline(always)]
+        fn at(&self, i: u32) -> T {
+            self[i as usize]
+        }
+        #[inline(always)]
+        fn put(&mut self, i: u32, value: T) {
+            self[i as usize] = value;
+        }
+    }
+
+    impl<const N: usize> Atomics for [u32; N] {
+        #[inline(always)]
+        fn add(&mut self, i: u32, value: u32) {
+            self[i as usize] = self[i as usize].wrapping_add(value);
+        }
+        #[inline(always)]
+        fn or(&mut self, i: u32, value: u32) {
+            self[i as usize] |= value;
+        }
+    }
+}

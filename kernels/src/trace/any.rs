@@ -1,0 +1,40 @@
+//! Any hit, for shadows by stack traversal.
+
+use super::{JOB_RAYS, OUTCOME_STATUS, load, record, stack::{Steps, walk}};
+use crate::{
+    glam::{UVec2, UVec4, Vec4},
+    mem::{Atomics, Buf, Slots},
+};
+use raykd_shared::{TreeHeader, status};
+
+/// Answers ray `i`.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+pub fn any(
+    i: u32,
+    job: &Buf<u32>,
+    header: &Buf<TreeHeader>,
+    nodes: &Buf<UVec2>,
+    refs: &Buf<u32>,
+    triangles: &Buf<Vec4>,
+    rays: &Buf<Vec4>,
+    hits: &mut Buf<UVec4>,
+    outcome: &mut Buf<u32>,
+) {
+    if i < job.at(JOB_RAYS) {
+        let ray = load(i, rays, &header.at(0), outcome);
+        let mut steps = Steps::default();
+        let best = walk::<true>(&ray, nodes, refs, triangles, &mut steps);
+        hits.put(i, record(&ray, &best));
+        if steps.overflow {
+            outcome.or(OUTCOME_STATUS, status::STACK);
+        }
+    }
+}
+
+kernel! {
+    /// [`any`] over all rays.
+    map ANY = any, threads 64, {
+        0 job: read u32, 1 header: read TreeHeader, 2 nodes: read UVec2, 3 refs: read u32,
+        4 triangles: read Vec4, 5 rays: read Vec4, 6 hits: write UVec4, 7 outcome: write u32,
+    }
+}

@@ -1,0 +1,159 @@
+//! One ray made ready: scaled, with exact reciprocals, and with the pad that makes traversal conservative.
+//!
+//! # Why nothing is missed
+//! The triangle test works on vertices that were translated and sheared in `f32`. Their rounding moves each
+//! vertex by at most `8 * 2^-24 * M` in the plane across the ray, with `M` the largest distance along an axis
+//! from the origin to a corner of the scene. So a hit lies within that of its triangle, and it is accepted only
+//! at a `t` at which the ray is within [`CLAUSE`] `* M` of the triangle's box (clamping moves `t` there).
+//! Traversal widens every interval by [`PAD`] `* M`, twice as much, which also covers the rounding of
+//! `(split - origin) * inverse`. Hence each accepted hit lies in the interval of some leaf that lists its
+//! triangle, whatever the tree looks like: traversal and brute force give the same bytes.
+
+use crate::{
+    glam::{Vec3, Vec4},
+    math::{abs, div, exp2, exponent, high, ldexp, low},
+};
+use raykd_shared::TreeHeader;
+
+/// Half width, in units of `M`, of what a splitting plane counts as.
+pub const PAD: f32 = exp2(-19);
+
+/// How far outside its triangle's box, in units of `M`, a hit may lie.
+pub const CLAUSE: f32 = exp2(-20);
+
+/// Direction components smaller than this fraction of the largest are taken as this fraction: over the
+/// scene's length the ray then strays less than `PAD` by far.
+const STEEPEST: i32 = 40;
+
+/// Origins are accepted up to this power of two (in scaled units, where scenes are at most `2^20` wide).
+const FARTHEST: i32 = 30;
+
+/// A ray in the form traversal and triangle test need.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame {
+    /// Origin, scaled as the scene is.
+    pub origin: Vec3,
+    /// Reciprocals of the direction's components, of size `2^-1` to `2^40`, never infinite.
+    pub inverse: Vec3,
+    /// `PAD * M`.
+    pub pad: f32,
+    /// Axis of the largest direction component.
+    pub main: u32,
+    /// Shear along the two other axes, in cyclic order.
+    pub shear_x: f32,
+    /// See `shear_x`.
+    pub shear_y: f32,
+    /// The first `t` inside scene and ray, scaled.
+    pub enter: f32,
+    /// The last such `t`; smaller than `enter` if there is none.
+    pub exit: f32,
+    /// Smallest `t` that counts, scaled.
+    pub t_min: f32,
+    /// Largest `t` that counts, scaled.
+    pub t_max: f32,
+    /// Scaled `t` is `t * 2^stretch`.
+    pub stretch: i32,
+    /// Whether the ray is one: finite, non-zero direction, origin in range.
+    pub valid: bool,
+}
+
+/// The component of a vector on an axis.
+#[inline(always)]
+pub fn component(v: Vec3, axis: u32) -> f32 {
+    if axis == 0 {
+        v.x
+    } else if axis == 1 {
+        v.y
+    } else {
+        v.z
+    }
+}
+
+/// A vector with `axis` moved last, the others in cyclic order.
+#[inline(always)]
+pub fn cycle(v: Vec3, axis: u32) -> Vec3 {
+    if axis == 0 {
+        Vec3::new(v.y, v.z, v.x)
+    } else if axis == 1 {
+        Vec3::new(v.z, v.x, v.y)
+    } else {
+        v
+    }
+}
+
+/// The reciprocal of a direction component of size at most 2, kept finite.
+#[inline(always)]
+fn reciprocal(d: f32) -> f32 {
+    let steep = abs(d) < exp2(-STEEPEST);
+    let signed = f32::from_bits((d.to_bits() & 0x8000_0000) | exp2(-STEEPEST).to_bits());
+    div(1.0, if steep { signed } else { d })
+}
+
+/// The larger of `limit` and where the ray enters (`near`) or the smaller and where it leaves the slab
+/// `lo..hi`, each widened by `slack` in space.
+#[inline(always)]
+pub fn slab(lo: f32, hi: f32, origin: f32, inverse: f32, slack: f32, enter: f32, exit: f32) -> (f32, f32) {
+    let to_lo = (lo - origin) * inverse;
+    let to_hi = (hi - origin) * inverse;
+    let wide = slack * abs(inverse);
+    let near = if inverse < 0.0 { to_hi } else { to_lo };
+    let far = if inverse < 0.0 { to_lo } else { to_hi };
+    (high(enter, near - wide), low(exit, far + wide))
+}
+
+impl Frame {
+    /// Prepares the ray in two words of four, as buffers hold it: origin and `direction.x`; `direction.y`,
+    /// `direction.z`, `t_min`, `t_max`.
+    pub fn new(first: Vec4, second: Vec4, header: &TreeHeader) -> Self {
+        let direction = Vec3::new(first.w, second.x, second.y);
+        let (dx, dy, dz) = (exponent(direction.x), exponent(direction.y), exponent(direction.z));
+        let mut top = if dy > dx { dy } else { dx };
+        top = if dz > top { dz } else { top };
+        let scale = exponent(header.scale);
+        let d = Vec3::new(ldexp(direction.x, -top), ldexp(direction.y, -top), ldexp(direction.z, -top));
+        let origin = Vec3::new(ldexp(first.x, scale), ldexp(first.y, scale), ldexp(first.z, scale));
+        let (ox, oy, oz) = (exponent(origin.x), exponent(origin.y), exponent(origin.z));
+        let number = second.z == second.z && second.w == second.w;
+        let valid =
+            top > -127 && top < 128 && number && ox < FARTHEST && oy < FARTHEST && oz < FARTHEST;
+        // An invalid ray goes on as a harmless one, to keep the numbers below finite.
+        let d = if valid { d } else { Vec3::new(1.0, 0.0, 0.0) };
+        let origin = if valid { origin } else { Vec3::ZERO };
+
+        let mut main = 0;
+        if abs(d.y) > abs(d.x) {
+            main = 1;
+        }
+        if abs(d.z) > abs(component(d, main)) {
+            main = 2;
+        }
+        let inverse = Vec3::new(reciprocal(d.x), reciprocal(d.y), reciprocal(d.z));
+        let turned = cycle(d, main);
+        let along = component(inverse, main);
+        let (lo, hi) = (header.lo, header.hi);
+        let mut far = high(abs(lo[0] - origin.x), abs(hi[0] - origin.x));
+        far = high(far, high(abs(lo[1] - origin.y), abs(hi[1] - origin.y)));
+        far = high(far, high(abs(lo[2] - origin.z), abs(hi[2] - origin.z)));
+        let pad = PAD * far;
+        let stretch = scale + top;
+        let t_min = ldexp(second.z, stretch);
+        let t_max = ldexp(second.w, stretch);
+        let (enter, exit) = slab(lo[0], hi[0], origin.x, inverse.x, pad, t_min, t_max);
+        let (enter, exit) = slab(lo[1], hi[1], origin.y, inverse.y, pad, enter, exit);
+        let (enter, exit) = slab(lo[2], hi[2], origin.z, inverse.z, pad, enter, exit);
+        Self {
+            origin,
+            inverse,
+            pad,
+            main,
+            shear_x: turned.x * along,
+            shear_y: turned.y * along,
+            enter,
+            exit,
+            t_min,
+            t_max,
+            stretch,
+            valid,
+        }
+    }
+}

@@ -1,0 +1,60 @@
+//! Tracing rays: one ray an invocation.
+
+pub mod any;
+pub mod brute;
+pub mod closest;
+pub mod frame;
+pub mod stack;
+pub mod steps;
+pub mod triangle;
+
+use crate::{
+    glam::{UVec4, Vec4},
+    math::{div, ldexp},
+    mem::{Atomics, Buf, Slots},
+};
+use frame::Frame;
+use raykd_shared::{MISS, TreeHeader};
+use triangle::Best;
+
+/// Words of the job record: how many rays this dispatch has.
+pub const JOB_RAYS: u32 = 0;
+/// How many references the brute-force kernel goes through.
+pub const JOB_REFS: u32 = 1;
+/// Words of the job record.
+pub const JOB_WORDS: u32 = 4;
+
+/// Words of the outcome record: status bits, see [`raykd_shared::status`].
+pub const OUTCOME_STATUS: u32 = 0;
+/// How many rays were none: NaN, infinite or zero direction, origin out of range.
+pub const OUTCOME_INVALID: u32 = 1;
+/// Words of the outcome record.
+pub const OUTCOME_WORDS: u32 = 4;
+
+/// No hit yet.
+pub const NOTHING: Best = Best { t: f32::INFINITY, triangle: MISS, u: 0.0, v: 0.0, det: 1.0 };
+
+/// Loads and prepares ray `i`, and counts it if it is none.
+#[inline(always)]
+fn load(i: u32, rays: &Buf<Vec4>, header: &TreeHeader, outcome: &mut Buf<u32>) -> Frame {
+    let ray = Frame::new(rays.at(2 * i), rays.at(2 * i + 1), header);
+    if !ray.valid {
+        outcome.add(OUTCOME_INVALID, 1);
+    }
+    ray
+}
+
+/// The hit record of a finished ray: triangle, `t`, `u`, `v`.
+#[inline(always)]
+fn record(ray: &Frame, best: &Best) -> UVec4 {
+    if best.triangle == MISS {
+        UVec4::new(MISS, 0, 0, 0)
+    } else {
+        UVec4::new(
+            best.triangle,
+            ldexp(best.t, -ray.stretch).to_bits(),
+            div(best.u, best.det).to_bits(),
+            div(best.v, best.det).to_bits(),
+        )
+    }
+}

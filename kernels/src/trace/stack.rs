@@ -1,0 +1,108 @@
+//! Traversal with a full private stack (Hapala & Havran 2011, section 3; entries of two values after
+//! Zlatuška & Havran 2010).
+//!
+//! Traps avoided: a direction component of 0 has a large finite reciprocal, so `0 * inf` cannot arise; a plane
+//! counts as `2 * pad` thick, so an origin on it, or a hit in it, is in both children; a hit is never rejected
+//! for lying outside the leaf; the search goes on while the next entry is not beyond the best hit, so that
+//! equal `t` finds the lowest id.
+
+use super::{
+    NOTHING,
+    frame::{Frame, component},
+    triangle::{Best, test},
+};
+use crate::{
+    glam::{UVec2, Vec4},
+    math::{abs, low},
+    mem::{Buf, Slots},
+};
+use raykd_shared::{MISS, Node, limits::MAX_DEPTH};
+
+/// What a ray did on its way.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Steps {
+    /// Inner nodes passed.
+    pub inner: u32,
+    /// Leaves visited.
+    pub leaves: u32,
+    /// Triangles tested.
+    pub tests: u32,
+    /// The stack was too short: the tree is not what its header says.
+    pub overflow: bool,
+}
+
+/// Finds the closest hit of a ray, or with `ANY` the best one in the first leaf that has one.
+#[inline(always)]
+pub fn walk<const ANY: bool>(
+    ray: &Frame,
+    nodes: &Buf<UVec2>,
+    refs: &Buf<u32>,
+    triangles: &Buf<Vec4>,
+    steps: &mut Steps,
+) -> Best {
+    let mut best = NOTHING;
+    // Entries: node not yet visited with the axis of the plane before it, and where its interval ends.
+    let mut stack = [UVec2::ZERO; MAX_DEPTH as usize];
+    let mut top = 0;
+    let mut node = 0;
+    let mut enter = ray.enter;
+    let mut exit = ray.exit;
+    let mut running = ray.valid && enter <= exit;
+    while running {
+        let word = nodes.at(node);
+        let here = Node::from_words(word.x, word.y);
+        if here.is_leaf() {
+            steps.leaves += 1;
+            let mut r = here.first();
+            let end = r + here.count();
+            steps.tests += here.count();
+            while r < end {
+                let id = refs.at(r);
+                let (a, b, c) = (triangles.at(3 * id), triangles.at(3 * id + 1), triangles.at(3 * id + 2));
+                test(ray, id, a.truncate(), b.truncate(), c.truncate(), &mut best);
+                r += 1;
+            }
+            running = !(ANY && best.triangle != MISS);
+            let mut searching = running;
+            while searching {
+                if top == 0 {
+                    running = false;
+                    searching = false;
+                } else {
+                    top -= 1;
+                    let entry = stack.at(top);
+                    // The subtree just left ended half a plane beyond the plane, the next begins half before.
+                    let wide = ray.pad * abs(component(ray.inverse, entry.x & 3));
+                    enter = exit - (wide + wide);
+                    exit = f32::from_bits(entry.y);
+                    node = entry.x >> 2;
+                    searching = enter > best.t;
+                }
+            }
+        } else {
+            steps.inner += 1;
+            let axis = here.axis();
+            let inverse = component(ray.inverse, axis);
+            let at = (here.split() - component(ray.origin, axis)) * inverse;
+            let wide = ray.pad * abs(inverse);
+            let back = (inverse < 0.0) as u32;
+            let near = here.below() + back;
+            let far = here.below() + 1 - back;
+            if at - wide > exit {
+                node = near;
+            } else if at + wide < enter {
+                node = far;
+            } else {
+                if top < MAX_DEPTH {
+                    stack.put(top, UVec2::new((far << 2) | axis, exit.to_bits()));
+                    top += 1;
+                } else {
+                    steps.overflow = true;
+                }
+                node = near;
+                exit = low(exit, at + wide);
+            }
+        }
+    }
+    best
+}

@@ -1,0 +1,43 @@
+//! Closest hit by stack traversal, with what it cost.
+
+use super::{JOB_RAYS, OUTCOME_STATUS, load, record, stack::{Steps, walk}};
+use crate::{
+    glam::{UVec2, UVec4, Vec4},
+    mem::{Atomics, Buf, Slots},
+};
+use raykd_shared::{TreeHeader, status};
+
+/// Answers ray `i` and writes its inner nodes, leaves and tests.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+pub fn steps(
+    i: u32,
+    job: &Buf<u32>,
+    header: &Buf<TreeHeader>,
+    nodes: &Buf<UVec2>,
+    refs: &Buf<u32>,
+    triangles: &Buf<Vec4>,
+    rays: &Buf<Vec4>,
+    hits: &mut Buf<UVec4>,
+    outcome: &mut Buf<u32>,
+    counts: &mut Buf<UVec4>,
+) {
+    if i < job.at(JOB_RAYS) {
+        let ray = load(i, rays, &header.at(0), outcome);
+        let mut steps = Steps::default();
+        let best = walk::<false>(&ray, nodes, refs, triangles, &mut steps);
+        hits.put(i, record(&ray, &best));
+        counts.put(i, UVec4::new(steps.inner, steps.leaves, steps.tests, 0));
+        if steps.overflow {
+            outcome.or(OUTCOME_STATUS, status::STACK);
+        }
+    }
+}
+
+kernel! {
+    /// [`steps`] over all rays.
+    map STEPS = steps, threads 64, {
+        0 job: read u32, 1 header: read TreeHeader, 2 nodes: read UVec2, 3 refs: read u32,
+        4 triangles: read Vec4, 5 rays: read Vec4, 6 hits: write UVec4, 7 outcome: write u32,
+        8 counts: write UVec4,
+    }
+}

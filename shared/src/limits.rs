@@ -1,0 +1,25 @@
+//! The numbers that builder, traversal and host must agree on; their only home.
+
+/// No leaf lies deeper than this many edges below the root. It caps the builder and sizes the traversal
+/// stack, which holds at most one entry per edge.
+pub const MAX_DEPTH: u32 = 48;
+
+/// Bins per axis in the SAH sweep of large nodes.
+pub const BINS: u32 = 32;
+
+/// Nodes of at most this many references are finished by one workgroup, with one bit a reference in a `u32`.
+pub const TREELET: u32 = 32;
+
+/// References per workgroup in the passes over large nodes.
+pub const CHUNK: u32 = 2048;
+
+/// Node slots a treelet of `n` references may use, root excluded: bounds its memory.
+pub const fn treelet_nodes(n: u32) -> u32 {
+    if n > TREELET { 0 } else { 6 * n }
+}
+
+/// Most triangles in one mesh: ids and counts share 30-bit fields with tags.
+pub const MAX_TRIANGLES: u32 = (1 << 28) - 1;
+
+/// Workgroups per row of a dispatch; larger dispatches wrap into `y` (Vulkan promises 65,535 per dimension).
+pub const GROUPS_X: u32 = 32_768;

@@ -1,0 +1,59 @@
+//! Rays and hits, as files and buffers hold them.
+
+use bytemuck::{Pod, Zeroable};
+
+/// One ray: the points `origin + t * direction` for `t_min <= t <= t_max`.
+///
+/// The direction need not have unit length; `t` counts in its lengths. `t_max` may be infinite.
+/// A ray with a NaN anywhere, an infinite origin or direction, or a zero direction hits nothing.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct Ray {
+    /// Start of the ray, in the mesh's units.
+    pub origin: [f32; 3],
+    /// Direction, any non-zero length.
+    pub direction: [f32; 3],
+    /// Smallest `t` that counts, inclusive.
+    pub t_min: f32,
+    /// Largest `t` that counts, inclusive; may be infinite.
+    pub t_max: f32,
+}
+
+impl Ray {
+    /// The half line from `origin` along `direction`: `0 <= t <= infinity`.
+    pub const fn new(origin: [f32; 3], direction: [f32; 3]) -> Self {
+        Self { origin, direction, t_min: 0.0, t_max: f32::INFINITY }
+    }
+}
+
+/// The triangle number of a miss.
+pub const MISS: u32 = u32::MAX;
+
+/// The answer to one ray.
+///
+/// The point hit is `(1 - u - v) * a + u * b + v * c` for the triangle's vertices `a`, `b`, `c`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct Hit {
+    /// Triangle number in file order, or [`MISS`].
+    pub triangle: u32,
+    /// Ray parameter of the hit, in lengths of the ray's direction; 0 for a miss.
+    pub t: f32,
+    /// Barycentric weight of the second vertex.
+    pub u: f32,
+    /// Barycentric weight of the third vertex.
+    pub v: f32,
+}
+
+impl Hit {
+    /// What a ray that hits nothing gets.
+    pub const NONE: Self = Self { triangle: MISS, t: 0.0, u: 0.0, v: 0.0 };
+
+    /// Whether a triangle was hit.
+    pub const fn is_hit(&self) -> bool {
+        self.triangle != MISS
+    }
+}
+
+const _: () = assert!(size_of::<Ray>() == 32 && align_of::<Ray>() == 4, "rays are records of 8 f32");
+const _: () = assert!(size_of::<Hit>() == 16 && align_of::<Hit>() == 4, "hits are records of 4 words");

@@ -1,0 +1,147 @@
+//! What `cargo xtask kernels` writes next to the committed SPIR-V module, and how anyone checks it without
+//! rust-gpu: the module is current if [`verify`] finds the manifest's hashes in the tree.
+
+pub mod lint;
+pub mod postpass;
+
+use anyhow::{Context as _, Result, ensure};
+use serde::{Deserialize, Serialize};
+use sha2::{Digest as _, Sha256};
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+/// The committed module, from the repository's root.
+pub const MODULE: &str = "kernels/spv/raykd.spv";
+/// Its manifest.
+pub const MANIFEST: &str = "kernels/spv/manifest.json";
+
+/// What the module was made from and what is in it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Manifest {
+    /// [`sources_digest`] of the sources it was compiled from.
+    pub sources_sha256: String,
+    /// SHA-256 of the module.
+    pub module_sha256: String,
+    /// Its size.
+    pub module_bytes: usize,
+    /// Version of rust-gpu.
+    pub rust_gpu: String,
+    /// What its rustc calls itself.
+    pub rustc: String,
+    /// SPIR-V target it was compiled for.
+    pub target: String,
+    /// Float operations that carry `NoContraction`.
+    pub exact_float_ops: usize,
+    /// Entry points in the module's order.
+    pub entry_points: Vec<EntryPoint>,
+}
+
+/// One kernel of the module.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct EntryPoint {
+    /// Name to give to the pipeline.
+    pub name: String,
+    /// Invocations per workgroup.
+    pub workgroup: [u32; 3],
+}
+
+impl Manifest {
+    /// Reads the committed manifest.
+    pub fn read(root: &Path) -> Result<Self> {
+        let path = root.join(MANIFEST);
+        let text = fs::read_to_string(&path)
+            .with_context(|| format!("reading {} (run `cargo xtask kernels`)", path.display()))?;
+        serde_json::from_str(&text).with_context(|| format!("{} is damaged", path.display()))
+    }
+}
+
+/// Checks that the committed module is the one the manifest describes and was compiled from the sources as
+/// they are now. Needs no rust-gpu toolchain.
+pub fn verify(root: &Path) -> Result<Manifest> {
+    let manifest = Manifest::read(root)?;
+    let module = fs::read(root.join(MODULE)).with_context(|| format!("reading {MODULE}"))?;
+    ensure!(
+        sha256(&module) == manifest.module_sha256,
+        "{MODULE} is not the module that {MANIFEST} describes: run `cargo xtask kernels`"
+    );
+    ensure!(
+        sources_digest(root)? == manifest.sources_sha256,
+        "{MODULE} is older than the kernel sources: run `cargo xtask kernels` and commit kernels/spv"
+    );
+    Ok(manifest)
+}
+
+/// SHA-256 over everything the module is compiled from: manifests and sources of `kernels` and `shared`, with
+/// their paths, in order. Line ends are normalised, so that checkouts on every system agree.
+pub fn sources_digest(root: &Path) -> io::Result<String> {
+    let mut files = Vec::new();
+    for part in ["kernels", "shared"] {
+        files.push(PathBuf::from(part).join("Cargo.toml"));
+        rust_files(root, &Path::new(part).join("src"), &mut files)?;
+    }
+    files.sort();
+    let mut hash = Sha256::new();
+    for file in files {
+        let name = file.to_string_lossy().replace('\\', "/");
+        let text = fs::read_to_string(root.join(&file))?.replace("\r\n", "\n");
+        // Lengths keep one file's end from passing for the next one's name.
+        hash.update(format!("{name}\n{}\n", text.len()));
+        hash.update(text);
+    }
+    Ok(hex(&hash.finalize()))
+}
+
+/// SHA-256 in hexadecimal.
+pub fn sha256(bytes: &[u8]) -> String {
+    hex(&Sha256::digest(bytes))
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
+
+fn rust_files(root: &Path, dir: &Path, files: &mut Vec<PathBuf>) -> io::Result<()> {
+    for entry in fs::read_dir(root.join(dir))? {
+        let entry = entry?;
+        let path = dir.join(entry.file_name());
+        if entry.file_type()?.is_dir() {
+            rust_files(root, &path, files)?;
+        } else if path.extension().is_some_and(|e| e == "rs") {
+            files.push(path);
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn digest_sees_content_and_names_but_not_line_ends() {
+        let dir = std::env::temp_dir().join(format!("raykd-digest-{}", std::process::id()));
+        let write = |path: &str, text: &str| {
+            let path = dir.join(path);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, text).unwrap();
+        };
+        for part in ["kernels", "shared"] {
+            write(&format!("{part}/Cargo.toml"), "[package]\n");
+            write(&format!("{part}/src/lib.rs"), "mod a;\n");
+            write(&format!("{part}/src/deep/a.rs"), "fn f() {}\n");
+        }
+        let digest = || sources_digest(&dir).unwrap();
+        let first = digest();
+        write("shared/src/lib.rs", "mod a;\r\n");
+        write("shared/src/notes.txt", "not a source");
+        assert_eq!(digest(), first);
+        write("shared/src/deep/a.rs", "fn g() {}\n");
+        let second = digest();
+        assert_ne!(second, first);
+        fs::rename(dir.join("shared/src/deep/a.rs"), dir.join("shared/src/deep/b.rs")).unwrap();
+        assert_ne!(digest(), second);
+        fs::remove_dir_all(dir).unwrap();
+    }
+}

@@ -1,0 +1,305 @@
+//! Refuses SPIR-V whose result a device may choose: see [`check`].
+
+use rspirv::{
+    dr::{Function, Instruction, Module, Operand},
+    spirv::{GlslStd450Op, Op, Word},
+};
+use std::{
+    collections::{BTreeSet, HashMap, HashSet},
+    fmt,
+};
+
+/// One instruction that must not be in a kernel.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Finding {
+    /// Entry point that reaches it, or nothing if it stands outside of functions.
+    pub entry: Option<String>,
+    /// The instruction, as SPIR-V calls it.
+    pub instruction: String,
+    /// Why it is refused and what to write instead.
+    pub reason: &'static str,
+}
+
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let entry = self.entry.as_deref().unwrap_or("the module");
+        write!(f, "{entry}: {}: {}", self.instruction, self.reason)
+    }
+}
+
+const DIVISION: &str = "Vulkan allows an error of 2.5 ULP; use math::div or cross-multiply";
+const ORDER: &str = "Vulkan leaves order or rounding to the device; write it with + - *";
+const INEXACT: &str = "its precision is up to the device; write it with + - * or in integers";
+const MIN_MAX: &str = "Vulkan leaves open which zero or NaN wins; use math::low and math::high";
+const WIDTH: &str = "only f32 is supported on every device";
+const MATRIX: &str = "matrix operations may be evaluated in any order; use vectors";
+const UNKNOWN: &str = "not on the list of float operations that are exact on every device";
+
+/// Finds every operation whose float result is not the same, to the bit, on every Vulkan device.
+///
+/// What may make floats is a list: `+ - *`, negation, moving and conversion from integers. All else that has
+/// a float result is refused, and so are the extended instructions that are not known to be exact, matrices
+/// and floats that are not 32 bits wide.
+pub fn check(module: &Module) -> Vec<Finding> {
+    let mut findings = BTreeSet::new();
+    let mut floats = HashSet::new();
+    for i in &module.types_global_values {
+        let refused = match i.class.opcode {
+            Op::TypeFloat => {
+                floats.extend(i.result_id);
+                (i.operands[0] != Operand::LiteralBit32(32)).then_some(WIDTH)
+            }
+            Op::TypeVector => {
+                if i.operands[0].id_ref_any().is_some_and(|component| floats.contains(&component)) {
+                    floats.extend(i.result_id);
+                }
+                None
+            }
+            Op::TypeMatrix => Some(MATRIX),
+            Op::SpecConstantOp => Some(UNKNOWN),
+            _ => None,
+        };
+        findings.extend(refused.map(|reason| Finding { entry: None, instruction: name(i), reason }));
+    }
+    let glsl: HashSet<Word> = module
+        .ext_inst_imports
+        .iter()
+        .filter(|i| i.operands[0] == Operand::LiteralString("GLSL.std.450".into()))
+        .filter_map(|i| i.result_id)
+        .collect();
+    for (function, entry) in reachable(module) {
+        for i in function.all_inst_iter() {
+            let refused = if i.class.opcode == Op::ExtInst {
+                extended(i, &glsl)
+            } else if i.result_type.is_some_and(|t| floats.contains(&t)) {
+                float(i.class.opcode)
+            } else {
+                None
+            };
+            findings
+                .extend(refused.map(|reason| Finding { entry: entry.clone(), instruction: name(i), reason }));
+        }
+    }
+    findings.into_iter().collect()
+}
+
+/// Why an operation with a float result is refused, if it is.
+fn float(op: Op) -> Option<&'static str> {
+    use Op::*;
+    match op {
+        // Exact by IEEE 754 under the float controls that the post-pass declares.
+        FNegate | FAdd | FSub | FMul | VectorTimesScalar | ConvertSToF | ConvertUToF => None,
+        // Moves.
+        Undef | Load | Phi | Select | Bitcast | CopyObject | FunctionParameter | FunctionCall
+        | CompositeConstruct | CompositeExtract | CompositeInsert | VectorExtractDynamic
+        | VectorInsertDynamic | VectorShuffle | Function => None,
+        FDiv => Some(DIVISION),
+        FRem | FMod => Some(INEXACT),
+        Dot => Some(ORDER),
+        MatrixTimesScalar | VectorTimesMatrix | MatrixTimesVector | MatrixTimesMatrix | OuterProduct
+        | Transpose => Some(MATRIX),
+        FConvert | QuantizeToF16 => Some(WIDTH),
+        _ => Some(UNKNOWN),
+    }
+}
+
+/// Why an extended instruction is refused, if it is.
+fn extended(i: &Instruction, glsl: &HashSet<Word>) -> Option<&'static str> {
+    use GlslStd450Op::*;
+    match glsl_op(i).filter(|_| i.operands[0].id_ref_any().is_some_and(|set| glsl.contains(&set))) {
+        Some(
+            FAbs | Floor | Ceil | Trunc | RoundEven | SAbs | SSign | UMin | SMin | UMax | SMax | UClamp
+            | SClamp | FindILsb | FindSMsb | FindUMsb,
+        ) => None,
+        Some(FMin | FMax | FClamp | NMin | NMax | NClamp) => Some(MIN_MAX),
+        Some(_) => Some(INEXACT),
+        None => Some("an extended instruction set other than GLSL.std.450"),
+    }
+}
+
+fn glsl_op(i: &Instruction) -> Option<GlslStd450Op> {
+    match i.operands.get(1) {
+        Some(&Operand::LiteralExtInstInteger(n)) => GlslStd450Op::from_u32(n),
+        _ => None,
+    }
+}
+
+fn name(i: &Instruction) -> String {
+    match (i.class.opcode, glsl_op(i)) {
+        (Op::ExtInst, Some(op)) => format!("OpExtInst {op:?}"),
+        _ => format!("Op{}", i.class.opname),
+    }
+}
+
+/// Every function with the name of each entry point that reaches it, or with none.
+fn reachable(module: &Module) -> Vec<(&Function, Option<String>)> {
+    let by_id: HashMap<Word, &Function> =
+        module.functions.iter().filter_map(|f| Some((f.def_id()?, f))).collect();
+    let mut seen = HashSet::new();
+    let mut found = Vec::new();
+    for entry in &module.entry_points {
+        let Operand::LiteralString(name) = &entry.operands[2] else { continue };
+        let mut visited = HashSet::new();
+        let mut open: Vec<Word> = entry.operands[1].id_ref_any().into_iter().collect();
+        while let Some(id) = open.pop() {
+            let Some(function) = by_id.get(&id).filter(|_| visited.insert(id)) else { continue };
+            found.push((*function, Some(name.clone())));
+            let calls = function.all_inst_iter().filter(|i| i.class.opcode == Op::FunctionCall);
+            open.extend(calls.filter_map(|i| i.operands[0].id_ref_any()));
+        }
+        seen.extend(visited);
+    }
+    let rest = module.functions.iter().filter(|f| f.def_id().is_none_or(|id| !seen.contains(&id)));
+    found.extend(rest.map(|f| (f, None)));
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rspirv::{
+        dr::Builder,
+        spirv::{AddressingModel, Capability, ExecutionModel, FunctionControl, MemoryModel},
+    };
+
+    /// Types and values a planted instruction may use.
+    struct Kit {
+        float: Word,
+        vector: Word,
+        uint: Word,
+        /// A float, a vector and a uint.
+        x: Word,
+        v: Word,
+        n: Word,
+        glsl: Word,
+    }
+
+    /// Lints a kernel that calls a function with one planted instruction.
+    fn lint(plant: impl FnOnce(&mut Builder, &Kit)) -> Vec<Finding> {
+        let mut b = Builder::new();
+        b.capability(Capability::Shader);
+        b.memory_model(AddressingModel::Logical, MemoryModel::GLSL450);
+        let glsl = b.ext_inst_import("GLSL.std.450");
+        let (void, float, uint) = (b.type_void(), b.type_float(32, None), b.type_int(32, 0));
+        let vector = b.type_vector(float, 3);
+        let x = b.constant_bit32(float, 1.0f32.to_bits());
+        let v = b.constant_composite(vector, [x, x, x]);
+        let n = b.constant_bit32(uint, 1);
+        let kind = b.type_function(void, []);
+        let helper = b.begin_function(void, None, FunctionControl::NONE, kind).unwrap();
+        b.begin_block(None).unwrap();
+        plant(&mut b, &Kit { float, vector, uint, x, v, n, glsl });
+        b.ret().unwrap();
+        b.end_function().unwrap();
+        let main = b.begin_function(void, None, FunctionControl::NONE, kind).unwrap();
+        b.begin_block(None).unwrap();
+        b.function_call(void, None, helper, []).unwrap();
+        b.ret().unwrap();
+        b.end_function().unwrap();
+        b.entry_point(ExecutionModel::GLCompute, main, "trace::main", []);
+        check(&b.module())
+    }
+
+    fn assert_refused(found: &[Finding], instruction: &str) {
+        assert_eq!(found.len(), 1, "{instruction}: {found:?}");
+        assert_eq!(found[0].instruction, instruction);
+        assert_eq!(found[0].entry.as_deref(), Some("trace::main"));
+        assert!(found[0].to_string().starts_with(&format!("trace::main: {instruction}: ")));
+    }
+
+    #[test]
+    fn exact_operations_pass() {
+        let found = lint(|b, k| {
+            let s = b.f_add(k.float, None, k.x, k.x).unwrap();
+            let d = b.f_sub(k.float, None, s, k.x).unwrap();
+            let p = b.f_mul(k.float, None, s, d).unwrap();
+            b.f_negate(k.float, None, p).unwrap();
+            b.vector_times_scalar(k.vector, None, k.v, p).unwrap();
+            b.convert_u_to_f(k.float, None, k.n).unwrap();
+            b.bitcast(k.float, None, k.n).unwrap();
+            b.composite_extract(k.float, None, k.v, [0]).unwrap();
+            b.u_div(k.uint, None, k.n, k.n).unwrap();
+            for op in [GlslStd450Op::FAbs, GlslStd450Op::Floor, GlslStd450Op::Trunc] {
+                b.ext_inst(k.float, None, k.glsl, op as u32, [Operand::IdRef(k.x)]).unwrap();
+            }
+            for op in [GlslStd450Op::FindUMsb, GlslStd450Op::FindILsb] {
+                b.ext_inst(k.uint, None, k.glsl, op as u32, [Operand::IdRef(k.n)]).unwrap();
+            }
+            for op in [GlslStd450Op::UMin, GlslStd450Op::UMax] {
+                let operands = [Operand::IdRef(k.n), Operand::IdRef(k.n)];
+                b.ext_inst(k.uint, None, k.glsl, op as u32, operands).unwrap();
+            }
+        });
+        assert_eq!(found, []);
+    }
+
+    #[test]
+    fn inexact_operations_are_refused() {
+        assert_refused(&lint(|b, k| drop(b.f_div(k.float, None, k.x, k.x))), "OpFDiv");
+        assert_refused(&lint(|b, k| drop(b.f_div(k.vector, None, k.v, k.v))), "OpFDiv");
+        assert_refused(&lint(|b, k| drop(b.f_rem(k.float, None, k.x, k.x))), "OpFRem");
+        assert_refused(&lint(|b, k| drop(b.f_mod(k.float, None, k.x, k.x))), "OpFMod");
+        assert_refused(&lint(|b, k| drop(b.dot(k.float, None, k.v, k.v))), "OpDot");
+        assert_refused(&lint(|b, k| drop(b.quantize_to_f16(k.float, None, k.x))), "OpQuantizeToF16");
+        assert_refused(&lint(|b, k| drop(b.d_pdx(k.float, None, k.x))), "OpDPdx");
+    }
+
+    #[test]
+    fn inexact_extended_instructions_are_refused() {
+        use GlslStd450Op::*;
+        for op in [
+            Round, FSign, Fract, Sin, Cos, Tan, Asin, Acos, Atan, Sinh, Cosh, Tanh, Atan2, Pow, Exp, Log, Exp2,
+            Log2, Sqrt, InverseSqrt, Determinant, FMin, FMax, FClamp, NMin, NMax, NClamp, FMix, Step,
+            SmoothStep, Fma, Ldexp, Length, Distance, Cross, Normalize, Reflect, Refract, PackHalf2x16,
+        ] {
+            let found = lint(|b, k| {
+                drop(b.ext_inst(k.float, None, k.glsl, op as u32, [Operand::IdRef(k.x)]));
+            });
+            assert_refused(&found, &format!("OpExtInst {op:?}"));
+        }
+    }
+
+    #[test]
+    fn other_extended_instruction_sets_are_refused() {
+        let found = lint(|b, k| {
+            let opencl = b.ext_inst_import("OpenCL.std");
+            drop(b.ext_inst(k.float, None, opencl, GlslStd450Op::FAbs as u32, [Operand::IdRef(k.x)]));
+        });
+        assert_eq!(found.len(), 1);
+    }
+
+    #[test]
+    fn matrices_and_other_widths_are_refused() {
+        let matrix = lint(|b, k| _ = b.type_matrix(k.vector, 3));
+        assert_eq!(matrix.len(), 1);
+        assert_eq!(matrix[0].instruction, "OpTypeMatrix");
+        for width in [16, 64] {
+            let found = lint(|b, _| _ = b.type_float(width, None));
+            assert_eq!(found.len(), 1);
+            assert_eq!(found[0].instruction, "OpTypeFloat");
+            assert_eq!(found[0].reason, WIDTH);
+        }
+        let product = lint(|b, k| {
+            let matrix = b.type_matrix(k.vector, 3);
+            let m = b.constant_composite(matrix, [k.v, k.v, k.v]);
+            drop(b.matrix_times_vector(k.vector, None, m, k.v));
+        });
+        assert!(product.iter().any(|f| f.instruction == "OpMatrixTimesVector"));
+    }
+
+    #[test]
+    fn functions_that_nothing_calls_are_checked_too() {
+        let mut b = Builder::new();
+        let (void, float) = (b.type_void(), b.type_float(32, None));
+        let x = b.constant_bit32(float, 0);
+        let kind = b.type_function(void, []);
+        b.begin_function(void, None, FunctionControl::NONE, kind).unwrap();
+        b.begin_block(None).unwrap();
+        b.f_div(float, None, x, x).unwrap();
+        b.ret().unwrap();
+        b.end_function().unwrap();
+        let found = check(&b.module());
+        assert_eq!(found.len(), 1);
+        assert_eq!(found[0].entry, None);
+    }
+}

@@ -1,0 +1,37 @@
+//! `cargo xtask`: what a checkout needs beyond cargo itself.
+
+use anyhow::Context as _;
+use clap::{Parser, Subcommand};
+use std::path::Path;
+
+mod kernels;
+mod scenes;
+mod test;
+mod toolchain;
+
+/// Chores of the raykd checkout.
+#[derive(Debug, Parser)]
+#[command(name = "cargo xtask", bin_name = "cargo xtask")]
+struct Cli {
+    #[command(subcommand)]
+    task: Task,
+}
+
+#[derive(Debug, Subcommand)]
+enum Task {
+    /// Compile the kernels to SPIR-V: kernels/spv/raykd.spv and its manifest.
+    Kernels(kernels::Args),
+    /// Get the Stanford dragons and Sponza.
+    Scenes(scenes::Args),
+    /// Run every test; where no Vulkan driver is found, install a software one first.
+    Test(test::Args),
+}
+
+fn main() -> anyhow::Result<()> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().context("xtask lies in the repository")?;
+    match Cli::parse().task {
+        Task::Kernels(args) => kernels::run(&args, root),
+        Task::Scenes(args) => scenes::run(&args, root),
+        Task::Test(args) => test::run(&args, root),
+    }
+}
