@@ -7,8 +7,8 @@ use crate::{
 };
 use raykd_kernels::build::{
     ARGS_ACTIVE, ARGS_CHUNKS, ARGS_WORDS, LEVEL_WORDS, STATE_DEPTH, STATE_NODES, STATE_REFS, STATE_STATUS,
-    STATE_TREELET_REFS, STATE_TREELETS, STATE_WORDS, alloc::ALLOC, bin::BIN, bin::HIST_WORDS, count::COUNT,
-    emit::EMIT, gather::GATHER, place::PLACE, scatter::SCATTER, split::SPLIT, top::TOP, treelet::TREELETS,
+    STATE_TREELET_REFS, STATE_TREELETS, STATE_WORDS, alloc::ALLOC, bin::BIN, bin::HIST_WORDS, boxes::BOXES, count::COUNT,
+    emit::EMIT, place::PLACE, scatter::SCATTER, split::SPLIT, top::TOP, treelet::TREELETS,
     treelet::scratch_base,
 };
 use raykd_shared::{
@@ -44,6 +44,8 @@ pub struct BuildTimes {
     pub upload: Duration,
     /// All kernels, on the device's clock.
     pub build: Duration,
+    /// Laying the leaves' triangles out for tracing, on the device's clock.
+    pub layout: Duration,
     /// Most bytes of buffers held at once, the mesh included.
     pub peak_bytes: u64,
     /// How often the build was repeated with more room; the times are those of the last try.
@@ -58,7 +60,6 @@ pub(crate) struct Built {
     pub header: TreeHeader,
     pub nodes: Buffer,
     pub refs: Buffer,
-    pub triangles: Buffer,
     pub times: BuildTimes,
 }
 
@@ -92,7 +93,8 @@ struct Room {
 impl Room {
     fn first_guess(references: u32) -> Self {
         let n = references;
-        let levels = 6 + (n / TREELET + 1).ilog2();
+        // The usual bound on useful depth (Pharr, Jakob & Humphreys, PBRT): 8 + 1.3 log2 N.
+        let levels = 8 + 13 * (n + 1).ilog2() / 10;
         let chunks = n.div_ceil(CHUNK);
         let level_refs = n + n / 2 + 1024;
         let treelet_refs = 2 * n + 1024;
@@ -117,14 +119,21 @@ impl Room {
     }
 }
 
-/// Loads the mesh onto the device and gathers its triangles.
-fn upload(device: &Device, mesh: &Mesh, arena: &mut Arena<'_>) -> Result<(Buffer, Buffer), Error> {
-    let positions = mesh.scaled_positions();
-    let position_buffer = arena.alloc("positions", positions.len() as u32, 4)?;
-    let index_buffer = arena.alloc("indices", 3 * mesh.triangles().len() as u32, 4)?;
-    device.write(&position_buffer, 0, bytemuck::cast_slice(&positions))?;
-    device.write(&index_buffer, 0, bytemuck::cast_slice(mesh.triangles()))?;
-    Ok((position_buffer, index_buffer))
+/// An indexed mesh on a device.
+#[derive(Debug)]
+pub(crate) struct MeshBuffers {
+    pub positions: Buffer,
+    pub indices: Buffer,
+}
+
+/// Copies the mesh to the device.
+pub(crate) fn upload(device: &Device, mesh: &Mesh) -> Result<MeshBuffers, Error> {
+    let coordinates = mesh.scaled_positions();
+    let positions = device.alloc("positions", coordinates.len() as u64 * 4)?;
+    let indices = device.alloc("indices", mesh.triangles().len() as u64 * 12)?;
+    device.write(&positions, 0, bytemuck::cast_slice(&coordinates))?;
+    device.write(&indices, 0, bytemuck::cast_slice(mesh.triangles()))?;
+    Ok(MeshBuffers { positions, indices })
 }
 
 fn params(mesh: &Mesh, options: &BuildOptions, room: Room, max_depth: u32) -> BuildParams {
@@ -145,26 +154,11 @@ fn params(mesh: &Mesh, options: &BuildOptions, room: Room, max_depth: u32) -> Bu
     }
 }
 
-/// Uploads the mesh's triangles alone, for a tree that exists already or for brute force.
-pub(crate) fn upload_triangles(device: &Device, mesh: &Mesh) -> Result<Buffer, Error> {
-    let mut arena = Arena { device, bytes: 0 };
-    let count = mesh.triangles().len() as u32;
-    let (positions, indices) = upload(device, mesh, &mut arena)?;
-    let triangles = arena.alloc("triangles", count, 48)?;
-    let boxes = arena.alloc("boxes", count, 32)?;
-    let params_buffer = arena.alloc("params", 1, size_of::<BuildParams>() as u64)?;
-    let params = params(mesh, &BuildOptions::default(), Room::first_guess(0), 0);
-    device.write(&params_buffer, 0, bytemuck::bytes_of(&params))?;
-    let gather = Step::over(&GATHER, count, vec![&params_buffer, &positions, &indices, &triangles, &boxes]);
-    device.run(&[gather], false)?;
-    Ok(triangles)
-}
-
 /// Builds the tree of `mesh` on `device`.
-pub(crate) fn build(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Result<Built, Error> {
+pub(crate) fn build(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Result<(MeshBuffers, Built), Error> {
     let start = Instant::now();
-    let mut arena = Arena { device, bytes: 0 };
-    let mesh_buffers = upload(device, mesh, &mut arena)?;
+    let mesh_buffers = upload(device, mesh)?;
+    let mesh_bytes = mesh_buffers.positions.bytes() + mesh_buffers.indices.bytes();
     let upload = start.elapsed();
     let references = mesh.kept().len() as u32;
     let mut room = Room::first_guess(references);
@@ -172,13 +166,13 @@ pub(crate) fn build(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Res
     let most_refs = references.saturating_mul(MOST_REFS_PER_TRIANGLE).saturating_add(1 << 16).min(1 << 29);
     let mut retries = 0;
     loop {
-        let mut attempt = Arena { device, bytes: arena.bytes };
+        let mut attempt = Arena { device, bytes: mesh_bytes };
         let params = params(mesh, options, room, max_depth);
         match attempt_build(device, mesh, &mesh_buffers, &params, room, options.profile, &mut attempt)? {
             Outcome::Built(mut built) => {
                 built.times.upload += upload;
                 built.times.retries = retries;
-                return Ok(*built);
+                return Ok((mesh_buffers, *built));
             }
             Outcome::MoreLevels => room.levels = MAX_DEPTH,
             Outcome::MoreRoom => match room.grown().filter(|r| r.treelet_refs <= most_refs) {
@@ -201,7 +195,7 @@ enum Outcome {
 fn attempt_build(
     device: &Device,
     mesh: &Mesh,
-    (positions, indices): &(Buffer, Buffer),
+    on_device: &MeshBuffers,
     params: &BuildParams,
     room: Room,
     profile: bool,
@@ -209,7 +203,6 @@ fn attempt_build(
 ) -> Result<Outcome, Error> {
     let count = params.triangles;
     let references = params.references;
-    let triangles = arena.alloc("triangles", count, 48)?;
     let boxes = arena.alloc("boxes", count, 32)?;
     let param_buffer = arena.alloc("params", 1, size_of::<BuildParams>() as u64)?;
     let state = arena.alloc("state", STATE_WORDS, 4)?;
@@ -265,7 +258,11 @@ fn attempt_build(
     device.write(&state, 0, bytemuck::cast_slice(&words))?;
     let upload = begin.elapsed();
 
-    let mut steps = vec![Step::over(&GATHER, count, vec![&param_buffer, positions, indices, &triangles, &boxes])];
+    let mut steps = vec![Step::over(
+        &BOXES,
+        count,
+        vec![&param_buffer, &on_device.positions, &on_device.indices, &boxes],
+    )];
     let number = if root_is_large { room.levels.min(params.max_depth + 1) } else { 0 };
     for depth in 0..number as usize {
         let (now, then) = (depth % 2, (depth + 1) % 2);
@@ -358,12 +355,13 @@ fn attempt_build(
     };
     let times = BuildTimes {
         upload,
+        layout: Duration::ZERO,
         build: first_part.total + second_part.total,
         peak_bytes: arena.bytes,
         retries: 0,
         kernels,
     };
-    Ok(Outcome::Built(Box::new(Built { header, nodes, refs: out, triangles, times })))
+    Ok(Outcome::Built(Box::new(Built { header, nodes, refs: out, times })))
 }
 
 /// Sums the steps' times by kernel, in order of first use.

@@ -2,7 +2,7 @@
 
 use crate::{
     BuildOptions, BuildTimes, Error, KdTree,
-    build::{Built, build, upload_triangles},
+    build::{Built, MeshBuffers, build, upload},
     exec::{Buffer, Device, Step, Timing},
     mesh::Mesh,
 };
@@ -10,7 +10,7 @@ use raykd_kernels::{
     Kernel,
     trace::{
         JOB_WORDS, OUTCOME_INVALID, OUTCOME_STATUS, OUTCOME_WORDS, any::ANY, brute::BRUTE, closest::CLOSEST,
-        steps::STEPS,
+        corners::CORNERS, steps::STEPS,
     },
 };
 use raykd_shared::{Hit, Ray, TreeHeader};
@@ -62,7 +62,8 @@ pub struct Scene<'d> {
     header_buffer: Buffer,
     nodes: Buffer,
     refs: Buffer,
-    triangles: Buffer,
+    mesh: MeshBuffers,
+    corners: Buffer,
     kept: Vec<u32>,
     times: BuildTimes,
 }
@@ -73,7 +74,8 @@ impl<'d> Scene<'d> {
     /// # Errors
     /// The mesh does not fit the device, or the device failed.
     pub fn build(device: &'d Device, mesh: &Mesh, options: &BuildOptions) -> Result<Self, Error> {
-        Self::assemble(device, mesh, build(device, mesh, options)?)
+        let (on_device, built) = build(device, mesh, options)?;
+        Self::assemble(device, mesh, on_device, built)
     }
 
     /// Puts a mesh and a tree built earlier on a device.
@@ -97,21 +99,30 @@ impl<'d> Scene<'d> {
         let refs = device.alloc("refs", tree.refs.len() as u64 * 4)?;
         device.write(&nodes, 0, bytemuck::cast_slice(&tree.nodes))?;
         device.write(&refs, 0, bytemuck::cast_slice(&tree.refs))?;
-        let triangles = upload_triangles(device, mesh)?;
+        let on_device = upload(device, mesh)?;
         let times = BuildTimes { upload: start.elapsed(), ..BuildTimes::default() };
-        Self::assemble(device, mesh, Built { header, nodes, refs, triangles, times })
+        Self::assemble(device, mesh, on_device, Built { header, nodes, refs, times })
     }
 
-    fn assemble(device: &'d Device, mesh: &Mesh, built: Built) -> Result<Self, Error> {
+    fn assemble(
+        device: &'d Device,
+        mesh: &Mesh,
+        on_device: MeshBuffers,
+        mut built: Built,
+    ) -> Result<Self, Error> {
         let header_buffer = device.alloc("header", size_of::<TreeHeader>() as u64)?;
         device.write(&header_buffer, 0, bytemuck::bytes_of(&built.header))?;
+        let corners = device.alloc("corners", u64::from(built.header.refs) * 48)?;
+        let buffers = vec![&header_buffer, &on_device.positions, &on_device.indices, &built.refs, &corners];
+        built.times.layout = device.run(&[Step::over(&CORNERS, built.header.refs, buffers)], false)?.total;
         Ok(Self {
             device,
             header: built.header,
             header_buffer,
             nodes: built.nodes,
             refs: built.refs,
-            triangles: built.triangles,
+            mesh: on_device,
+            corners,
             kept: mesh.kept().to_vec(),
             times: built.times,
         })
@@ -198,7 +209,8 @@ impl<'d> Scene<'d> {
                 &batch.job,
                 &self.header_buffer,
                 &kept,
-                &self.triangles,
+                &self.mesh.positions,
+                &self.mesh.indices,
                 &batch.rays,
                 &batch.hits,
                 &batch.outcome,
@@ -305,8 +317,7 @@ impl Batch {
             &self.job,
             &scene.header_buffer,
             &scene.nodes,
-            &scene.refs,
-            &scene.triangles,
+            &scene.corners,
             &self.rays,
             &self.hits,
             &self.outcome,

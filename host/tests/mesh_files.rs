@@ -184,7 +184,8 @@ fn polygons_become_fans() {
     let obj = read("a.obj", format!("{ring}f 1 2 3 4 5 6\nf 3 2 1\n")).unwrap();
     let p: Vec<[f32; 3]> =
         vec![[1., 0., 0.], [0.5, 0.9, 0.], [-0.5, 0.9, 0.], [-1., 0., 0.], [-0.5, -0.9, 0.], [0.5, -0.9, 0.]];
-    let fan = [[p[0], p[1], p[2]], [p[0], p[2], p[3]], [p[0], p[3], p[4]], [p[0], p[4], p[5]], [p[2], p[1], p[0]]];
+    let fan =
+        [[p[0], p[1], p[2]], [p[0], p[2], p[3]], [p[0], p[3], p[4]], [p[0], p[4], p[5]], [p[2], p[1], p[0]]];
     assert_eq!(corners(&obj), fan);
     assert_eq!(obj.repairs().polygons, 1);
     let vertices: Vec<[f64; 3]> = p.iter().map(|p| p.map(f64::from)).collect();
@@ -197,19 +198,34 @@ fn polygons_become_fans() {
 fn obj_errors_name_the_line() {
     let v = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
     for (text, message) in [
-        (format!("{v}v 0 nan 0\nf 1 2 3\n"), "bad.obj, line 4: coordinate 'nan' is not a finite 32-bit float"),
-        (format!("{v}v 0 0 -1e39\nf 1 2 3\n"), "bad.obj, line 4: coordinate '-1e39' is not a finite 32-bit float"),
+        (
+            format!("{v}v 0 nan 0\nf 1 2 3\n"),
+            "bad.obj, line 4: coordinate 'nan' is not a finite 32-bit float",
+        ),
+        (
+            format!("{v}v 0 0 -1e39\nf 1 2 3\n"),
+            "bad.obj, line 4: coordinate '-1e39' is not a finite 32-bit float",
+        ),
         (format!("{v}f 1 2 3\nv inf 0 0\n"), "bad.obj, line 5: coordinate 'inf' is not"),
         (format!("{v}v 0 zero 0\nf 1 2 3\n"), "bad.obj, line 4: 'zero' is not a coordinate"),
         (format!("{v}v 0 0\nf 1 2 3\n"), "bad.obj, line 4: a vertex needs three coordinates"),
-        (format!("{v}f 1 2 3\nf 1 2 0\n"), "bad.obj, line 5: vertex index 0 is out of range, the vertices are 1 to 3"),
+        (
+            format!("{v}f 1 2 3\nf 1 2 0\n"),
+            "bad.obj, line 5: vertex index 0 is out of range, the vertices are 1 to 3",
+        ),
         (format!("{v}f 1 2 4\n"), "bad.obj, line 4: vertex index 4 is out of range, the vertices are 1 to 3"),
         (format!("{v}f 1 2 -4\n"), "bad.obj, line 4: vertex index -4 is out of range"),
         ("f 1 2 3".to_owned(), "bad.obj, line 1: vertex index 3 is out of range, there are no vertices"),
         (format!("{v}f 1 2 x\n"), "bad.obj, line 4: 'x' is not a vertex index"),
         (format!("{v}f 1 2 /3\n"), "bad.obj, line 4: '/3' is not a vertex index"),
-        (format!("{v}f 1 2 99999999999999999999\n"), "bad.obj, line 4: '99999999999999999999' is not a vertex index"),
-        (format!("{v}f 1 2 3\n\nf 1 2\n"), "bad.obj, line 6: a face needs at least 3 corners, this one has 2"),
+        (
+            format!("{v}f 1 2 99999999999999999999\n"),
+            "bad.obj, line 4: '99999999999999999999' is not a vertex index",
+        ),
+        (
+            format!("{v}f 1 2 3\n\nf 1 2\n"),
+            "bad.obj, line 6: a face needs at least 3 corners, this one has 2",
+        ),
         (format!("{v}f\n"), "bad.obj, line 4: a face needs at least 3 corners, this one has 0"),
         (v.to_owned(), "bad.obj: there are no faces"),
         (String::new(), "bad.obj: there is nothing in it"),
@@ -226,28 +242,48 @@ fn text_ply_errors_name_the_line() {
         ("format ascii 1.0\n", "", "bad.ply, header: No format line found"),
         ("format ascii", "format utf8", "bad.ply, line 2: Couldn't parse line"),
         ("property float z\n", "", "bad.ply, header: element 'vertex' has no coordinate 'z'"),
-        ("property float z\n", "property list int int z\n", "bad.ply, header: element 'vertex' has no coordinate 'z'"),
+        (
+            "property float z\n",
+            "property list int int z\n",
+            "bad.ply, header: element 'vertex' has no coordinate 'z'",
+        ),
         ("element vertex", "element point", "bad.ply, header: there is no element 'vertex'"),
         ("element vertex 4", "element vertex 4294967296", "bad.ply, header: 4294967296 vertices are more"),
         ("element face", "element tristrips", "bad.ply: there are no faces"),
         ("element face 1", "element face 0", "bad.ply: there are no faces"),
         ("element face 1", "element face 999999999", "bad.ply: more than 268435455 triangles"),
         ("vertex_indices", "corners", "bad.ply, header: element 'face' needs one list 'vertex_indices'"),
-        ("list uchar int", "list uchar float", "bad.ply, header: the corners of 'face' are not a list of integers"),
+        (
+            "list uchar int",
+            "list uchar float",
+            "bad.ply, header: the corners of 'face' are not a list of integers",
+        ),
         ("end_header\n", "", "bad.ply, line 9: Couldn't parse line"),
         ("1 1 .5", "1 NaN .5", "bad.ply, line 12: coordinate 'NaN' is not a finite 32-bit float"),
         ("1 1 .5", "1 1e40 .5", "bad.ply, line 12: coordinate 'inf' is not a finite 32-bit float"),
         ("1 1 .5", "1 1", "bad.ply, line 12: the line ends before all its properties"),
         ("1 1 .5", "1 one .5", "bad.ply, line 12: 'one' is not a coordinate"),
-        ("4 0 1 2 3", "4 0 1 2 4", "bad.ply, line 14: vertex index 4 is out of range, the vertices are 0 to 3"),
+        (
+            "4 0 1 2 3",
+            "4 0 1 2 4",
+            "bad.ply, line 14: vertex index 4 is out of range, the vertices are 0 to 3",
+        ),
         ("4 0 1 2 3", "4 0 1 -2 3", "bad.ply, line 14: vertex index -2 is out of range"),
         ("4 0 1 2 3", "2 0 1", "bad.ply, line 14: a face needs at least 3 corners, this one has 2"),
         ("4 0 1 2 3", "0", "bad.ply, line 14: a face needs at least 3 corners, this one has 0"),
-        ("4 0 1 2 3", "4000000000000000000 0 1 2", "bad.ply, line 14: the line ends before all its properties"),
+        (
+            "4 0 1 2 3",
+            "4000000000000000000 0 1 2",
+            "bad.ply, line 14: the line ends before all its properties",
+        ),
         ("4 0 1 2 3", "4 0 1 2.0 3", "bad.ply, line 14: '2.0' is not a vertex index"),
         ("4 0 1 2 3\n", "", "bad.ply, face 0: the file ends here, but its header promises 1 of 'face'"),
         ("element vertex 4", "element vertex 4000000000", "bad.ply, line 14: the line ends before"),
-        ("element face 1", "element face 200000000", "bad.ply, face 1: the file ends here, but its header promises 200000000"),
+        (
+            "element face 1",
+            "element face 200000000",
+            "bad.ply, face 1: the file ends here, but its header promises 200000000",
+        ),
     ] {
         assert!(QUAD_PLY.contains(from), "{from}");
         // `4 0 1 2 3` read as a vertex is a fine vertex; a shorter line shows the lie.
@@ -266,15 +302,21 @@ fn binary_ply_errors_name_the_element() {
         vertices[2][1] = x;
         binary_ply(Types { coordinate: "double", ..PLAIN }, &vertices, &[&[0, 1, 2]])
     };
-    assert!(refusal("b.ply", with(f64::NAN)).starts_with("b.ply, vertex 2: coordinate 'NaN' is not a finite"));
+    assert!(
+        refusal("b.ply", with(f64::NAN)).starts_with("b.ply, vertex 2: coordinate 'NaN' is not a finite")
+    );
     assert!(refusal("b.ply", with(1e39)).starts_with("b.ply, vertex 2: coordinate 'inf' is not a finite"));
     let faces = |faces: &[&[i64]]| binary_ply(PLAIN, &vertices, faces);
     assert!(
         refusal("b.ply", faces(&[&[0, 1, 2], &[0, 1, 4]]))
             .starts_with("b.ply, face 1: vertex index 4 is out of range, the vertices are 0 to 3")
     );
-    assert!(refusal("b.ply", faces(&[&[0, 1, -2]])).starts_with("b.ply, face 0: vertex index -2 is out of range"));
-    assert!(refusal("b.ply", faces(&[&[0, 1]])).starts_with("b.ply, face 0: a face needs at least 3 corners"));
+    assert!(
+        refusal("b.ply", faces(&[&[0, 1, -2]])).starts_with("b.ply, face 0: vertex index -2 is out of range")
+    );
+    assert!(
+        refusal("b.ply", faces(&[&[0, 1]])).starts_with("b.ply, face 0: a face needs at least 3 corners")
+    );
     assert!(refusal("b.ply", faces(&[&[]])).starts_with("b.ply, face 0: a face needs at least 3 corners"));
     let whole = faces(&[&[0, 1, 2]]);
     assert!(
@@ -286,7 +328,10 @@ fn binary_ply_errors_name_the_element() {
 /// A header that promises far more than the file holds costs nothing.
 #[test]
 fn lying_headers_are_cheap() {
-    for (from, to) in [("element vertex 4", "element vertex 4294967295"), ("element camera 1", "element camera 9999999999999")] {
+    for (from, to) in [
+        ("element vertex 4", "element vertex 4294967295"),
+        ("element camera 1", "element camera 9999999999999"),
+    ] {
         let bytes = quad_binary(PLAIN);
         let text = bytes.windows(from.len()).position(|w| w == from.as_bytes()).unwrap();
         let lie = [&bytes[..text], to.as_bytes(), &bytes[text + from.len()..]].concat();
@@ -306,7 +351,9 @@ fn lying_headers_are_cheap() {
 #[test]
 fn other_refusals() {
     let packed = gzip(QUAD_PLY.as_bytes());
-    assert!(refusal("a.ply.gz", &packed[..packed.len() - 5]).starts_with("a.ply.gz: the gzip data is damaged"));
+    assert!(
+        refusal("a.ply.gz", &packed[..packed.len() - 5]).starts_with("a.ply.gz: the gzip data is damaged")
+    );
     assert!(refusal("a.ply.gz", QUAD_PLY).starts_with("a.ply.gz: the gzip data is damaged"));
     assert!(refusal("a.ply.gz", gzip(b"")).starts_with("a.ply.gz: there is nothing in it"));
     assert!(refusal("a.stl", "solid teapot\n").starts_with("a.stl: neither OBJ nor PLY; convert it"));
@@ -344,7 +391,9 @@ fn truncation_anywhere_is_no_panic() {
             match read(name, &bytes[..length]) {
                 Err(e) => assert!(e.to_string().len() > 20),
                 // Text may lose its last line break or digits, and PLY what follows the faces.
-                Ok(mesh) => assert!(mesh.triangles().len() <= 2 && bytes.len() - length <= 12, "{name} {length}"),
+                Ok(mesh) => {
+                    assert!(mesh.triangles().len() <= 2 && bytes.len() - length <= 12, "{name} {length}")
+                }
             }
         }
     }

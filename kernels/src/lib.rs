@@ -37,7 +37,7 @@ pub use spirv_std::glam;
 #[cfg(not(target_arch = "spirv"))]
 pub const ALL: &[&Kernel] = &[
     &probe::PROBE,
-    &build::gather::GATHER,
+    &build::boxes::BOXES,
     &build::bin::BIN,
     &build::split::SPLIT,
     &build::count::COUNT,
@@ -47,6 +47,7 @@ pub const ALL: &[&Kernel] = &[
     &build::place::PLACE,
     &build::top::TOP,
     &build::emit::EMIT,
+    &trace::corners::CORNERS,
     &trace::closest::CLOSEST,
     &trace::any::ANY,
     &trace::steps::STEPS,

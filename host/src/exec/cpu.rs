@@ -4,14 +4,7 @@ use super::{Buffer, Groups, Limit, Step, Timing};
 use crate::Error;
 use raykd_kernels::{Group, Order, RawBuf};
 use rayon::prelude::*;
-use std::{
-    alloc::{Layout, alloc_zeroed, dealloc},
-    sync::Arc,
-    time::Instant,
-};
-
-/// Buffers are aligned for the widest element, a vector of four.
-const ALIGN: usize = 16;
+use std::{sync::Arc, time::Instant};
 
 /// The processor as a device.
 #[derive(Debug)]
@@ -146,14 +139,15 @@ fn memory(buffer: &Buffer) -> &Memory {
     }
 }
 
-/// Shared ownership of aligned, zeroed memory.
+/// Shared ownership of zeroed memory, page-aligned.
 #[derive(Clone, Debug)]
 pub(super) struct Memory(Arc<Allocation>);
 
 #[derive(Debug)]
 struct Allocation {
+    /// Start of the map; all accesses go through it, never through a reference.
     ptr: *mut u8,
-    layout: Layout,
+    map: memmap2::MmapMut,
 }
 
 // SAFETY: plain memory; whoever reads or writes it keeps apart from others as `Kernel::run` demands.
@@ -163,20 +157,14 @@ unsafe impl Sync for Allocation {}
 
 impl Memory {
     fn zeroed(bytes: u64) -> Option<Self> {
-        let layout = Layout::from_size_align(usize::try_from(bytes).ok()?, ALIGN).ok()?;
-        // SAFETY: sizes are at least 16.
-        let ptr = unsafe { alloc_zeroed(layout) };
-        (!ptr.is_null()).then(|| Self(Arc::new(Allocation { ptr, layout })))
+        let mut map = memmap2::MmapMut::map_anon(usize::try_from(bytes).ok()?).ok()?;
+        // Traversal jumps about; finding small pages would cost it more than reading them.
+        #[cfg(target_os = "linux")]
+        let _ = map.advise(memmap2::Advice::HugePage);
+        Some(Self(Arc::new(Allocation { ptr: map.as_mut_ptr(), map })))
     }
 
     fn raw(&self) -> RawBuf {
-        RawBuf { ptr: self.0.ptr, len: self.0.layout.size() }
-    }
-}
-
-impl Drop for Allocation {
-    fn drop(&mut self) {
-        // SAFETY: allocated with this layout and freed once.
-        unsafe { dealloc(self.ptr, self.layout) }
+        RawBuf { ptr: self.0.ptr, len: self.0.map.len() }
     }
 }

@@ -127,7 +127,9 @@ pub enum MeshError {
         corners: u64,
     },
     /// There are no faces at all.
-    #[error("{at}: there are no faces; export the mesh with polygons (points, lines and strips do not count)")]
+    #[error(
+        "{at}: there are no faces; export the mesh with polygons (points, lines and strips do not count)"
+    )]
     NoFaces {
         /// The file.
         at: Place,
@@ -157,7 +159,11 @@ pub enum MeshError {
         path: PathBuf,
     },
     /// Neither a scene's name nor a file.
-    #[error("'{name}' is neither a file nor a scene; the scenes are teapot, teapot:LEVEL (1 to {}), {}", super::teapot::MAX_LEVEL, super::scenes::names())]
+    #[error(
+        "'{name}' is neither a file nor a scene; the scenes are teapot, teapot:LEVEL (1 to {}), {}",
+        super::teapot::MAX_LEVEL,
+        super::scenes::names()
+    )]
     UnknownScene {
         /// What was asked for.
         name: String,

@@ -34,7 +34,8 @@ pub(super) fn from_bytes(path: &Path, bytes: Vec<u8>) -> Result<Mesh, MeshError>
 fn parse(path: &Path, bytes: Vec<u8>) -> Result<Mesh, MeshError> {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     let inner_name = name.strip_suffix(".gz");
-    let bytes = if inner_name.is_some() || bytes.starts_with(&[0x1f, 0x8b]) { unpack(&bytes)? } else { bytes };
+    let bytes =
+        if inner_name.is_some() || bytes.starts_with(&[0x1f, 0x8b]) { unpack(&bytes)? } else { bytes };
     if bytes.is_empty() {
         return Err(MeshError::Truncated { at: Place::default(), what: "there is nothing in it".to_owned() });
     }

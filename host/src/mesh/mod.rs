@@ -85,7 +85,8 @@ impl Mesh {
         let repair::Survey { kept, bounds, scale, dust } = repair::survey(&positions, &triangles)?;
         repairs.zero_area = (triangles.len() - kept.len()) as u32;
         repairs.duplicates = repair::count_duplicates(&positions, &triangles, &kept);
-        let flushed = positions.as_flattened().iter().filter(|&&x| x != 0.0 && repair::settle(x, dust) == 0.0);
+        let flushed =
+            positions.as_flattened().iter().filter(|&&x| x != 0.0 && repair::settle(x, dust) == 0.0);
         repairs.flushed = flushed.count().try_into().unwrap_or(u32::MAX);
         Ok(Self { positions, triangles, kept, repairs, bounds, scale, dust })
     }

@@ -84,9 +84,11 @@ impl Sink {
     /// Makes sure that the header describes a mesh.
     fn new(header: &Header) -> Result<Self, MeshError> {
         let malformed = |what: &str| MeshError::Malformed { at: Place::header(), what: what.to_owned() };
-        let vertices = header.elements.get("vertex").ok_or_else(|| malformed("there is no element 'vertex'"))?;
+        let vertices =
+            header.elements.get("vertex").ok_or_else(|| malformed("there is no element 'vertex'"))?;
         for name in ["x", "y", "z"] {
-            let scalar = vertices.properties.get(name).map(|p| matches!(p.data_type, PropertyType::Scalar(_)));
+            let scalar =
+                vertices.properties.get(name).map(|p| matches!(p.data_type, PropertyType::Scalar(_)));
             if scalar != Some(true) {
                 return Err(malformed(&format!("element 'vertex' has no coordinate '{name}'")));
             }
@@ -95,7 +97,10 @@ impl Sink {
         let faces = faces.ok_or(MeshError::NoFaces { at: Place::default() })?;
         let mut lists = faces.properties.values().filter(|p| is_corners(&p.name));
         match (lists.next().map(|p| &p.data_type), lists.next()) {
-            (Some(PropertyType::List(_, ScalarType::Float | ScalarType::Double) | PropertyType::Scalar(_)), _) => {
+            (
+                Some(PropertyType::List(_, ScalarType::Float | ScalarType::Double) | PropertyType::Scalar(_)),
+                _,
+            ) => {
                 return Err(malformed("the corners of 'face' are not a list of integers"));
             }
             (Some(PropertyType::List(..)), None) => {}
@@ -246,9 +251,11 @@ impl Words<'_> {
     fn number<T: std::str::FromStr>(&mut self, wanted: &str) -> Result<T, MeshError> {
         let line = self.line;
         let word = self.word()?;
-        std::str::from_utf8(word).ok().and_then(|text| text.parse().ok()).ok_or_else(|| MeshError::Malformed {
-            at: Place::line(line),
-            what: format!("'{}' is not {wanted}", word.escape_ascii()),
+        std::str::from_utf8(word).ok().and_then(|text| text.parse().ok()).ok_or_else(|| {
+            MeshError::Malformed {
+                at: Place::line(line),
+                what: format!("'{}' is not {wanted}", word.escape_ascii()),
+            }
         })
     }
 

@@ -53,7 +53,7 @@ impl FromStr for Scene {
         }
         // Something that looks like a path gets the system's own words if it cannot be read.
         let path = Path::new(text);
-        if path.exists() || (path.extension().is_some() || path.components().count() > 1) {
+        if path.exists() || path.extension().is_some() || path.components().count() > 1 {
             return Ok(Self::File(path.to_owned()));
         }
         Err(MeshError::UnknownScene { name: text.to_owned() })

@@ -95,7 +95,9 @@ mod tests {
 
     #[test]
     fn levels() {
-        for (triangles, level) in [(0, 1), (56, 1), (992, 4), (1000, 4), (6320, 10), (1_000_000, 125), (u32::MAX, 1000)] {
+        for (triangles, level) in
+            [(0, 1), (56, 1), (992, 4), (1000, 4), (6320, 10), (1_000_000, 125), (u32::MAX, 1000)]
+        {
             assert_eq!(teapot_level_for(triangles), level, "{triangles}");
         }
     }

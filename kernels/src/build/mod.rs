@@ -7,9 +7,9 @@
 
 pub mod alloc;
 pub mod bin;
+pub mod boxes;
 pub mod count;
 pub mod emit;
-pub mod gather;
 pub mod place;
 pub mod scatter;
 pub mod split;

@@ -18,7 +18,7 @@ const LANES: usize = BINS as usize;
 /// Position of the border below bin `i`.
 #[inline(always)]
 fn border(lo: f32, hi: f32, i: u32) -> f32 {
-    lo + (hi - lo) * (1.0 / BINS as f32) * i as f32
+    lo + (hi - lo) * const { 1.0 / BINS as f32 } * i as f32
 }
 
 /// Chooses the plane of active node `group.id`: one lane a bin border, ties to the lowest border, then axis.

@@ -14,8 +14,7 @@ pub fn any(
     job: &Buf<u32>,
     header: &Buf<TreeHeader>,
     nodes: &Buf<UVec2>,
-    refs: &Buf<u32>,
-    triangles: &Buf<Vec4>,
+    corners: &Buf<Vec4>,
     rays: &Buf<Vec4>,
     hits: &mut Buf<UVec4>,
     outcome: &mut Buf<u32>,
@@ -23,7 +22,7 @@ pub fn any(
     if i < job.at(JOB_RAYS) {
         let ray = load(i, rays, &header.at(0), outcome);
         let mut steps = Steps::default();
-        let best = walk::<true>(&ray, nodes, refs, triangles, &mut steps);
+        let best = walk::<true>(&ray, nodes, corners, &mut steps);
         hits.put(i, record(&ray, &best));
         if steps.overflow {
             outcome.or(OUTCOME_STATUS, status::STACK);
@@ -34,7 +33,7 @@ pub fn any(
 kernel! {
     /// [`any`] over all rays.
     map ANY = any, threads 64, {
-        0 job: read u32, 1 header: read TreeHeader, 2 nodes: read UVec2, 3 refs: read u32,
-        4 triangles: read Vec4, 5 rays: read Vec4, 6 hits: write UVec4, 7 outcome: write u32,
+        0 job: read u32, 1 header: read TreeHeader, 2 nodes: read UVec2, 3 corners: read Vec4,
+        4 rays: read Vec4, 5 hits: write UVec4, 6 outcome: write u32,
     }
 }

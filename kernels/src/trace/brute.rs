@@ -2,6 +2,7 @@
 
 use super::{JOB_RAYS, JOB_REFS, NOTHING, load, record, triangle::test};
 use crate::{
+    build::boxes::vertex,
     glam::{UVec4, Vec4},
     mem::{Buf, Slots},
 };
@@ -14,7 +15,8 @@ pub fn brute(
     job: &Buf<u32>,
     header: &Buf<TreeHeader>,
     kept: &Buf<u32>,
-    triangles: &Buf<Vec4>,
+    positions: &Buf<f32>,
+    indices: &Buf<u32>,
     rays: &Buf<Vec4>,
     hits: &mut Buf<UVec4>,
     outcome: &mut Buf<u32>,
@@ -26,8 +28,10 @@ pub fn brute(
         let mut r = 0;
         while r < end {
             let id = kept.at(r);
-            let (a, b, c) = (triangles.at(3 * id), triangles.at(3 * id + 1), triangles.at(3 * id + 2));
-            test(&ray, id, a.truncate(), b.truncate(), c.truncate(), &mut best);
+            let a = vertex(positions, indices, id, 0);
+            let b = vertex(positions, indices, id, 1);
+            let c = vertex(positions, indices, id, 2);
+            test(&ray, id, a, b, c, &mut best);
             r += 1;
         }
         hits.put(i, record(&ray, &best));
@@ -37,7 +41,7 @@ pub fn brute(
 kernel! {
     /// [`brute`] over all rays.
     map BRUTE = brute, threads 64, {
-        0 job: read u32, 1 header: read TreeHeader, 2 kept: read u32, 3 triangles: read Vec4,
-        4 rays: read Vec4, 5 hits: write UVec4, 6 outcome: write u32,
+        0 job: read u32, 1 header: read TreeHeader, 2 kept: read u32, 3 positions: read f32,
+        4 indices: read u32, 5 rays: read Vec4, 6 hits: write UVec4, 7 outcome: write u32,
     }
 }

@@ -57,9 +57,12 @@ pub struct Frame {
     pub valid: bool,
 }
 
-/// The component of a vector on an axis.
+/// The component of a vector on an axis. The GPU selects; the CPU, where that would be a jump table, indexes.
 #[inline(always)]
 pub fn component(v: Vec3, axis: u32) -> f32 {
+    #[cfg(not(target_arch = "spirv"))]
+    return v.to_array()[axis as usize];
+    #[cfg(target_arch = "spirv")]
     if axis == 0 {
         v.x
     } else if axis == 1 {

@@ -3,6 +3,7 @@
 pub mod any;
 pub mod brute;
 pub mod closest;
+pub mod corners;
 pub mod frame;
 pub mod stack;
 pub mod steps;

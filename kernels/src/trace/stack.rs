@@ -36,8 +36,7 @@ pub struct Steps {
 pub fn walk<const ANY: bool>(
     ray: &Frame,
     nodes: &Buf<UVec2>,
-    refs: &Buf<u32>,
-    triangles: &Buf<Vec4>,
+    corners: &Buf<Vec4>,
     steps: &mut Steps,
 ) -> Best {
     let mut best = NOTHING;
@@ -57,9 +56,8 @@ pub fn walk<const ANY: bool>(
             let end = r + here.count();
             steps.tests += here.count();
             while r < end {
-                let id = refs.at(r);
-                let (a, b, c) = (triangles.at(3 * id), triangles.at(3 * id + 1), triangles.at(3 * id + 2));
-                test(ray, id, a.truncate(), b.truncate(), c.truncate(), &mut best);
+                let (a, b, c) = (corners.at(3 * r), corners.at(3 * r + 1), corners.at(3 * r + 2));
+                test(ray, a.w.to_bits(), a.truncate(), b.truncate(), c.truncate(), &mut best);
                 r += 1;
             }
             running = !(ANY && best.triangle != MISS);

@@ -14,8 +14,7 @@ pub fn steps(
     job: &Buf<u32>,
     header: &Buf<TreeHeader>,
     nodes: &Buf<UVec2>,
-    refs: &Buf<u32>,
-    triangles: &Buf<Vec4>,
+    corners: &Buf<Vec4>,
     rays: &Buf<Vec4>,
     hits: &mut Buf<UVec4>,
     outcome: &mut Buf<u32>,
@@ -24,7 +23,7 @@ pub fn steps(
     if i < job.at(JOB_RAYS) {
         let ray = load(i, rays, &header.at(0), outcome);
         let mut steps = Steps::default();
-        let best = walk::<false>(&ray, nodes, refs, triangles, &mut steps);
+        let best = walk::<false>(&ray, nodes, corners, &mut steps);
         hits.put(i, record(&ray, &best));
         counts.put(i, UVec4::new(steps.inner, steps.leaves, steps.tests, 0));
         if steps.overflow {
@@ -36,8 +35,8 @@ pub fn steps(
 kernel! {
     /// [`steps`] over all rays.
     map STEPS = steps, threads 64, {
-        0 job: read u32, 1 header: read TreeHeader, 2 nodes: read UVec2, 3 refs: read u32,
-        4 triangles: read Vec4, 5 rays: read Vec4, 6 hits: write UVec4, 7 outcome: write u32,
-        8 counts: write UVec4,
+        0 job: read u32, 1 header: read TreeHeader, 2 nodes: read UVec2, 3 corners: read Vec4,
+        4 rays: read Vec4, 5 hits: write UVec4, 6 outcome: write u32,
+        7 counts: write UVec4,
     }
 }

@@ -93,7 +93,7 @@ fn accept(
         let depth = u * flush(along * az) + v * flush(along * bz) + w * flush(along * cz);
         let mut t = div(depth, det);
         // The box clause; see frame.rs.
-        let slack = ray.pad * (CLAUSE / PAD);
+        let slack = ray.pad * const { CLAUSE / PAD };
         let (o, i) = (ray.origin, ray.inverse);
         let (mut enter, mut exit) = (ray.t_min, ray.t_max);
         let lo = Vec3::new(low(low(a.x, b.x), c.x), low(low(a.y, b.y), c.y), low(low(a.z, b.z), c.z));
