@@ -326,7 +326,7 @@ fn attempt_build(
         return Ok(Outcome::MoreLevels);
     }
     if bits != 0 {
-        return Err(Error::Kernel(format!("the build raised status {bits:#x}")));
+        return Err(Error::Kernel(status::describe(bits)));
     }
     let (node_count, ref_count) = (words[STATE_NODES as usize], words[STATE_REFS as usize]);
     let nodes = arena.alloc("nodes", node_count, 8)?;

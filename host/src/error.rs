@@ -63,8 +63,8 @@ pub enum Error {
         what: String,
     },
     /// A kernel raised a status that more room cannot cure.
-    #[error("kernel fault: {0}; please report this")]
-    Kernel(String),
+    #[error("a kernel stopped: {0}")]
+    Kernel(&'static str),
     /// A tree file or tree does not hold together.
     #[error("{0}")]
     Tree(String),

@@ -13,7 +13,7 @@ use raykd_kernels::{
         corners::CORNERS, steps::STEPS,
     },
 };
-use raykd_shared::{Hit, Ray, TreeHeader};
+use raykd_shared::{Hit, Ray, TreeHeader, status};
 use std::time::{Duration, Instant};
 
 /// What is asked of each ray.
@@ -53,6 +53,9 @@ pub struct Traced {
     /// Rays that were none (NaN, infinite, zero direction, origin out of range); they hit nothing.
     pub invalid: u32,
 }
+
+/// Triangles per dispatch of the brute-force kernel.
+const BRUTE_SLICE: u32 = 4096;
 
 /// A mesh and its tree, resident on a device.
 #[derive(Debug)]
@@ -202,20 +205,37 @@ impl<'d> Scene<'d> {
         let kept = self.device.alloc("kept", self.kept.len() as u64 * 4)?;
         self.device.write(&kept, 0, bytemuck::cast_slice(&self.kept))?;
         let mut hits = Vec::with_capacity(rays.len());
-        for part in rays.chunks(self.batch_limit()) {
+        for part in rays.chunks(self.batch_limit() / 4) {
             let batch = Batch::new(self.device, part)?;
-            batch.set_refs(self.device, self.kept.len() as u32)?;
-            let buffers = vec![
-                &batch.job,
-                &self.header_buffer,
-                &kept,
-                &self.mesh.positions,
-                &self.mesh.indices,
-                &batch.rays,
-                &batch.hits,
-                &batch.outcome,
-            ];
-            self.device.run(&[Step::over(&BRUTE, batch.count, buffers)], false)?;
+            let bests = self.device.alloc("best hits", part.len() as u64 * 32)?;
+            let count = self.kept.len() as u32;
+            let slices = (0..count.div_ceil(BRUTE_SLICE)).map(|slice| {
+                let job = self.device.alloc("job", u64::from(JOB_WORDS) * 4)?;
+                let from = slice * BRUTE_SLICE;
+                let words = [batch.count, from, count.min(from + BRUTE_SLICE), 0];
+                self.device.write(&job, 0, bytemuck::cast_slice(&words))?;
+                Ok(job)
+            });
+            let slices: Vec<Buffer> = slices.collect::<Result<_, Error>>()?;
+            let step = |job| {
+                let (mesh, header) = (&self.mesh, &self.header_buffer);
+                let buffers = vec![
+                    job,
+                    header,
+                    &kept,
+                    &mesh.positions,
+                    &mesh.indices,
+                    &batch.rays,
+                    &batch.hits,
+                    &batch.outcome,
+                    &bests,
+                ];
+                Step::over(&BRUTE, batch.count, buffers)
+            };
+            // Without triangles one empty slice still writes the misses.
+            let steps: Vec<Step<'_>> =
+                if slices.is_empty() { vec![step(&batch.job)] } else { slices.iter().map(step).collect() };
+            self.device.run(&steps, false)?;
             hits.extend(batch.hits(self.device)?);
         }
         Ok(hits)
@@ -304,12 +324,8 @@ impl Batch {
             outcome: device.alloc("outcome", u64::from(OUTCOME_WORDS) * 4)?,
         };
         device.write(&batch.rays, 0, bytemuck::cast_slice(rays))?;
-        batch.set_refs(device, 0)?;
+        device.write(&batch.job, 0, bytemuck::cast_slice(&[count, 0, 0, 0]))?;
         Ok(batch)
-    }
-
-    fn set_refs(&self, device: &Device, refs: u32) -> Result<(), Error> {
-        device.write(&self.job, 0, bytemuck::cast_slice(&[self.count, refs, 0, 0]))
     }
 
     fn buffers<'a>(&'a self, scene: &'a Scene<'_>) -> Vec<&'a Buffer> {
@@ -334,7 +350,7 @@ impl Batch {
         let words: Vec<u32> = device.read(&self.outcome, 0, OUTCOME_WORDS as usize)?;
         match words[OUTCOME_STATUS as usize] {
             0 => Ok(words[OUTCOME_INVALID as usize]),
-            bits => Err(Error::Kernel(format!("tracing raised status {bits:#x}"))),
+            bits => Err(Error::Kernel(status::describe(bits))),
         }
     }
 

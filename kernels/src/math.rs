@@ -119,6 +119,19 @@ fn wide(a: u32, b: u32) -> (u32, u32) {
     (ah * bh + (middle >> 12) + (low >> 24), low & 0x00FF_FFFF)
 }
 
+/// How far a 48-bit number, not 0, must go up until its top bit is set.
+#[inline(always)]
+fn lift(high: u32, low: u32) -> u32 {
+    if high != 0 { high.leading_zeros() - 8 } else { 24 + (low | 1).leading_zeros() - 8 }
+}
+
+/// A 48-bit number times `2^by`, `by < 48`.
+#[inline(always)]
+fn shift(high: u32, low: u32, by: u32) -> (u32, u32) {
+    let (high, low, by) = if by >= 24 { (low, 0, by - 24) } else { (high, low, by) };
+    ((high << by) | (low >> (24 - by)), (low << by) & 0x00FF_FFFF)
+}
+
 /// A number as an integer of 24 bits times `2^(e - 150)`.
 #[inline(always)]
 fn parts(a: f32) -> (u32, i32) {
@@ -143,21 +156,10 @@ pub fn product_difference(a: f32, b: f32, c: f32, d: f32, floor: f32) -> f32 {
     let q_negative = ((c.to_bits() ^ d.to_bits()) >> 31) != 0;
     // Bring both to one exponent. Equal rounded products are within a binade of each other unless they
     // underflow, and then only the sign matters; so a long shift may lose low bits.
-    let (mut pe, mut qe) = (ea + eb, ec + ed);
-    let mut i = 0;
-    while i < 48 && !p_zero && ph < 0x0080_0000 {
-        ph = (ph << 1) | (pl >> 23);
-        pl = (pl << 1) & 0x00FF_FFFF;
-        pe -= 1;
-        i += 1;
-    }
-    i = 0;
-    while i < 48 && !q_zero && qh < 0x0080_0000 {
-        qh = (qh << 1) | (ql >> 23);
-        ql = (ql << 1) & 0x00FF_FFFF;
-        qe -= 1;
-        i += 1;
-    }
+    let (p_up, q_up) = (lift(ph, pl), lift(qh, ql));
+    let (mut pe, mut qe) = (ea + eb - p_up as i32, ec + ed - q_up as i32);
+    (ph, pl) = shift(ph, pl, p_up);
+    (qh, ql) = shift(qh, ql, q_up);
     // One binade apart: double the larger one (25 bits in its high word are fine).
     if !p_zero && !q_zero && pe == qe + 1 {
         ph = (ph << 1) | (pl >> 23);

@@ -8,3 +8,20 @@ pub const LEVELS: u32 = 2;
 pub const BAD_INDEX: u32 = 4;
 /// The traversal stack was full: the tree is deeper than its header says.
 pub const STACK: u32 = 8;
+/// The driver left a loop early: llvmpipe does after 65,535 rounds. The result is not to be used.
+pub const CUT_SHORT: u32 = 16;
+
+/// What a set of bits means, for messages.
+pub const fn describe(bits: u32) -> &'static str {
+    if bits & CUT_SHORT != 0 {
+        "the driver cut a long loop short, as llvmpipe does after 65,535 rounds; use --device cpu"
+    } else if bits & STACK != 0 {
+        "the tree is deeper than its header says"
+    } else if bits & BAD_INDEX != 0 {
+        "an index pointed outside its buffer"
+    } else if bits & LEVELS != 0 {
+        "the level loop was too short"
+    } else {
+        "a buffer was too short"
+    }
+}

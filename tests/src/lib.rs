@@ -1,1 +1,106 @@
-//! x
+//! What the tests share: devices to compare, meshes and rays that have broken ray tracers, and checks that
+//! name the first thing that differs.
+
+pub mod meshes;
+pub mod rays;
+pub mod trees;
+
+use proptest::{prelude::ProptestConfig, test_runner::TestCaseError};
+use raykd::{
+    Device,
+    exec::Cpu,
+    kernels::Order,
+};
+use std::{fmt, sync::LazyLock};
+
+/// A device and what it is called in messages.
+#[derive(Debug)]
+pub struct Named {
+    /// What it is called.
+    pub name: &'static str,
+    /// The device.
+    pub device: Device,
+}
+
+/// All devices that must agree. The first, the CPU with its lanes in order, is what the others are compared
+/// with; the last is the GPU.
+///
+/// # Panics
+/// There is no Vulkan adapter: that is a failure, not a reason to skip.
+pub fn devices() -> &'static [Named] {
+    static DEVICES: LazyLock<Vec<Named>> = LazyLock::new(|| {
+        let cpu = |name, cpu| Named { name, device: Device::Cpu(cpu) };
+        let gpu = Device::gpu(None).unwrap_or_else(|e| panic!("the tests compare CPU and GPU, but: {e}"));
+        vec![
+            cpu("CPU", Cpu::default()),
+            cpu("CPU, lanes and groups in reverse", Cpu::default().in_order(Order::Reverse)),
+            cpu("CPU, lanes shuffled", Cpu::default().in_order(Order::Shuffled(0x5EED))),
+            cpu("CPU, one thread", Cpu::with_threads(1).expect("a thread can be started")),
+            Named { name: "GPU", device: gpu },
+        ]
+    });
+    &DEVICES
+}
+
+/// The CPU of [`devices`].
+pub fn cpu() -> &'static Device {
+    &devices()[0].device
+}
+
+/// The GPU of [`devices`].
+pub fn gpu() -> &'static Device {
+    &devices()[devices().len() - 1].device
+}
+
+/// Why a check failed; a failed assertion for `proptest`, a panic for `unwrap`.
+#[derive(Debug)]
+pub struct Failure(pub String);
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for Failure {}
+
+impl From<raykd::Error> for Failure {
+    fn from(error: raykd::Error) -> Self {
+        Self(error.to_string())
+    }
+}
+
+impl From<Failure> for TestCaseError {
+    fn from(failure: Failure) -> Self {
+        Self::fail(failure.0)
+    }
+}
+
+/// Compares as bytes and names the first element that differs.
+///
+/// # Errors
+/// They differ.
+pub fn same<T: bytemuck::Pod + fmt::Debug>(what: &str, expected: &[T], found: &[T]) -> Result<(), Failure> {
+    if expected.len() != found.len() {
+        return Err(Failure(format!("{what}: {} elements, expected {}", found.len(), expected.len())));
+    }
+    let differs = |(a, b): (&T, &T)| bytemuck::bytes_of(a) != bytemuck::bytes_of(b);
+    match expected.iter().zip(found).position(differs) {
+        None => Ok(()),
+        Some(i) => {
+            let count = expected.iter().zip(found).filter(|&pair| differs(pair)).count();
+            Err(Failure(format!(
+                "{what}: element {i} (the first of {count} that differ) is {:?}, expected {:?}",
+                found[i], expected[i]
+            )))
+        }
+    }
+}
+
+/// This many cases for a test; `PROPTEST_CASES`, whose default is 256, scales all tests alike.
+pub fn cases(count: u32) -> ProptestConfig {
+    let mut config = ProptestConfig::default();
+    config.cases = (config.cases * count / 256).max(1);
+    config.max_shrink_iters = 300;
+    config
+}

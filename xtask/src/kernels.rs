@@ -70,9 +70,9 @@ pub(crate) fn run(args: &Args, root: &Path) -> Result<()> {
         compare(root, &manifest, &module_bytes, &fresh)?;
         println!("{MODULE} is what the sources compile to");
     } else {
-        let directory = root.join(MODULE);
-        fs::create_dir_all(directory.parent().context("the module has a directory")?)?;
-        fs::write(root.join(MODULE), &module_bytes)?;
+        let path = root.join(MODULE);
+        fs::create_dir_all(path.parent().context("the module lies in a directory")?)?;
+        fs::write(path, &module_bytes)?;
         fs::write(root.join(MANIFEST), serde_json::to_string_pretty(&manifest)? + "\n")?;
         println!(
             "{MODULE}: {} kernels, {} bytes, {exact_float_ops} float operations",
@@ -111,20 +111,24 @@ fn validate(module: &Path) -> Result<()> {
     match Command::new("spirv-val").args(["--target-env", "vulkan1.2"]).arg(module).status() {
         Ok(status) => ensure!(status.success(), "{} is not valid for Vulkan 1.2", module.display()),
         Err(e) if e.kind() == io::ErrorKind::NotFound => {
-            bail!("spirv-val is not installed: apt install spirv-tools (or your system's package of that name)")
+            bail!(
+                "spirv-val is not installed: apt install spirv-tools (or your system's package of that name)"
+            )
         }
         Err(e) => return Err(e).context("running spirv-val"),
     }
     Ok(())
 }
 
-/// Names and workgroup sizes, sorted by name as the module lists them.
+/// Names and workgroup sizes, in the order of the module.
 fn entry_points(module: &Module) -> Result<Vec<EntryPoint>> {
     module
         .entry_points
         .iter()
         .map(|entry| {
-            let Operand::LiteralString(name) = &entry.operands[2] else { bail!("an entry point has no name") };
+            let Operand::LiteralString(name) = &entry.operands[2] else {
+                bail!("an entry point has no name")
+            };
             let size = module
                 .execution_modes
                 .iter()

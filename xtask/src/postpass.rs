@@ -139,7 +139,8 @@ fn memory_model(module: &mut Module) -> Result<()> {
         | MemorySemantics::VOLATILE;
     let mut next = module.header.as_ref().context("the module has no header")?.bound;
     let mut added: BTreeMap<(Word, u32), Word> = BTreeMap::new();
-    for operand in module.functions.iter_mut().flat_map(|f| f.all_inst_iter_mut()).flat_map(|i| &mut i.operands)
+    for operand in
+        module.functions.iter_mut().flat_map(|f| f.all_inst_iter_mut()).flat_map(|i| &mut i.operands)
     {
         let (id, is_scope) = match operand {
             Operand::IdScope(id) => (id, true),

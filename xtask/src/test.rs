@@ -69,7 +69,10 @@ fn install_driver() -> Result<()> {
         command.args(["DEBIAN_FRONTEND=noninteractive", "apt-get", "-qq", "-o", "Dpkg::Use-Pty=0"]);
         command
     };
-    println!("no Vulkan driver found: installing {} (a software rasteriser) by apt-get", PACKAGES.join(" and "));
+    println!(
+        "no Vulkan driver found: installing {} (a software rasteriser) by apt-get",
+        PACKAGES.join(" and ")
+    );
     execute(apt().arg("update"))?;
     execute(apt().args(["install", "--yes", "--no-install-recommends"]).args(PACKAGES))
 }

@@ -101,7 +101,8 @@ fn install(cache: &Path) -> Result<PathBuf> {
 /// rustup without what `cargo run` of another toolchain left in the environment.
 fn rustup() -> Command {
     let mut command = Command::new("rustup");
-    for name in ["RUSTUP_TOOLCHAIN", "CARGO", "RUSTC", "RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS", "CARGO_TARGET_DIR"]
+    for name in
+        ["RUSTUP_TOOLCHAIN", "CARGO", "RUSTC", "RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS", "CARGO_TARGET_DIR"]
     {
         command.env_remove(name);
     }

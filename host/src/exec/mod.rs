@@ -3,6 +3,8 @@
 mod cpu;
 #[cfg(feature = "gpu")]
 mod gpu;
+#[doc(hidden)]
+pub mod watch;
 
 pub use cpu::Cpu;
 #[cfg(feature = "gpu")]
@@ -171,7 +173,9 @@ impl Device {
             #[cfg(feature = "gpu")]
             Self::Gpu(gpu) => Memory::Gpu(gpu.alloc(name, bytes)?),
         };
-        Ok(Buffer { name, bytes, memory })
+        let buffer = Buffer { name, bytes, memory };
+        watch::poison(self, &buffer)?;
+        Ok(buffer)
     }
 
     /// Writes `data` (length a multiple of 4) at byte `offset` (a multiple of 4).
@@ -228,10 +232,15 @@ impl Device {
         for step in steps {
             assert_eq!(step.buffers.len(), step.kernel.slots.len(), "buffers of {}", step.kernel.name());
         }
-        match self {
+        if steps.len() > 1 && watch::is_on() {
+            return watch::one_by_one(self, steps);
+        }
+        let timing = match self {
             Self::Cpu(cpu) => Ok(cpu.run(steps, profile)),
             #[cfg(feature = "gpu")]
             Self::Gpu(gpu) => gpu.run(steps, profile),
-        }
+        };
+        watch::tell(self, steps);
+        timing
     }
 }

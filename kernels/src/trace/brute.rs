@@ -1,6 +1,12 @@
 //! Closest hit without a tree: the oracle every traversal is compared with.
+//!
+//! A dispatch goes through a slice of the triangles and hands its best hit to the next: no loop gets long
+//! enough for a driver to time out or to cut it short.
 
-use super::{JOB_RAYS, JOB_REFS, NOTHING, load, record, triangle::test};
+use super::{
+    JOB_FROM, JOB_RAYS, JOB_TO, NOTHING, load, record,
+    triangle::{Best, test},
+};
 use crate::{
     build::boxes::vertex,
     glam::{UVec4, Vec4},
@@ -8,7 +14,7 @@ use crate::{
 };
 use raykd_shared::TreeHeader;
 
-/// Tests ray `i` against every triangle of the list `kept`.
+/// Tests ray `i` against the job's slice of the list `kept`.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn brute(
     i: u32,
@@ -20,12 +26,23 @@ pub fn brute(
     rays: &Buf<Vec4>,
     hits: &mut Buf<UVec4>,
     outcome: &mut Buf<u32>,
+    bests: &mut Buf<UVec4>,
 ) {
     if i < job.at(JOB_RAYS) {
         let ray = load(i, rays, &header.at(0), outcome);
         let mut best = NOTHING;
-        let end = if ray.valid { job.at(JOB_REFS) } else { 0 };
-        let mut r = 0;
+        if job.at(JOB_FROM) > 0 {
+            let (head, tail) = (bests.at(2 * i), bests.at(2 * i + 1));
+            best = Best {
+                t: f32::from_bits(head.x),
+                triangle: head.y,
+                u: f32::from_bits(head.z),
+                v: f32::from_bits(head.w),
+                det: f32::from_bits(tail.x),
+            };
+        }
+        let end = if ray.valid { job.at(JOB_TO) } else { 0 };
+        let mut r = job.at(JOB_FROM);
         while r < end {
             let id = kept.at(r);
             let a = vertex(positions, indices, id, 0);
@@ -34,6 +51,8 @@ pub fn brute(
             test(&ray, id, a, b, c, &mut best);
             r += 1;
         }
+        bests.put(2 * i, UVec4::new(best.t.to_bits(), best.triangle, best.u.to_bits(), best.v.to_bits()));
+        bests.put(2 * i + 1, UVec4::new(best.det.to_bits(), 0, 0, 0));
         hits.put(i, record(&ray, &best));
     }
 }
@@ -43,5 +62,6 @@ kernel! {
     map BRUTE = brute, threads 64, {
         0 job: read u32, 1 header: read TreeHeader, 2 kept: read u32, 3 positions: read f32,
         4 indices: read u32, 5 rays: read Vec4, 6 hits: write UVec4, 7 outcome: write u32,
+        8 bests: write UVec4,
     }
 }

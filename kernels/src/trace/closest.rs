@@ -5,7 +5,7 @@ use crate::{
     glam::{UVec2, UVec4, Vec4},
     mem::{Atomics, Buf, Slots},
 };
-use raykd_shared::{TreeHeader, status};
+use raykd_shared::TreeHeader;
 
 /// Answers ray `i`.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
@@ -24,8 +24,8 @@ pub fn closest(
         let mut steps = Steps::default();
         let best = walk::<false>(&ray, nodes, corners, &mut steps);
         hits.put(i, record(&ray, &best));
-        if steps.overflow {
-            outcome.or(OUTCOME_STATUS, status::STACK);
+        if steps.status != 0 {
+            outcome.or(OUTCOME_STATUS, steps.status);
         }
     }
 }

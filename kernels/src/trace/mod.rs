@@ -20,8 +20,10 @@ use triangle::Best;
 
 /// Words of the job record: how many rays this dispatch has.
 pub const JOB_RAYS: u32 = 0;
-/// How many references the brute-force kernel goes through.
-pub const JOB_REFS: u32 = 1;
+/// Brute force: where in the list of triangles this dispatch starts.
+pub const JOB_FROM: u32 = 1;
+/// Brute force: where it ends.
+pub const JOB_TO: u32 = 2;
 /// Words of the job record.
 pub const JOB_WORDS: u32 = 4;
 

@@ -16,7 +16,7 @@ use crate::{
     math::{abs, low},
     mem::{Buf, Slots},
 };
-use raykd_shared::{MISS, Node, limits::MAX_DEPTH};
+use raykd_shared::{MISS, Node, limits::MAX_DEPTH, status};
 
 /// What a ray did on its way.
 #[derive(Clone, Copy, Debug, Default)]
@@ -27,8 +27,8 @@ pub struct Steps {
     pub leaves: u32,
     /// Triangles tested.
     pub tests: u32,
-    /// The stack was too short: the tree is not what its header says.
-    pub overflow: bool,
+    /// Status bits raised on the way.
+    pub status: u32,
 }
 
 /// Finds the closest hit of a ray, or with `ANY` the best one in the first leaf that has one.
@@ -95,12 +95,16 @@ pub fn walk<const ANY: bool>(
                     stack.put(top, UVec2::new((far << 2) | axis, exit.to_bits()));
                     top += 1;
                 } else {
-                    steps.overflow = true;
+                    steps.status |= status::STACK;
                 }
                 node = near;
                 exit = low(exit, at + wide);
             }
         }
+    }
+    if running {
+        // Some software drivers leave a loop after so many rounds whatever its condition says.
+        steps.status |= status::CUT_SHORT;
     }
     best
 }

@@ -5,7 +5,7 @@ use crate::{
     glam::{UVec2, UVec4, Vec4},
     mem::{Atomics, Buf, Slots},
 };
-use raykd_shared::{TreeHeader, status};
+use raykd_shared::TreeHeader;
 
 /// Answers ray `i` and writes its inner nodes, leaves and tests.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
@@ -26,8 +26,8 @@ pub fn steps(
         let best = walk::<false>(&ray, nodes, corners, &mut steps);
         hits.put(i, record(&ray, &best));
         counts.put(i, UVec4::new(steps.inner, steps.leaves, steps.tests, 0));
-        if steps.overflow {
-            outcome.or(OUTCOME_STATUS, status::STACK);
+        if steps.status != 0 {
+            outcome.or(OUTCOME_STATUS, steps.status);
         }
     }
 }

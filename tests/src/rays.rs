@@ -1,0 +1,147 @@
+//! Rays that are hard for a mesh and its tree.
+
+use raykd::{Mesh, Ray, rays::Random, shared::{Content, TreeView}};
+
+/// Rays at a mesh: at corners, edges and insides of triangles, along axes and diagonals, from corners,
+/// surfaces and splitting planes, of any length, with any range of `t`; a few that are no rays at all.
+pub fn rays(mesh: &Mesh, tree: TreeView<'_>, count: usize, seed: u64) -> Vec<Ray> {
+    let mut aim = Aim { mesh, planes: planes(tree), random: Random::new(seed) };
+    (0..count).map(|_| aim.ray()).collect()
+}
+
+/// Axis and position of every splitting plane, in the mesh's units.
+fn planes(tree: TreeView<'_>) -> Vec<(usize, f32)> {
+    let plane = |content| match content {
+        Content::Inner { axis, split, .. } => Some((axis as usize, split / tree.header.scale)),
+        Content::Leaf { .. } => None,
+    };
+    tree.nodes.iter().filter_map(|node| plane(node.content())).collect()
+}
+
+struct Aim<'a> {
+    mesh: &'a Mesh,
+    planes: Vec<(usize, f32)>,
+    random: Random,
+}
+
+impl Aim<'_> {
+    fn below(&mut self, n: usize) -> usize {
+        (self.random.bits() % n as u64) as usize
+    }
+
+    fn unit(&mut self) -> f32 {
+        self.random.unit() as f32
+    }
+
+    fn signed(&mut self) -> f32 {
+        self.unit() * 2.0 - 1.0
+    }
+
+    fn corners(&mut self) -> [[f32; 3]; 3] {
+        let i = self.below(self.mesh.triangles().len());
+        self.mesh.triangles()[i].map(|v| self.mesh.positions()[v as usize])
+    }
+
+    /// A corner, a point of an edge, or a point inside, of some triangle.
+    fn on_surface(&mut self) -> [f32; 3] {
+        let [a, b, c] = self.corners();
+        let (s, t) = match self.below(4) {
+            0 => (0.0, 0.0),
+            1 => (0.5, 0.0),
+            2 => (self.unit(), 0.0),
+            _ => (self.unit() * 0.5, self.unit() * 0.5),
+        };
+        [0, 1, 2].map(|i| a[i] * (1.0 - s - t) + b[i] * s + c[i] * t)
+    }
+
+    /// A point of the box around the mesh, made larger.
+    fn in_box(&mut self, larger: f32) -> [f32; 3] {
+        let (lo, hi) = self.mesh.bounds();
+        [0, 1, 2].map(|i| {
+            let half = (hi[i] * 0.5 - lo[i] * 0.5).max(f32::MIN_POSITIVE);
+            (hi[i] * 0.5 + lo[i] * 0.5) + half * larger * self.signed()
+        })
+    }
+
+    fn extent(&self) -> f32 {
+        let (lo, hi) = self.mesh.bounds();
+        (0..3).map(|i| hi[i] - lo[i]).fold(f32::MIN_POSITIVE, f32::max)
+    }
+
+    fn ray(&mut self) -> Ray {
+        let target = self.on_surface();
+        let mut origin = match self.below(8) {
+            0 => self.on_surface(),
+            1 => self.in_box(1.0),
+            2 => self.in_box(300.0),
+            3 => target.map(f32::round),
+            _ => self.in_box(2.0),
+        };
+        if self.below(4) == 0 && !self.planes.is_empty() {
+            let i = self.below(self.planes.len());
+            let (axis, at) = self.planes[i];
+            origin[axis] = at;
+        }
+        let size = self.extent();
+        let mut direction = [0, 1, 2].map(|i| target[i] - origin[i]);
+        match self.below(8) {
+            // Along an axis, through the target.
+            0 => {
+                let axis = self.below(3);
+                origin = target;
+                origin[axis] -= size * self.signed();
+                direction = [0, 1, 2].map(|i| if i == axis { target[i] - origin[i] } else { self.zero() });
+            }
+            // In a plane across an axis.
+            1 => {
+                let axis = self.below(3);
+                origin[axis] = target[axis];
+                direction[axis] = self.zero();
+            }
+            2 => direction = [0; 3].map(|_| if self.below(2) == 0 { size } else { -size }),
+            3 => direction = [0; 3].map(|_| self.signed() * size),
+            _ => {}
+        }
+        // `t` counts from 0 to 1 on the way to the target, or in other lengths.
+        let length = match self.below(6) {
+            0 => 2f32.powi(self.below(40) as i32 - 20),
+            1 => 10f32.powf(6.0 * self.signed()),
+            2 => 1.0 / size,
+            _ => 1.0,
+        };
+        let direction = direction.map(|d| if (d * length).is_finite() { d * length } else { d });
+        let (t_min, t_max) = match self.below(10) {
+            0 => (0.0, 1.0 / length),
+            1 => (0.0, 2.0 * self.unit() / length),
+            2 => (self.unit() / length, f32::INFINITY),
+            3 => (-3.0 / length, 3.0 * self.unit() / length),
+            4 => (0.0, f32::MAX),
+            5 => (f32::NEG_INFINITY, f32::INFINITY),
+            _ => (0.0, f32::INFINITY),
+        };
+        let mut ray = Ray { origin, direction, t_min, t_max };
+        if self.below(40) == 0 {
+            self.spoil(&mut ray);
+        }
+        ray
+    }
+
+    fn zero(&mut self) -> f32 {
+        if self.below(2) == 0 { 0.0 } else { -0.0 }
+    }
+
+    /// Makes a ray odd or invalid.
+    fn spoil(&mut self, ray: &mut Ray) {
+        let axis = self.below(3);
+        let odd = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e-40, -1e-42, f32::MIN_POSITIVE, 1e38];
+        let odd = odd[self.below(odd.len())];
+        match self.below(6) {
+            0 => ray.origin[axis] = odd,
+            1 => ray.direction[axis] = odd,
+            2 => ray.direction = [self.zero(), self.zero(), self.zero()],
+            3 => ray.t_min = odd,
+            4 => ray.t_max = odd,
+            _ => std::mem::swap(&mut ray.t_min, &mut ray.t_max),
+        }
+    }
+}

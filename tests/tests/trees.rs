@@ -1,0 +1,89 @@
+//! The whole build: the same bytes on every device, and every triangle where it belongs.
+
+use proptest::prelude::*;
+use raykd::{BuildOptions, KdTree, Mesh, Scene};
+use raykd_tests::{
+    Failure, cases, devices,
+    meshes::{Family, RANDOM, Recipe, ZOO, any_mesh},
+    same,
+    trees::check,
+};
+
+/// Builds on every device, checks that the trees are one, and returns it.
+fn build_everywhere(mesh: &Mesh, options: &BuildOptions) -> Result<KdTree, Failure> {
+    let mut first: Option<KdTree> = None;
+    for named in devices() {
+        let tree = Scene::build(&named.device, mesh, options)?.tree()?;
+        if let Some(expected) = &first {
+            let (expected, found) = (expected.view(), tree.view());
+            same(&format!("header by {}", named.name), &[*expected.header], &[*found.header])?;
+            same(&format!("nodes by {}", named.name), expected.nodes, found.nodes)?;
+            same(&format!("references by {}", named.name), expected.refs, found.refs)?;
+        }
+        first.get_or_insert(tree);
+    }
+    first.ok_or_else(|| Failure("no device".to_owned()))
+}
+
+fn any_options() -> impl Strategy<Value = BuildOptions> {
+    let costs = prop::sample::select(vec![0.0, 0.1, 1.0, 3.0, 50.0]);
+    (costs.clone(), costs, prop_oneof![Just(48), 0u32..=48]).prop_map(|(cost_step, cost_test, max_depth)| {
+        BuildOptions { cost_step, cost_test, max_depth, ..BuildOptions::default() }
+    })
+}
+
+proptest! {
+    #![proptest_config(cases(96))]
+    #[test]
+    fn all_devices_build_the_same_valid_tree(recipe in any_mesh()) {
+        let mesh = recipe.mesh();
+        check(&mesh, build_everywhere(&mesh, &BuildOptions::default())?.view())?;
+    }
+
+    #[test]
+    fn with_any_options_too(recipe in any_mesh(), options in any_options()) {
+        let mesh = recipe.mesh();
+        let tree = build_everywhere(&mesh, &options)?;
+        check(&mesh, tree.view())?;
+        prop_assert!(tree.view().header.depth <= options.max_depth);
+    }
+}
+
+#[test]
+fn every_family_builds_at_sizes_where_something_changes() {
+    for family in RANDOM.into_iter().chain(ZOO) {
+        // One triangle, a treelet and one more, a chunk and one more.
+        for size in [1, 32, 33, 2048, 2049] {
+            let recipe = Recipe { family, size, seed: 7 };
+            let mesh = recipe.mesh();
+            let tree = build_everywhere(&mesh, &BuildOptions::default());
+            tree.and_then(|tree| check(&mesh, tree.view())).unwrap_or_else(|e| panic!("{recipe:?}: {e}"));
+        }
+    }
+}
+
+#[test]
+fn the_teapot_builds_the_same_tree_everywhere() {
+    let mesh = Mesh::teapot(10);
+    let tree = build_everywhere(&mesh, &BuildOptions::default()).unwrap();
+    check(&mesh, tree.view()).unwrap();
+    let report = tree.validate().unwrap();
+    assert!(report.depth > 8 && report.largest_leaf < 64, "{report:?}");
+}
+
+#[test]
+fn identical_triangles_end_in_one_leaf() {
+    let mesh = Recipe { family: Family::Identical, size: 3000, seed: 1 }.mesh();
+    let tree = build_everywhere(&mesh, &BuildOptions::default()).unwrap();
+    assert_eq!(tree.validate().unwrap().largest_leaf, 3000);
+    assert!(tree.view().refs.len() <= 2 * 3000, "splitting cannot separate them");
+}
+
+#[test]
+fn building_twice_gives_the_same_bytes() {
+    let mesh = Recipe { family: Family::Soup, size: 5000, seed: 3 }.mesh();
+    for named in devices() {
+        let build = || Scene::build(&named.device, &mesh, &BuildOptions::default()).unwrap().tree().unwrap();
+        assert_eq!(build().digest(), build().digest(), "{}", named.name);
+    }
+}
