@@ -12,7 +12,7 @@ use raykd_kernels::build::{
     treelet::scratch_base,
 };
 use raykd_shared::{
-    BuildParams, TreeHeader,
+    BuildParams, Node, TreeHeader,
     limits::{CHUNK, MAX_DEPTH, TREELET},
     status,
 };
@@ -235,7 +235,9 @@ fn attempt_build(
         [[0, first, references, extra], bits(params.lo), bits(params.hi)]
     };
     let mut words = [0u32; STATE_WORDS as usize];
-    words[raykd_kernels::build::STATE_TOP as usize] = 1;
+    // The root and the padding after it.
+    words[raykd_kernels::build::STATE_TOP as usize] = 2;
+    device.write(&top, 8, bytemuck::bytes_of(&Node::PADDING))?;
     if root_is_large {
         let pieces = references.div_ceil(CHUNK);
         device.write(&levels[0], 0, bytemuck::cast_slice(&[1, pieces, references, 0]))?;

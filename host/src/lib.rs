@@ -1,11 +1,17 @@
 //! raykd: kd-trees for ray tracing triangle meshes, one kernel source for CPU and GPU, identical bytes.
 
 mod build;
+#[cfg(feature = "cli")]
+pub mod cli;
 mod error;
 pub mod exec;
 pub mod mesh;
 pub mod output;
 pub mod rays;
+#[cfg(feature = "cli")]
+mod render;
+#[cfg(feature = "cli")]
+mod report;
 mod scene;
 mod tree;
 

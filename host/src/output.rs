@@ -6,6 +6,24 @@ use std::{
     path::Path,
 };
 
+/// Finds out, before long work is done for it, whether a file could be written.
+///
+/// # Errors
+/// The path is a folder, or nothing can be written beside it.
+pub fn check(path: &Path) -> Result<(), Error> {
+    let fail = |source| Error::Io { path: path.to_owned(), source };
+    if path.is_dir() {
+        return Err(fail(io::ErrorKind::IsADirectory.into()));
+    }
+    beside(path).map(drop).map_err(fail)
+}
+
+/// A new file in the same folder.
+fn beside(path: &Path) -> io::Result<tempfile::NamedTempFile> {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    tempfile::Builder::new().prefix(".raykd-").tempfile_in(folder)
+}
+
 /// Writes a file beside `path` and moves it there when it is complete.
 ///
 /// # Errors
@@ -15,8 +33,7 @@ pub fn write_whole(
     write: impl FnOnce(&mut BufWriter<&mut std::fs::File>) -> io::Result<()>,
 ) -> Result<(), Error> {
     let fail = |source| Error::Io { path: path.to_owned(), source };
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let mut temporary = tempfile::Builder::new().prefix(".raykd-").tempfile_in(folder).map_err(fail)?;
+    let mut temporary = beside(path).map_err(fail)?;
     let mut buffered = BufWriter::new(temporary.as_file_mut());
     write(&mut buffered).and_then(|()| buffered.flush()).map_err(fail)?;
     drop(buffered);

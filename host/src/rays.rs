@@ -3,6 +3,7 @@
 //! All are made by `+ - * / sqrt` from a fixed seed, so they are the same on every machine.
 
 use crate::{Hit, Mesh, Ray};
+use std::ops::Range;
 
 /// A small random number generator (SplitMix64, Steele, Lea & Flood 2014): the same numbers everywhere.
 #[derive(Clone, Debug)]
@@ -109,30 +110,62 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// A camera that sees the whole box from the front, the right and a little above (y is up).
+    /// A camera that sees the whole box from the front, the right and a little above (y is up), and fills a
+    /// square picture with it.
     pub fn framing(bounds: ([f32; 3], [f32; 3])) -> Self {
+        let (centre, _) = ball_around(bounds);
+        let eye = add(centre, [0.32, 0.23, 0.92]);
+        Self { eye, target: centre, up: [0.0, 1.0, 0.0], fov: 40.0 }.fitted(bounds, 1.0)
+    }
+
+    /// The camera moved, its direction kept, to where the box just fits a picture of `aspect` = width / height,
+    /// but for a small margin.
+    #[must_use]
+    pub fn fitted(self, bounds: ([f32; 3], [f32; 3]), aspect: f64) -> Self {
+        const MARGIN: f64 = 1.04;
         let (centre, radius) = ball_around(bounds);
-        let direction = normalize([0.32, 0.23, 0.92]);
-        // The ball of the box fits a cone of this opening at this distance.
-        let fov: f64 = 40.0;
-        let distance = radius / (fov.to_radians() * 0.5).sin() * 0.92;
-        Self {
-            eye: add(centre, mul(direction, distance.max(f64::MIN_POSITIVE))),
-            target: centre,
-            up: [0.0, 1.0, 0.0],
-            fov,
+        let [right, up, forward] = self.frame();
+        let tall = (self.fov.to_radians() * 0.5).tan() / MARGIN;
+        let broad = tall * aspect;
+        // Looking from `d` before the centre and `o` beside it, a corner at (x, z) is in the picture if
+        // |x - o| <= broad * (d + z): lower bounds of d that fall and rise with o, and meet in the middle.
+        let mut least = [[f64::NEG_INFINITY; 2]; 2];
+        for corner in 0..8 {
+            let pick = |a: usize| f64::from(if corner >> a & 1 == 0 { bounds.0[a] } else { bounds.1[a] });
+            let offset = sub([0, 1, 2].map(pick), centre);
+            let z = dot(forward, offset);
+            for (least, (axis, slope)) in least.iter_mut().zip([(right, broad), (up, tall)]) {
+                let x = dot(axis, offset) / slope;
+                *least = [least[0].max(x - z), least[1].max(-x - z)];
+            }
         }
+        let [[r, l], [u, d]] = least;
+        let shift = add(mul(right, broad * 0.5 * (r - l)), mul(up, tall * 0.5 * (u - d)));
+        // Some distance even for a box that is a point.
+        let size = radius.max(1.0e-6 * dot(centre, centre).sqrt()).max(1.0e-30);
+        let distance = (0.5 * (r + l)).max(0.5 * (u + d)).max(1.0e-3 * size);
+        let target = add(centre, shift);
+        Self { eye: sub(target, mul(forward, distance)), target, ..self }
+    }
+
+    /// Unit vectors to the right, up and forward.
+    pub fn frame(&self) -> [[f64; 3]; 3] {
+        let forward = normalize(sub(self.target, self.eye));
+        let across = |up: V| Some(cross(forward, normalize(up))).filter(|r| dot(*r, *r) > 1e-12);
+        // Looking straight up or down, any other direction serves as "up".
+        let right = across(self.up).or_else(|| across([0.0, 0.0, 1.0])).or_else(|| across([1.0, 0.0, 0.0]));
+        let right = normalize(right.unwrap_or([1.0, 0.0, 0.0]));
+        [right, cross(right, forward), forward]
     }
 
     /// One ray a pixel centre, row by row from the top left.
     pub fn rays(&self, width: u32, height: u32) -> Vec<Ray> {
-        let forward = normalize(sub(self.target, self.eye));
-        let mut right = cross(forward, self.up);
-        if dot(right, right) < 1e-12 {
-            right = cross(forward, [0.0, 0.0, 1.0]);
-        }
-        let right = normalize(right);
-        let up = cross(right, forward);
+        self.rows(width, height, 0..height)
+    }
+
+    /// Some rows of [`Camera::rays`], counted from the top.
+    pub fn rows(&self, width: u32, height: u32, rows: Range<u32>) -> Vec<Ray> {
+        let [right, up, forward] = self.frame();
         let tall = (self.fov.to_radians() * 0.5).tan();
         let broad = tall * f64::from(width) / f64::from(height);
         let origin = narrow(self.eye);
@@ -142,19 +175,21 @@ impl Camera {
             let direction = add(forward, add(mul(right, across), mul(up, down)));
             Ray::new(origin, narrow(normalize(direction)))
         };
-        (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| pixel(x, y)).collect()
+        rows.flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| pixel(x, y)).collect()
     }
+}
+
+/// The unit normal of the triangle hit, on the side that the ray came from.
+pub fn facing_normal(mesh: &Mesh, ray: &Ray, hit: &Hit) -> [f64; 3] {
+    let [a, b, c] = mesh.triangles()[hit.triangle as usize].map(|i| wide(mesh.positions()[i as usize]));
+    let normal = normalize(cross(sub(b, a), sub(c, a)));
+    if dot(normal, wide(ray.direction)) > 0.0 { mul(normal, -1.0) } else { normal }
 }
 
 /// Where a ray met the mesh, lifted off the surface towards the ray's origin, and the facing normal.
 fn surface(mesh: &Mesh, ray: &Ray, hit: &Hit, lift: f64) -> (V, V) {
-    let [a, b, c] = mesh.triangles()[hit.triangle as usize].map(|i| wide(mesh.positions()[i as usize]));
-    let direction = wide(ray.direction);
-    let mut normal = normalize(cross(sub(b, a), sub(c, a)));
-    if dot(normal, direction) > 0.0 {
-        normal = mul(normal, -1.0);
-    }
-    let point = add(wide(ray.origin), mul(direction, f64::from(hit.t)));
+    let normal = facing_normal(mesh, ray, hit);
+    let point = add(wide(ray.origin), mul(wide(ray.direction), f64::from(hit.t)));
     (add(point, mul(normal, lift)), normal)
 }
 
@@ -188,4 +223,71 @@ pub fn shadows(mesh: &Mesh, rays: &[Ray], hits: &[Hit], light: [f64; 3], radius:
 pub fn light(bounds: ([f32; 3], [f32; 3])) -> ([f64; 3], f64) {
     let (centre, radius) = ball_around(bounds);
     (add(centre, mul(normalize([-0.45, 0.75, 0.5]), 2.0 * radius)), radius * 0.15)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Where the box's corners appear in the picture: -1 to 1 both ways if inside.
+    fn extent(camera: &Camera, bounds: ([f32; 3], [f32; 3]), aspect: f64) -> [[f64; 2]; 2] {
+        let [right, up, forward] = camera.frame();
+        let tall = (camera.fov.to_radians() * 0.5).tan();
+        let mut extent = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
+        for corner in 0..8 {
+            let point = [0, 1, 2].map(|a| f64::from(if corner >> a & 1 == 0 { bounds.0[a] } else { bounds.1[a] }));
+            let offset = sub(point, camera.eye);
+            let depth = dot(forward, offset);
+            assert!(depth > 0.0);
+            for (range, x) in extent
+                .iter_mut()
+                .zip([dot(right, offset) / (depth * tall * aspect), dot(up, offset) / (depth * tall)])
+            {
+                *range = [range[0].min(x), range[1].max(x)];
+            }
+        }
+        extent
+    }
+
+    #[test]
+    fn framing_fills_the_picture() {
+        let boxes = [
+            ([-16.0, -8.0, -10.0], [16.0, 8.0, 10.0]),
+            ([1.0, 2.0, 3.0], [1.5, 9.0, 3.1]),
+            ([-1e18, -2e18, -1e15], [1e18, 1e16, 1e18]),
+            ([100.0; 3], [100.001; 3]),
+        ];
+        for bounds in boxes {
+            for aspect in [1.0, 16.0 / 9.0, 0.25] {
+                let camera = Camera::framing(bounds).fitted(bounds, aspect);
+                let [x, y] = extent(&camera, bounds, aspect);
+                let spans = [x, y].map(|[low, high]| high - low);
+                assert!(x[0] >= -1.0 && y[0] >= -1.0 && x[1] <= 1.0 && y[1] <= 1.0, "{x:?} {y:?}");
+                assert!(spans[0].max(spans[1]) > 1.85, "{bounds:?} {aspect}: {spans:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn framing_of_a_point_looks_at_it() {
+        for point in [[0.0; 3], [5.0, -7.0, 1e6]] {
+            let camera = Camera::framing((point, point));
+            assert_ne!(camera.eye, camera.target);
+            assert_eq!(camera.target, wide(point));
+        }
+    }
+
+    #[test]
+    fn straight_down_has_a_frame() {
+        let camera = Camera { eye: [0.0, 5.0, 0.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov: 40.0 };
+        for axis in camera.frame() {
+            assert!((dot(axis, axis) - 1.0).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn rows_are_part_of_the_picture() {
+        let camera = Camera::framing(([0.0; 3], [1.0; 3]));
+        assert_eq!(camera.rows(8, 6, 2..5), camera.rays(8, 6)[16..40]);
+    }
 }

@@ -301,6 +301,14 @@ impl Resident<'_> {
         self.batch.outcome(self.scene.device)?;
         self.batch.hits(self.scene.device)
     }
+
+    /// How many rays of the last trace were none, see [`Traced::invalid`].
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn invalid(&self) -> Result<u32, Error> {
+        self.batch.outcome(self.scene.device)
+    }
 }
 
 /// Buffers of one dispatch of rays.

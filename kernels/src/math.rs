@@ -144,7 +144,7 @@ fn parts(a: f32) -> (u32, i32) {
 /// `1 +- 2^-22`, but never below `floor`, a power of two. Zero only if the exact difference is.
 ///
 /// Rounding is monotonic, so unequal rounded products already tell the sign; this settles the rest.
-#[inline(never)]
+#[inline]
 pub fn product_difference(a: f32, b: f32, c: f32, d: f32, floor: f32) -> f32 {
     let ((ma, ea), (mb, eb)) = (parts(a), parts(b));
     let ((mc, ec), (md, ed)) = (parts(c), parts(d));

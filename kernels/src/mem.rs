@@ -43,6 +43,19 @@ pub trait Atomics {
     fn or(&mut self, i: u32, value: u32);
 }
 
+/// Private memory of `N` elements to be written before it is read. On the GPU it starts undefined: clearing
+/// a traversal stack costs more memory traffic than using it.
+#[inline(always)]
+pub fn scratch<T: Copy + Default, const N: usize>() -> [T; N] {
+    #[cfg(target_arch = "spirv")]
+    // SAFETY: plain numbers; callers read only what they wrote.
+    unsafe {
+        core::mem::MaybeUninit::uninit().assume_init()
+    }
+    #[cfg(not(target_arch = "spirv"))]
+    [T::default(); N]
+}
+
 #[cfg(target_arch = "spirv")]
 mod gpu {
     use super::{Atomics, Slots};

@@ -10,7 +10,8 @@ use bytemuck::{Pod, Zeroable};
 /// | leaf | index of its first reference | `count << 2 \| 3` |
 ///
 /// The two children of an inner node are neighbours: `below` holds what lies at coordinates up to the split,
-/// `below + 1` (called above) the rest.
+/// `below + 1` (called above) the rest. `below` is even, so that a pair is one aligned load of 16 bytes; node 0
+/// is the root and node 1 is [`Node::PADDING`].
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Pod, Zeroable)]
 pub struct Node {
@@ -42,6 +43,9 @@ pub enum Content {
 impl Node {
     /// The tag in the low two bits of word 1 that marks a leaf.
     pub const LEAF: u32 = 3;
+
+    /// What fills the slot beside the root: an empty leaf that no node points to.
+    pub const PADDING: Self = Self::leaf(0, 0);
 
     /// An inner node.
     #[inline]

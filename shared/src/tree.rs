@@ -12,7 +12,7 @@ pub const LAYOUT_VERSION: u32 = 1;
 pub struct TreeHeader {
     /// Lower corner of the root's box, in mesh units times `scale`.
     pub lo: [f32; 3],
-    /// Number of nodes, at least 1.
+    /// Number of nodes, the padding beside the root included; at least 2.
     pub nodes: u32,
     /// Upper corner of the root's box.
     pub hi: [f32; 3],
@@ -39,7 +39,7 @@ const _: () = assert!(size_of::<TreeHeader>() == 64, "sixteen words");
 pub struct TreeView<'a> {
     /// What the tree says about itself.
     pub header: &'a TreeHeader,
-    /// The nodes, root first.
+    /// The nodes, root first, then padding, then pairs.
     pub nodes: &'a [Node],
     /// The triangle list of the leaves.
     pub refs: &'a [u32],
@@ -74,7 +74,7 @@ pub enum Fault {
     Length,
     /// The header's box, scale or costs are not usable numbers.
     Header,
-    /// This node's children lie outside the node list.
+    /// This node's children lie outside the node list or not in a pair of slots.
     Child(u32),
     /// This node's plane lies outside the node's box.
     Split(u32),
@@ -93,7 +93,7 @@ impl core::fmt::Display for Fault {
         match self {
             Self::Length => write!(f, "the header's counts do not match the data"),
             Self::Header => write!(f, "the header's bounds, scale or costs are not usable"),
-            Self::Child(n) => write!(f, "node {n}: its children lie outside the tree"),
+            Self::Child(n) => write!(f, "node {n}: its children lie outside the tree or off a pair of slots"),
             Self::Split(n) => write!(f, "node {n}: its plane lies outside its box"),
             Self::Leaf(n) => write!(f, "node {n}: its references lie outside the list"),
             Self::Reference(n) => write!(f, "node {n}: its references do not rise or name no triangle"),
@@ -127,7 +127,7 @@ impl TreeView<'_> {
     /// The first [`Fault`] found.
     pub fn validate(&self) -> Result<Report, Fault> {
         let h = self.header;
-        if h.nodes as usize != self.nodes.len() || h.refs as usize != self.refs.len() || h.nodes == 0 {
+        if h.nodes as usize != self.nodes.len() || h.refs as usize != self.refs.len() || h.nodes < 2 {
             return Err(Fault::Length);
         }
         let finite = h.lo.iter().chain(&h.hi).all(|x| x.is_finite());
@@ -143,7 +143,11 @@ impl TreeView<'_> {
         let mut stack = [root; MAX_DEPTH as usize + 1];
         let mut top = 1;
         let mut report = Report::default();
-        let mut visited = 0u32;
+        // The padding beside the root.
+        let mut visited = 1u32;
+        if self.nodes[1] != Node::PADDING {
+            return Err(Fault::Shape);
+        }
         let mut listed = 0u32;
         while top > 0 {
             top -= 1;
@@ -171,7 +175,7 @@ impl TreeView<'_> {
                 }
                 Content::Inner { axis, split, below } => {
                     let axis = axis as usize;
-                    if below == 0 || below >= h.nodes - 1 {
+                    if below < 2 || below % 2 != 0 || below >= h.nodes - 1 {
                         return Err(Fault::Child(v.node));
                     }
                     if !(v.lo[axis] <= split && split <= v.hi[axis]) {

@@ -1,16 +1,13 @@
 //! What the tests share: devices to compare, meshes and rays that have broken ray tracers, and checks that
 //! name the first thing that differs.
 
+pub mod dispatches;
 pub mod meshes;
 pub mod rays;
 pub mod trees;
 
-use proptest::{prelude::ProptestConfig, test_runner::TestCaseError};
-use raykd::{
-    Device,
-    exec::Cpu,
-    kernels::Order,
-};
+use proptest::prelude::ProptestConfig;
+use raykd::{Device, exec::Cpu, kernels::Order};
 use std::{fmt, sync::LazyLock};
 
 /// A device and what it is called in messages.
@@ -67,12 +64,6 @@ impl std::error::Error for Failure {}
 impl From<raykd::Error> for Failure {
     fn from(error: raykd::Error) -> Self {
         Self(error.to_string())
-    }
-}
-
-impl From<Failure> for TestCaseError {
-    fn from(failure: Failure) -> Self {
-        Self::fail(failure.0)
     }
 }
 

@@ -156,6 +156,11 @@ impl Gpu {
         }
     }
 
+    /// Whether it is a rasteriser in software, with no GPU behind it.
+    pub fn is_software(&self) -> bool {
+        self.link.device.adapter_info().device_type == wgpu::DeviceType::Cpu
+    }
+
     pub(super) fn name(&self) -> &str {
         &self.link.name
     }

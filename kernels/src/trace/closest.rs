@@ -2,7 +2,7 @@
 
 use super::{JOB_RAYS, OUTCOME_STATUS, load, record, stack::{Steps, walk}};
 use crate::{
-    glam::{UVec2, UVec4, Vec4},
+    glam::{UVec4, Vec4},
     mem::{Atomics, Buf, Slots},
 };
 use raykd_shared::TreeHeader;
@@ -13,7 +13,7 @@ pub fn closest(
     i: u32,
     job: &Buf<u32>,
     header: &Buf<TreeHeader>,
-    nodes: &Buf<UVec2>,
+    pairs: &Buf<UVec4>,
     corners: &Buf<Vec4>,
     rays: &Buf<Vec4>,
     hits: &mut Buf<UVec4>,
@@ -22,7 +22,7 @@ pub fn closest(
     if i < job.at(JOB_RAYS) {
         let ray = load(i, rays, &header.at(0), outcome);
         let mut steps = Steps::default();
-        let best = walk::<false>(&ray, nodes, corners, &mut steps);
+        let best = walk::<false, false>(&ray, pairs, corners, &mut steps);
         hits.put(i, record(&ray, &best));
         if steps.status != 0 {
             outcome.or(OUTCOME_STATUS, steps.status);
@@ -33,7 +33,7 @@ pub fn closest(
 kernel! {
     /// [`closest`] over all rays.
     map CLOSEST = closest, threads 64, {
-        0 job: read u32, 1 header: read TreeHeader, 2 nodes: read UVec2, 3 corners: read Vec4,
+        0 job: read u32, 1 header: read TreeHeader, 2 pairs: read UVec4, 3 corners: read Vec4,
         4 rays: read Vec4, 5 hits: write UVec4, 6 outcome: write u32,
     }
 }

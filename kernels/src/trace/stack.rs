@@ -9,12 +9,12 @@
 use super::{
     NOTHING,
     frame::{Frame, component},
-    triangle::{Best, test},
+    triangle::{Best, may_hit, test},
 };
 use crate::{
-    glam::{UVec2, Vec4},
+    glam::{UVec4, Vec4},
     math::{abs, low},
-    mem::{Buf, Slots},
+    mem::{Buf, Slots, scratch},
 };
 use raykd_shared::{MISS, Node, limits::MAX_DEPTH, status};
 
@@ -31,74 +31,90 @@ pub struct Steps {
     pub status: u32,
 }
 
-/// Finds the closest hit of a ray, or with `ANY` the best one in the first leaf that has one.
+/// Finds the closest hit of a ray, or with `ANY` the best one in the first leaf that has one. With `COUNT`,
+/// says what it did.
 #[inline(always)]
-pub fn walk<const ANY: bool>(
+pub fn walk<const ANY: bool, const COUNT: bool>(
     ray: &Frame,
-    nodes: &Buf<UVec2>,
+    pairs: &Buf<UVec4>,
     corners: &Buf<Vec4>,
     steps: &mut Steps,
 ) -> Best {
     let mut best = NOTHING;
-    // Entries: node not yet visited with the axis of the plane before it, and where its interval ends.
-    let mut stack = [UVec2::ZERO; MAX_DEPTH as usize];
+    // Entries: the node to visit, where its interval ends, and the axis of the plane before it.
+    let mut stack = scratch::<UVec4, { MAX_DEPTH as usize }>();
     let mut top = 0;
-    let mut node = 0;
+    let root = pairs.at(0);
+    let mut node = Node::from_words(root.x, root.y);
     let mut enter = ray.enter;
     let mut exit = ray.exit;
     let mut running = ray.valid && enter <= exit;
     while running {
-        let word = nodes.at(node);
-        let here = Node::from_words(word.x, word.y);
-        if here.is_leaf() {
-            steps.leaves += 1;
-            let mut r = here.first();
-            let end = r + here.count();
-            steps.tests += here.count();
-            while r < end {
-                let (a, b, c) = (corners.at(3 * r), corners.at(3 * r + 1), corners.at(3 * r + 2));
-                test(ray, a.w.to_bits(), a.truncate(), b.truncate(), c.truncate(), &mut best);
-                r += 1;
+        // Down to a leaf. On a GPU lanes wait for each other here, then test triangles together.
+        while !node.is_leaf() {
+            if COUNT {
+                steps.inner += 1;
             }
-            running = !(ANY && best.triangle != MISS);
-            let mut searching = running;
-            while searching {
-                if top == 0 {
-                    running = false;
-                    searching = false;
-                } else {
-                    top -= 1;
-                    let entry = stack.at(top);
-                    // The subtree just left ended half a plane beyond the plane, the next begins half before.
-                    let wide = ray.pad * abs(component(ray.inverse, entry.x & 3));
-                    enter = exit - (wide + wide);
-                    exit = f32::from_bits(entry.y);
-                    node = entry.x >> 2;
-                    searching = enter > best.t;
-                }
-            }
-        } else {
-            steps.inner += 1;
-            let axis = here.axis();
+            // One load brings both children.
+            let pair = pairs.at(node.below() >> 1);
+            let axis = node.axis();
             let inverse = component(ray.inverse, axis);
-            let at = (here.split() - component(ray.origin, axis)) * inverse;
+            let at = (node.split() - component(ray.origin, axis)) * inverse;
             let wide = ray.pad * abs(inverse);
-            let back = (inverse < 0.0) as u32;
-            let near = here.below() + back;
-            let far = here.below() + 1 - back;
+            let (below, above) = (Node::from_words(pair.x, pair.y), Node::from_words(pair.z, pair.w));
+            let back = inverse < 0.0;
+            let near = if back { above } else { below };
+            let far = if back { below } else { above };
             if at - wide > exit {
                 node = near;
             } else if at + wide < enter {
                 node = far;
             } else {
                 if top < MAX_DEPTH {
-                    stack.put(top, UVec2::new((far << 2) | axis, exit.to_bits()));
+                    let (word0, word1) = far.words();
+                    stack.put(top, UVec4::new(word0, word1, exit.to_bits(), axis));
                     top += 1;
                 } else {
                     steps.status |= status::STACK;
                 }
                 node = near;
                 exit = low(exit, at + wide);
+            }
+        }
+        if COUNT {
+            steps.leaves += 1;
+            steps.tests += node.count();
+        }
+        let mut r = node.first();
+        let end = r + node.count();
+        while r < end {
+            let mut found = false;
+            while r < end && !found {
+                let (a, b, c) = (corners.at(3 * r), corners.at(3 * r + 1), corners.at(3 * r + 2));
+                found = may_hit(ray, a.truncate(), b.truncate(), c.truncate());
+                r += 1;
+            }
+            if found {
+                let at = 3 * (r - 1);
+                let (a, b, c) = (corners.at(at), corners.at(at + 1), corners.at(at + 2));
+                test(ray, a.w.to_bits(), a.truncate(), b.truncate(), c.truncate(), &mut best);
+            }
+        }
+        running = !(ANY && best.triangle != MISS);
+        let mut searching = running;
+        while searching {
+            if top == 0 {
+                running = false;
+                searching = false;
+            } else {
+                top -= 1;
+                let entry = stack.at(top);
+                // The subtree just left ended half a plane beyond the plane, the next begins half before.
+                let wide = ray.pad * abs(component(ray.inverse, entry.w));
+                enter = exit - (wide + wide);
+                exit = f32::from_bits(entry.z);
+                node = Node::from_words(entry.x, entry.y);
+                searching = enter > best.t;
             }
         }
     }

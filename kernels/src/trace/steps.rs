@@ -2,7 +2,7 @@
 
 use super::{JOB_RAYS, OUTCOME_STATUS, load, record, stack::{Steps, walk}};
 use crate::{
-    glam::{UVec2, UVec4, Vec4},
+    glam::{UVec4, Vec4},
     mem::{Atomics, Buf, Slots},
 };
 use raykd_shared::TreeHeader;
@@ -13,7 +13,7 @@ pub fn steps(
     i: u32,
     job: &Buf<u32>,
     header: &Buf<TreeHeader>,
-    nodes: &Buf<UVec2>,
+    pairs: &Buf<UVec4>,
     corners: &Buf<Vec4>,
     rays: &Buf<Vec4>,
     hits: &mut Buf<UVec4>,
@@ -23,7 +23,7 @@ pub fn steps(
     if i < job.at(JOB_RAYS) {
         let ray = load(i, rays, &header.at(0), outcome);
         let mut steps = Steps::default();
-        let best = walk::<false>(&ray, nodes, corners, &mut steps);
+        let best = walk::<false, true>(&ray, pairs, corners, &mut steps);
         hits.put(i, record(&ray, &best));
         counts.put(i, UVec4::new(steps.inner, steps.leaves, steps.tests, 0));
         if steps.status != 0 {
@@ -35,7 +35,7 @@ pub fn steps(
 kernel! {
     /// [`steps`] over all rays.
     map STEPS = steps, threads 64, {
-        0 job: read u32, 1 header: read TreeHeader, 2 nodes: read UVec2, 3 corners: read Vec4,
+        0 job: read u32, 1 header: read TreeHeader, 2 pairs: read UVec4, 3 corners: read Vec4,
         4 rays: read Vec4, 5 hits: write UVec4, 6 outcome: write u32,
         7 counts: write UVec4,
     }

@@ -6,7 +6,7 @@
 //! equal, and then [`product_difference`] decides. The sheared vertices are the same numbers in every triangle
 //! that shares them, so a closed mesh has no gaps, at edges and at vertices (the paper falls back to doubles here).
 
-use super::frame::{CLAUSE, Frame, PAD, cycle, slab};
+use super::frame::{CLAUSE, Frame, PAD, component, cycle, slab};
 use crate::{
     glam::Vec3,
     math::{abs, div, exp2, high, low, product_difference},
@@ -32,9 +32,10 @@ pub struct Best {
     pub det: f32,
 }
 
-/// `p - q` with an exact sign, away from subnormals; `p` and `q` are the rounded `a * b` and `c * d`.
+/// `a * b - c * d` with an exact sign, away from subnormals.
 #[inline(always)]
-fn edge(p: f32, q: f32, a: f32, b: f32, c: f32, d: f32) -> f32 {
+fn edge(a: f32, b: f32, c: f32, d: f32) -> f32 {
+    let (p, q) = (a * b, c * d);
     let rough = p - q;
     if p == q {
         product_difference(a, b, c, d, EDGE_FLOOR)
@@ -50,61 +51,77 @@ fn flush(depth: f32) -> f32 {
     if abs(depth) < DEPTH_FLOOR { 0.0 } else { depth }
 }
 
-/// Tests triangle `id` with vertices `a`, `b`, `c` and keeps the better of it and `best`: smaller `t` wins,
-/// then the smaller id.
+/// A triangle's vertices seen from a ray: moved to its origin, sheared along it.
+struct Sheared {
+    ax: f32,
+    ay: f32,
+    bx: f32,
+    by: f32,
+    cx: f32,
+    cy: f32,
+    az: f32,
+    bz: f32,
+    cz: f32,
+}
+
 #[inline(always)]
-pub fn test(ray: &Frame, id: u32, a: Vec3, b: Vec3, c: Vec3, best: &mut Best) {
+fn shear(ray: &Frame, a: Vec3, b: Vec3, c: Vec3) -> Sheared {
     let ra = cycle(a - ray.origin, ray.main);
     let rb = cycle(b - ray.origin, ray.main);
     let rc = cycle(c - ray.origin, ray.main);
-    let (ax, ay) = (ra.x - ray.shear_x * ra.z, ra.y - ray.shear_y * ra.z);
-    let (bx, by) = (rb.x - ray.shear_x * rb.z, rb.y - ray.shear_y * rb.z);
-    let (cx, cy) = (rc.x - ray.shear_x * rc.z, rc.y - ray.shear_y * rc.z);
-    let (up, uq) = (cx * by, cy * bx);
-    let (vp, vq) = (ax * cy, ay * cx);
-    let (wp, wq) = (bx * ay, by * ax);
-    let negative = up < uq || vp < vq || wp < wq;
-    let positive = up > uq || vp > vq || wp > wq;
-    if !(negative && positive) {
-        accept(ray, id, (a, b, c), (ra.z, rb.z, rc.z), [up, uq, vp, vq, wp, wq], [ax, ay, bx, by, cx, cy], best);
+    Sheared {
+        ax: ra.x - ray.shear_x * ra.z,
+        ay: ra.y - ray.shear_y * ra.z,
+        bx: rb.x - ray.shear_x * rb.z,
+        by: rb.y - ray.shear_y * rb.z,
+        cx: rc.x - ray.shear_x * rc.z,
+        cy: rc.y - ray.shear_y * rc.z,
+        az: ra.z,
+        bz: rb.z,
+        cz: rc.z,
     }
 }
 
-/// The rare rest of [`test`]: the ray seems to pass through the triangle.
-#[inline]
-fn accept(
-    ray: &Frame,
-    id: u32,
-    (a, b, c): (Vec3, Vec3, Vec3),
-    (az, bz, cz): (f32, f32, f32),
-    [up, uq, vp, vq, wp, wq]: [f32; 6],
-    [ax, ay, bx, by, cx, cy]: [f32; 6],
-    best: &mut Best,
-) {
-    let u = edge(up, uq, cx, by, cy, bx);
-    let v = edge(vp, vq, ax, cy, ay, cx);
-    let w = edge(wp, wq, bx, ay, by, ax);
+/// Whether the ray's line may pass through the triangle: no edge function contradicts another. The cheap part
+/// of the test; few triangles get past it without being hit.
+#[inline(always)]
+pub fn may_hit(ray: &Frame, a: Vec3, b: Vec3, c: Vec3) -> bool {
+    let s = shear(ray, a, b, c);
+    let (up, uq) = (s.cx * s.by, s.cy * s.bx);
+    let (vp, vq) = (s.ax * s.cy, s.ay * s.cx);
+    let (wp, wq) = (s.bx * s.ay, s.by * s.ax);
+    let negative = (up < uq) | (vp < vq) | (wp < wq);
+    let positive = (up > uq) | (vp > vq) | (wp > wq);
+    !(negative & positive)
+}
+
+/// The whole test of triangle `id`: keeps the better of it and `best`. Smaller `t` wins, then the smaller id.
+#[inline(always)]
+pub fn test(ray: &Frame, id: u32, a: Vec3, b: Vec3, c: Vec3, best: &mut Best) {
+    let s = shear(ray, a, b, c);
+    let u = edge(s.cx, s.by, s.cy, s.bx);
+    let v = edge(s.ax, s.cy, s.ay, s.cx);
+    let w = edge(s.bx, s.ay, s.by, s.ax);
     let negative = u < 0.0 || v < 0.0 || w < 0.0;
     let positive = u > 0.0 || v > 0.0 || w > 0.0;
     // Both: outside. Neither: the ray lies in the triangle's plane, a miss by contract.
     if negative != positive {
         let det = u + v + w;
-        let along = super::frame::component(ray.inverse, ray.main);
-        let depth = u * flush(along * az) + v * flush(along * bz) + w * flush(along * cz);
-        let mut t = div(depth, det);
+        let along = component(ray.inverse, ray.main);
+        let depth = u * flush(along * s.az) + v * flush(along * s.bz) + w * flush(along * s.cz);
+        let t = div(depth, det);
         // The box clause; see frame.rs.
         let slack = ray.pad * const { CLAUSE / PAD };
         let (o, i) = (ray.origin, ray.inverse);
-        let (mut enter, mut exit) = (ray.t_min, ray.t_max);
         let lo = Vec3::new(low(low(a.x, b.x), c.x), low(low(a.y, b.y), c.y), low(low(a.z, b.z), c.z));
         let hi = Vec3::new(high(high(a.x, b.x), c.x), high(high(a.y, b.y), c.y), high(high(a.z, b.z), c.z));
-        let inside = t >= enter && t <= exit;
-        (enter, exit) = slab(lo.x, hi.x, o.x, i.x, slack, enter, exit);
-        (enter, exit) = slab(lo.y, hi.y, o.y, i.y, slack, enter, exit);
-        (enter, exit) = slab(lo.z, hi.z, o.z, i.z, slack, enter, exit);
-        t = low(high(t, enter), exit);
+        let (enter, exit) = slab(lo.x, hi.x, o.x, i.x, slack, ray.t_min, ray.t_max);
+        let (enter, exit) = slab(lo.y, hi.y, o.y, i.y, slack, enter, exit);
+        let (enter, exit) = slab(lo.z, hi.z, o.z, i.z, slack, enter, exit);
+        let inside = t >= ray.t_min && t <= ray.t_max && enter <= exit;
+        let t = low(high(t, enter), exit);
         let better = t < best.t || (t == best.t && id < best.triangle);
-        if inside && enter <= exit && better {
+        if inside && better {
             *best = Best { t, triangle: id, u: v, v: w, det };
         }
     }

@@ -1,0 +1,339 @@
+//! What the program can be told.
+
+use clap::{CommandFactory as _, Parser, Subcommand, ValueEnum, error::ErrorKind};
+use std::path::PathBuf;
+
+const EXAMPLES: &str = "\
+Examples:
+  raykd bench                            the teapot on CPU and GPU, compared byte by byte
+  raykd bench dragon sponza --json       two scenes, for scripts
+  raykd build mesh.ply -o mesh.kd        build a tree and save it
+  raykd trace mesh.ply --rays r --hits h trace a file of rays
+  raykd render dragon -o dragon.png      make a picture
+  raykd devices                          what raykd can run on
+
+A scene is a mesh file (.obj, .ply, either also .gz) or a name: teapot, teapot:LEVEL, dragon, dragon_res2,
+dragon_res3, dragon_res4, sponza (`cargo xtask scenes` fetches all but the teapot).
+
+Exit code: 0 success, 1 an error or a difference between devices, 2 wrong usage.";
+
+const BENCH_EXAMPLES: &str = "\
+Examples:
+  raykd bench                                   the teapot on both devices
+  raykd bench teapot:30 dragon --rays 1000000   two scenes, a million rays
+  raykd bench dragon --device cpu --threads 1   one thread
+  raykd bench dragon --adapter nvidia --profile kernel by kernel on that GPU
+  raykd bench sponza --json | jq '.[].build_ms'";
+
+const BUILD_EXAMPLES: &str = "\
+Examples:
+  raykd build dragon                            statistics of the tree
+  raykd build mesh.ply.gz -o mesh.kd            save it, for raykd trace --tree or the crate raykd-shared
+  raykd build mesh.obj --cost-test 2 --json     dearer triangle tests: more nodes, shorter leaves";
+
+const TRACE_EXAMPLES: &str = "\
+Rays: records of 8 little-endian f32: origin x y z, direction x y z, t_min, t_max (may be infinite).
+Hits: records of u32 triangle (0xFFFFFFFF: none), f32 t, f32 u, f32 v, one a ray, in the order of the rays.
+Triangles are numbered from 0 in file order. Rays that are none (NaN, zero direction) miss and are counted.
+
+Examples:
+  raykd trace mesh.ply --rays rays.bin --hits hits.bin
+  raykd trace mesh.ply --rays rays.bin --hits hits.bin --any --device cpu --threads 1
+  raykd trace mesh.ply --tree mesh.kd --rays rays.bin --hits hits.bin --json";
+
+const RENDER_EXAMPLES: &str = "\
+Examples:
+  raykd render teapot:20 -o teapot.png
+  raykd render dragon -o heat.png --shading heat --size 1920x1080
+  raykd render sponza -o hall.png --eye=-10,4,0 --target 10,5,0 --fov 70";
+
+const DEVICES_EXAMPLES: &str = "\
+Every adapter is asked to compute a few thousand sums and products, and compared with the CPU. One that rounds
+otherwise, contracts or rearranges would build other trees; it is refused, unless named with --adapter while
+RAYKD_ALLOW_INEXACT=1 is set.
+
+Examples:
+  raykd devices
+  raykd devices --json | jq -r '.[].adapter'";
+
+/// kd-trees for ray tracing triangle meshes: one kernel source, identical bytes on CPU and GPU.
+#[derive(Debug, Parser)]
+#[command(name = "raykd", version, after_help = EXAMPLES, arg_required_else_help = true)]
+pub(super) struct Args {
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub(super) enum Command {
+    Bench(BenchArgs),
+    Build(BuildArgs),
+    Trace(TraceArgs),
+    Render(RenderArgs),
+    Devices(DevicesArgs),
+}
+
+/// Build and trace scenes, time both, and compare the devices byte by byte.
+///
+/// Random rays start on the sphere around the scene and aim into its box, always the same ones. Times are
+/// medians of 5 (of 3 where a build takes over 2 s), on the device's clock, transfers apart.
+/// Exit code 1 if trees or hits differ between the devices.
+#[derive(Debug, Parser)]
+#[command(after_help = BENCH_EXAMPLES)]
+pub(super) struct BenchArgs {
+    /// Scene names or mesh files; the teapot if there are none
+    #[arg(value_name = "SCENE")]
+    pub scenes: Vec<String>,
+    /// Random rays to trace
+    #[arg(long, value_name = "N", default_value_t = 50_000, value_parser = clap::value_parser!(u32).range(1..=1 << 28))]
+    pub rays: u32,
+    /// Left out: both if there is any Vulkan adapter, a software one too, else the CPU
+    #[arg(long, value_enum)]
+    pub device: Option<Which>,
+    #[command(flatten)]
+    pub machine: MachineArgs,
+    /// Print JSON: one array, an object per scene and device
+    #[arg(long)]
+    pub json: bool,
+    /// Time every kernel of the build too
+    #[arg(long)]
+    pub profile: bool,
+}
+
+/// Build the tree of a mesh, and print its statistics and digest.
+#[derive(Debug, Parser)]
+#[command(after_help = BUILD_EXAMPLES)]
+pub(super) struct BuildArgs {
+    /// Scene name or mesh file
+    pub mesh: String,
+    /// Save the tree to this file
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// Left out: a real GPU if there is one, else the CPU
+    #[arg(long, value_enum)]
+    pub device: Option<One>,
+    #[command(flatten)]
+    pub machine: MachineArgs,
+    /// SAH cost of a traversal step
+    #[arg(long, value_name = "X", value_parser = cost)]
+    pub cost_step: Option<f32>,
+    /// SAH cost of a triangle test
+    #[arg(long, value_name = "X", value_parser = cost)]
+    pub cost_test: Option<f32>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+    /// Time every kernel too
+    #[arg(long)]
+    pub profile: bool,
+}
+
+/// Trace a file of rays, and write a file of hits.
+///
+/// Times are medians of 5 traces, on the device's clock, transfers apart.
+#[derive(Debug, Parser)]
+#[command(after_help = TRACE_EXAMPLES)]
+pub(super) struct TraceArgs {
+    /// Scene name or mesh file
+    pub mesh: String,
+    /// File of rays
+    #[arg(long, value_name = "FILE")]
+    pub rays: PathBuf,
+    /// File of hits to write
+    #[arg(long, value_name = "FILE")]
+    pub hits: PathBuf,
+    /// Use this tree, saved by raykd build -o, rather than building one
+    #[arg(long, value_name = "FILE")]
+    pub tree: Option<PathBuf>,
+    /// Any hit will do, not the closest
+    #[arg(long)]
+    pub any: bool,
+    /// Left out: a real GPU if there is one, else the CPU
+    #[arg(long, value_enum)]
+    pub device: Option<One>,
+    #[command(flatten)]
+    pub machine: MachineArgs,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Make a picture of a mesh.
+#[derive(Debug, Parser)]
+#[command(after_help = RENDER_EXAMPLES)]
+pub(super) struct RenderArgs {
+    /// Scene name or mesh file
+    pub mesh: String,
+    /// The picture, a PNG file
+    #[arg(short, long, value_name = "FILE.png")]
+    pub output: PathBuf,
+    /// Width and height in pixels
+    #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = size)]
+    pub size: [u32; 2],
+    /// What colours show
+    #[arg(long, value_enum, default_value_t = Shading::Normal)]
+    pub shading: Shading,
+    /// Rays per pixel are the square of this; left out: 2 for normal, else 1
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=8))]
+    pub samples: Option<u32>,
+    /// Where the camera is; left out: far enough to see the whole mesh
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    pub eye: Option<[f64; 3]>,
+    /// What it looks at; left out: the middle of the mesh
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, requires = "eye")]
+    pub target: Option<[f64; 3]>,
+    /// Which way is up
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, default_value = "0,1,0")]
+    pub up: [f64; 3],
+    /// Angle of view from bottom to top, in degrees
+    #[arg(long, value_name = "DEGREES", default_value = "40", value_parser = angle)]
+    pub fov: f64,
+    /// Left out: a real GPU if there is one, else the CPU
+    #[arg(long, value_enum)]
+    pub device: Option<One>,
+    #[command(flatten)]
+    pub machine: MachineArgs,
+}
+
+/// List what raykd can run on: adapters, drivers, limits, and whether they compute exactly.
+#[derive(Debug, Parser)]
+#[command(after_help = DEVICES_EXAMPLES)]
+pub(super) struct DevicesArgs {
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// More about the devices to run on.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct MachineArgs {
+    /// The GPU whose name or driver contains this (any case); implies the GPU
+    #[arg(long, value_name = "SUBSTRING")]
+    pub adapter: Option<String>,
+    /// Threads of the CPU; implies the CPU where one device is used; left out: all
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    pub threads: Option<u16>,
+}
+
+/// One device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum One {
+    /// The processor
+    Cpu,
+    /// The best Vulkan adapter, a software one too
+    Gpu,
+}
+
+/// One device or both.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum Which {
+    /// The processor
+    Cpu,
+    /// The best Vulkan adapter, a software one too
+    Gpu,
+    /// One after the other
+    Both,
+}
+
+/// What a picture shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum Shading {
+    /// Surfaces under a soft light
+    Normal,
+    /// Distance: near is bright
+    Depth,
+    /// Work per pixel: nodes visited and triangles tested
+    Heat,
+    /// A colour per triangle
+    Id,
+}
+
+impl Args {
+    /// Finds contradictions that clap does not see by itself.
+    pub(super) fn check(&self) -> Result<(), clap::Error> {
+        let (name, cpu, gpu, machine) = match &self.command {
+            Command::Bench(a) => ("bench", a.device == Some(Which::Cpu), a.device == Some(Which::Gpu), &a.machine),
+            Command::Build(a) => ("build", a.device == Some(One::Cpu), a.device == Some(One::Gpu), &a.machine),
+            Command::Trace(a) => ("trace", a.device == Some(One::Cpu), a.device == Some(One::Gpu), &a.machine),
+            Command::Render(a) => ("render", a.device == Some(One::Cpu), a.device == Some(One::Gpu), &a.machine),
+            Command::Devices(_) => return Ok(()),
+        };
+        let conflict = |what: &str| {
+            let mut command = Self::command();
+            command.build();
+            let command = command.find_subcommand_mut(name).expect("it was parsed");
+            Err(command.error(ErrorKind::ArgumentConflict, what))
+        };
+        match (&machine.adapter, machine.threads) {
+            (Some(_), _) if cpu => conflict("--adapter names a GPU, --device cpu uses none"),
+            (_, Some(_)) if gpu => conflict("--threads is for the CPU, --device gpu does not use it"),
+            (Some(_), Some(_)) if name != "bench" => {
+                conflict("--adapter is for the GPU, --threads for the CPU: use one of them")
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+fn cost(text: &str) -> Result<f32, String> {
+    let cost: f32 = text.parse().map_err(|_| "not a number".to_owned())?;
+    if (1.0e-6..=1.0e6).contains(&cost) { Ok(cost) } else { Err("costs lie between 1e-6 and 1e6".to_owned()) }
+}
+
+fn angle(text: &str) -> Result<f64, String> {
+    let angle: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    if (0.1..=170.0).contains(&angle) { Ok(angle) } else { Err("angles lie between 0.1 and 170".to_owned()) }
+}
+
+fn size(text: &str) -> Result<[u32; 2], String> {
+    let side = |text: &str| text.parse().ok().filter(|n| (1..=16384).contains(n));
+    let sides = text.split_once('x').and_then(|(w, h)| Some([side(w)?, side(h)?]));
+    sides.ok_or_else(|| "write it like 1024x768, each from 1 to 16384".to_owned())
+}
+
+fn point(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Option<Vec<f64>> =
+        text.split(',').map(|n| n.trim().parse().ok().filter(|x: &f64| x.abs() <= 1.0e30)).collect();
+    let numbers = numbers.and_then(|n| <[f64; 3]>::try_from(n).ok());
+    numbers.ok_or_else(|| "write it like 1,2.5,-3".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn definition_holds_together() {
+        Args::command().debug_assert();
+    }
+
+    #[test]
+    fn values() {
+        assert_eq!(size("640x480"), Ok([640, 480]));
+        for wrong in ["640", "0x1", "1x16385", "x", "axb", "1x2x3"] {
+            assert!(size(wrong).is_err(), "{wrong}");
+        }
+        assert_eq!(point("1,-2.5, 3e2"), Ok([1.0, -2.5, 300.0]));
+        for wrong in ["1,2", "1,2,3,4", "a,b,c", "", "nan,0,0", "inf,0,0"] {
+            assert!(point(wrong).is_err(), "{wrong}");
+        }
+        assert!(cost("nan").is_err() && cost("-1").is_err() && cost("0.5").is_ok());
+        assert!(angle("0").is_err() && angle("180").is_err() && angle("60").is_ok());
+    }
+
+    #[test]
+    fn contradictions() {
+        let check = |line: &str| Args::try_parse_from(line.split(' ')).unwrap().check();
+        for wrong in [
+            "raykd bench --device cpu --adapter x",
+            "raykd bench --device gpu --threads 2",
+            "raykd build m --adapter x --threads 2",
+            "raykd trace m --rays r --hits h --device cpu --adapter x",
+            "raykd render m -o p --device gpu --threads 1",
+        ] {
+            assert_eq!(check(wrong).unwrap_err().kind(), ErrorKind::ArgumentConflict, "{wrong}");
+        }
+        check("raykd bench --adapter x --threads 2").unwrap();
+        check("raykd build m --device cpu --threads 2").unwrap();
+    }
+}

@@ -1,0 +1,298 @@
+//! `raykd bench`: the talk's two tables, and whether the devices agree.
+
+use super::{
+    args::BenchArgs,
+    input::{Input, RepairCounts},
+    machine::{Machines, at_fault, is_software},
+    measure::{self, Kernel, mrays, ms},
+    notes::Notes,
+    write_json,
+};
+use crate::{
+    BuildOptions, Device, Error, Query, Ray, hits_digest, rays,
+    report::{Table, bytes, count, three},
+};
+use std::{
+    io::{StdoutLock, Write as _},
+    process::ExitCode,
+};
+
+/// Random rays are the same in every run.
+const SEED: u64 = 2026;
+/// Width and height of the picture whose rays are timed.
+const PICTURE: u32 = 2048;
+
+/// One scene on one device.
+#[derive(Debug, serde::Serialize)]
+struct Row {
+    scene: String,
+    /// In the file.
+    triangles: usize,
+    device: &'static str,
+    adapter: String,
+    load_ms: f64,
+    /// Mesh to device.
+    upload_ms: f64,
+    /// All kernels of the build.
+    build_ms: f64,
+    /// The kernel, random rays.
+    trace_ms: f64,
+    /// Hits to host.
+    download_ms: f64,
+    /// Random rays, millions a second.
+    mrays: f64,
+    rays: usize,
+    nodes: u32,
+    leaves: u32,
+    depth: u32,
+    refs_per_triangle: f64,
+    tree_bytes: u64,
+    peak_bytes: u64,
+    sah_cost: f64,
+    digest: String,
+    hits_digest: String,
+    /// Laying triangles out for tracing, after the build.
+    layout_ms: f64,
+    /// Random rays to device.
+    ray_upload_ms: f64,
+    /// Rays of a picture, millions a second.
+    primary_mrays: f64,
+    /// Random rays that hit something.
+    hits: usize,
+    /// Triangles that take part.
+    kept: usize,
+    repairs: RepairCounts,
+    /// Whether both devices gave the same trees and hits, if both ran.
+    identical: Option<bool>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    kernels: Vec<Kernel>,
+}
+
+pub(super) fn run(args: &BenchArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
+    let notes = Notes::new(args.json);
+    let mut machines = Machines::choose(args.device, &args.machine, &notes)?;
+    let names = if args.scenes.is_empty() { &["teapot".to_owned()] } else { args.scenes.as_slice() };
+    let mut rows = Vec::new();
+    for name in names {
+        let input = Input::load(name, &notes)?;
+        let random = rays::random(input.mesh.bounds(), args.rays as usize, SEED);
+        let picture = rays::Camera::framing(input.mesh.bounds()).rays(PICTURE, PICTURE);
+        let first = rows.len();
+        let measure = |device| bench(device, &input, &random, &picture, args.profile, &notes);
+        if let Some(cpu) = &machines.cpu {
+            rows.push(measure(cpu)?);
+        }
+        match machines.gpu.as_ref().map(measure) {
+            Some(Ok(row)) => rows.push(row),
+            Some(Err(error)) if machines.automatic && at_fault(&error) => {
+                notes.note(format_args!("{error}; going on with the CPU alone"));
+                machines.gpu = None;
+            }
+            Some(Err(error)) => return Err(error.into()),
+            None => {}
+        }
+        if let [a, b] = &mut rows[first..] {
+            let same = a.digest == b.digest && a.hits_digest == b.hits_digest;
+            (a.identical, b.identical) = (Some(same), Some(same));
+        }
+    }
+    notes.clear();
+    if args.json {
+        write_json(out, &rows)?;
+    } else {
+        print(&rows, &machines, out)?;
+    }
+    let differ = rows.iter().any(|row| row.identical == Some(false));
+    Ok(if differ { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+/// One scene on one device.
+fn bench(
+    device: &Device,
+    input: &Input,
+    random: &[Ray],
+    picture: &[Ray],
+    profile: bool,
+    notes: &Notes,
+) -> Result<Row, Error> {
+    let (name, mesh) = (&input.name, &input.mesh);
+    let stage = |what: &str| notes.stage(format_args!("{name}: {what} on the {}", device.kind().to_uppercase()));
+    stage("building");
+    let built = measure::build(device, mesh, &BuildOptions { profile, ..BuildOptions::default() })?;
+    stage("tracing random rays");
+    let traced = measure::trace(&built.scene, Query::Closest, random)?;
+    stage("tracing a picture");
+    let primary = measure::time(&built.scene, picture)?;
+    let header = *built.scene.header();
+    Ok(Row {
+        scene: name.clone(),
+        triangles: mesh.triangles().len(),
+        device: device.kind(),
+        adapter: device.name().to_owned(),
+        load_ms: ms(input.load),
+        upload_ms: ms(built.upload),
+        build_ms: ms(built.build),
+        trace_ms: ms(traced.trace),
+        download_ms: ms(traced.download),
+        mrays: mrays(random.len(), traced.trace),
+        rays: random.len(),
+        nodes: header.nodes,
+        leaves: built.report.leaves,
+        depth: header.depth,
+        refs_per_triangle: f64::from(header.refs) / mesh.triangles().len() as f64,
+        tree_bytes: built.tree.bytes(),
+        peak_bytes: built.scene.times().peak_bytes,
+        sah_cost: built.report.sah_cost,
+        digest: built.tree.digest(),
+        hits_digest: hits_digest(&traced.hits),
+        layout_ms: ms(built.layout),
+        ray_upload_ms: ms(traced.upload),
+        primary_mrays: mrays(picture.len(), primary),
+        hits: traced.hits.iter().filter(|hit| hit.is_hit()).count(),
+        kept: mesh.kept().len(),
+        repairs: mesh.repairs().into(),
+        identical: None,
+        kernels: built.kernels,
+    })
+}
+
+/// The tables.
+fn print(rows: &[Row], machines: &Machines, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
+    for device in machines.iter() {
+        let software = if is_software(device) { " (software)" } else { "" };
+        writeln!(out, "{}  {}{software}", device.kind().to_uppercase(), device.name())?;
+    }
+    writeln!(out, "Times are medians on the device's clock; transfers are not part of them.\n")?;
+    writeln!(out, "{}", build_table(rows))?;
+    writeln!(out, "{}", travel_table(rows))?;
+    writeln!(out, "{}", tree_table(rows))?;
+    for row in rows.iter().filter(|row| !row.kernels.is_empty()) {
+        writeln!(out, "{}", kernel_table(&format!("{}, {}", row.scene, row.device.to_uppercase()), &row.kernels))?;
+    }
+    for scene in scenes(rows) {
+        let row = scene.any();
+        if let Some(told) = row.repairs.told() {
+            writeln!(out, "{}: {told}", row.scene)?;
+        }
+        match scene {
+            Both { cpu: Some(_), gpu: Some(gpu) } if gpu.identical == Some(true) => {
+                writeln!(out, "{}: CPU and GPU gave byte-identical trees and hits", gpu.scene)?;
+                writeln!(out, "  tree {}\n  hits {}", gpu.digest, gpu.hits_digest)?;
+            }
+            Both { cpu: Some(cpu), gpu: Some(gpu) } => {
+                let mark = |same| if same { "same     " } else { "DIFFERENT" };
+                writeln!(out, "{}: CPU AND GPU DIFFER", cpu.scene)?;
+                for (what, a, b) in
+                    [("tree", &cpu.digest, &gpu.digest), ("hits", &cpu.hits_digest, &gpu.hits_digest)]
+                {
+                    writeln!(out, "  {what} {}  CPU {a}\n                  GPU {b}", mark(a == b))?;
+                }
+            }
+            _ => writeln!(
+                out,
+                "{}: only the {} ran, nothing to compare\n  tree {}\n  hits {}",
+                row.scene,
+                row.device.to_uppercase(),
+                row.digest,
+                row.hits_digest
+            )?,
+        }
+    }
+    Ok(())
+}
+
+/// The rows of one scene.
+#[derive(Clone, Copy)]
+struct Both<'a> {
+    cpu: Option<&'a Row>,
+    gpu: Option<&'a Row>,
+}
+
+impl<'a> Both<'a> {
+    fn any(self) -> &'a Row {
+        self.cpu.or(self.gpu).expect("one of them ran")
+    }
+
+    /// A number of each, and how many times the GPU's goes into the CPU's.
+    fn compare(self, number: impl Fn(&Row) -> f64) -> [String; 3] {
+        let [cpu, gpu] = [self.cpu, self.gpu].map(|row| row.map(&number));
+        let ratio = cpu.zip(gpu).filter(|(_, gpu)| *gpu > 0.0).map(|(cpu, gpu)| cpu / gpu);
+        [cpu, gpu, ratio].map(|x| x.map_or_else(|| "-".to_owned(), three))
+    }
+}
+
+/// Rows of the same scene are neighbours, the CPU's first.
+fn scenes(rows: &[Row]) -> Vec<Both<'_>> {
+    let mut scenes: Vec<Both<'_>> = Vec::new();
+    for row in rows {
+        match (row.device, scenes.last_mut()) {
+            ("cpu", _) => scenes.push(Both { cpu: Some(row), gpu: None }),
+            (_, Some(last)) if last.gpu.is_none() => last.gpu = Some(row),
+            _ => scenes.push(Both { cpu: None, gpu: Some(row) }),
+        }
+    }
+    scenes
+}
+
+fn build_table(rows: &[Row]) -> Table {
+    let mut table = Table::new(["Build", "triangles", "CPU ms", "GPU ms", "upload ms", "CPU/GPU"]);
+    for scene in scenes(rows) {
+        let row = scene.any();
+        let [cpu, gpu, ratio] = scene.compare(|row| row.build_ms);
+        let upload = scene.gpu.map_or_else(|| "-".to_owned(), |gpu| three(gpu.upload_ms));
+        table.row([row.scene.clone(), count(row.triangles as u64), cpu, gpu, upload, ratio]);
+    }
+    table
+}
+
+fn travel_table(rows: &[Row]) -> Table {
+    let titles = ["Travel", "rays", "CPU ms", "GPU ms", "CPU/GPU", "CPU Mray/s", "GPU Mray/s"];
+    let mut table = Table::new(titles);
+    for scene in scenes(rows) {
+        let row = scene.any();
+        let [cpu, gpu, ratio] = scene.compare(|row| row.trace_ms);
+        let [cpu_rate, gpu_rate, _] = scene.compare(|row| row.mrays);
+        let rays = format!("{} random", count(row.rays as u64));
+        table.row([row.scene.clone(), rays, cpu, gpu, ratio, cpu_rate, gpu_rate]);
+        let picture = f64::from(PICTURE) * f64::from(PICTURE);
+        let [cpu, gpu, ratio] = scene.compare(|row| picture / row.primary_mrays * 1.0e-3);
+        let [cpu_rate, gpu_rate, _] = scene.compare(|row| row.primary_mrays);
+        let rays = format!("{PICTURE}x{PICTURE} picture");
+        table.row([String::new(), rays, cpu, gpu, ratio, cpu_rate, gpu_rate]);
+    }
+    table
+}
+
+fn tree_table(rows: &[Row]) -> Table {
+    let titles =
+        ["Tree", "nodes", "leaves", "depth", "refs/triangle", "size", "B/triangle", "peak", "B/triangle", "SAH cost"];
+    let mut table = Table::new(titles);
+    for scene in scenes(rows) {
+        let row = scene.any();
+        let each = |bytes: u64| three(bytes as f64 / row.triangles as f64);
+        table.row([
+            row.scene.clone(),
+            count(row.nodes.into()),
+            count(row.leaves.into()),
+            row.depth.to_string(),
+            three(row.refs_per_triangle),
+            bytes(row.tree_bytes),
+            each(row.tree_bytes),
+            bytes(row.peak_bytes),
+            each(row.peak_bytes),
+            three(row.sah_cost),
+        ]);
+    }
+    table
+}
+
+/// Where a build's time went.
+pub(super) fn kernel_table(title: &str, kernels: &[Kernel]) -> Table {
+    let total: f64 = kernels.iter().map(|kernel| kernel.ms).sum();
+    let mut table = Table::new([title, "dispatches", "ms", "%"]);
+    for Kernel { name, dispatches, ms } in kernels {
+        let share = format!("{:.1}", 100.0 * ms / total.max(f64::MIN_POSITIVE));
+        table.row([(*name).to_owned(), dispatches.to_string(), three(*ms), share]);
+    }
+    table
+}

@@ -1,0 +1,181 @@
+//! `raykd build`: one tree, its statistics and its file.
+
+use super::{
+    args::BuildArgs,
+    bench::kernel_table,
+    input::{Input, RepairCounts},
+    machine::Machine,
+    measure::{self, Kernel, ms},
+    notes::Notes,
+    write_json,
+};
+use crate::{
+    BuildOptions, Device, Error, KdTree, output,
+    report::{bytes, count, three},
+};
+use std::io::{StdoutLock, Write as _};
+
+/// What is told about a tree.
+#[derive(Debug, serde::Serialize)]
+struct Told {
+    scene: String,
+    /// In the file.
+    triangles: usize,
+    /// That take part.
+    kept: usize,
+    repairs: RepairCounts,
+    device: &'static str,
+    adapter: String,
+    load_ms: f64,
+    upload_ms: f64,
+    build_ms: f64,
+    /// Laying triangles out for tracing, after the build.
+    layout_ms: f64,
+    /// How often the build was repeated with more room.
+    retries: u32,
+    nodes: u32,
+    leaves: u32,
+    empty_leaves: u32,
+    largest_leaf: u32,
+    depth: u32,
+    refs: u32,
+    refs_per_triangle: f64,
+    tree_bytes: u64,
+    peak_bytes: u64,
+    cost_step: f32,
+    cost_test: f32,
+    sah_cost: f64,
+    /// Of a random line that meets the root's box.
+    expected_steps: f64,
+    expected_tests: f64,
+    /// SHA-256 of header, nodes and references.
+    digest: String,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    kernels: Vec<Kernel>,
+}
+
+pub(super) fn run(args: &BuildArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
+    let notes = Notes::new(args.json);
+    if let Some(path) = &args.output {
+        output::check(path)?;
+    }
+    let input = Input::load(&args.mesh, &notes)?;
+    let machine = Machine::choose(args.device, &args.machine, &notes)?;
+    notes.stage(format_args!("{}: building", input.name));
+    let usual = BuildOptions::default();
+    let options = BuildOptions {
+        cost_step: args.cost_step.unwrap_or(usual.cost_step),
+        cost_test: args.cost_test.unwrap_or(usual.cost_test),
+        profile: args.profile,
+        ..usual
+    };
+    let (told, tree) = machine.run(&notes, |device| build(device, &input, &options))?;
+    if let Some(path) = &args.output {
+        notes.stage(format_args!("writing {}", path.display()));
+        tree.save(path)?;
+    }
+    notes.clear();
+    if args.json { write_json(out, &told) } else { print(&told, args, out) }
+}
+
+fn build(device: &Device, input: &Input, options: &BuildOptions) -> Result<(Told, KdTree), Error> {
+    let mesh = &input.mesh;
+    let built = measure::build(device, mesh, options)?;
+    let (header, report, times) = (*built.scene.header(), built.report, built.scene.times());
+    let told = Told {
+        scene: input.name.clone(),
+        triangles: mesh.triangles().len(),
+        kept: mesh.kept().len(),
+        repairs: mesh.repairs().into(),
+        device: device.kind(),
+        adapter: device.name().to_owned(),
+        load_ms: ms(input.load),
+        upload_ms: ms(built.upload),
+        build_ms: ms(built.build),
+        layout_ms: ms(built.layout),
+        retries: times.retries,
+        nodes: header.nodes,
+        leaves: report.leaves,
+        empty_leaves: report.empty_leaves,
+        largest_leaf: report.largest_leaf,
+        depth: header.depth,
+        refs: header.refs,
+        refs_per_triangle: f64::from(header.refs) / mesh.triangles().len() as f64,
+        tree_bytes: built.tree.bytes(),
+        peak_bytes: times.peak_bytes,
+        cost_step: header.cost_step,
+        cost_test: header.cost_test,
+        sah_cost: report.sah_cost,
+        expected_steps: report.expected_steps,
+        expected_tests: report.expected_tests,
+        digest: built.tree.digest(),
+        kernels: built.kernels,
+    };
+    Ok((told, built.tree))
+}
+
+fn print(t: &Told, args: &BuildArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
+    let each = |bytes: u64| three(bytes as f64 / t.triangles as f64);
+    let mut line = |name: &str, what: String| writeln!(out, "{name:<10} {what}");
+    line("scene", format!("{}, {} triangles", t.scene, count(t.triangles as u64)))?;
+    line("repairs", t.repairs.told().unwrap_or_else(|| "none".to_owned()))?;
+    line("device", format!("{}, {}", t.device.to_uppercase(), t.adapter))?;
+    line(
+        "times",
+        format!(
+            "load {} ms, upload {} ms, build {} ms, layout for tracing {} ms",
+            three(t.load_ms),
+            three(t.upload_ms),
+            three(t.build_ms),
+            three(t.layout_ms)
+        ),
+    )?;
+    line(
+        "nodes",
+        format!(
+            "{}, of these {} leaves ({} empty), depth {}",
+            count(t.nodes.into()),
+            count(t.leaves.into()),
+            count(t.empty_leaves.into()),
+            t.depth
+        ),
+    )?;
+    line(
+        "references",
+        format!(
+            "{}, {} per triangle, at most {} in a leaf",
+            count(t.refs.into()),
+            three(t.refs_per_triangle),
+            count(t.largest_leaf.into())
+        ),
+    )?;
+    line(
+        "bytes",
+        format!(
+            "tree {} ({} per triangle), at most {} ({}) while building",
+            bytes(t.tree_bytes),
+            each(t.tree_bytes),
+            bytes(t.peak_bytes),
+            each(t.peak_bytes)
+        ),
+    )?;
+    line(
+        "SAH cost",
+        format!(
+            "{}: {} steps at {}, {} triangle tests at {}",
+            three(t.sah_cost),
+            three(t.expected_steps),
+            t.cost_step,
+            three(t.expected_tests),
+            t.cost_test
+        ),
+    )?;
+    line("digest", t.digest.clone())?;
+    if let Some(path) = &args.output {
+        line("saved", path.display().to_string())?;
+    }
+    if !t.kernels.is_empty() {
+        write!(out, "\n{}", kernel_table("kernel", &t.kernels))?;
+    }
+    Ok(())
+}

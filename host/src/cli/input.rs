@@ -1,0 +1,66 @@
+//! Meshes, as every command reads them.
+
+use super::notes::Notes;
+use crate::{
+    Mesh,
+    mesh::{Repairs, Scene},
+};
+use std::time::{Duration, Instant};
+
+/// A mesh with its name.
+#[derive(Debug)]
+pub(super) struct Input {
+    /// The scene's name or the file's path.
+    pub name: String,
+    pub mesh: Mesh,
+    /// Time to read and check it.
+    pub load: Duration,
+}
+
+impl Input {
+    /// Reads a file, or fetches a scene by its name.
+    pub(super) fn load(text: &str, notes: &Notes) -> anyhow::Result<Self> {
+        let scene: Scene = text.parse()?;
+        let name = scene.to_string();
+        notes.stage(format_args!("{name}: reading"));
+        let start = Instant::now();
+        let mesh = scene.load()?;
+        Ok(Self { name, mesh, load: start.elapsed() })
+    }
+}
+
+/// What was set aside or changed in a mesh, for JSON.
+#[derive(Clone, Copy, Debug, serde::Serialize)]
+pub(super) struct RepairCounts {
+    zero_area: u32,
+    duplicates: u32,
+    polygons: u32,
+    ignored: u32,
+    flushed: u32,
+}
+
+impl From<&Repairs> for RepairCounts {
+    fn from(r: &Repairs) -> Self {
+        let &Repairs { zero_area, duplicates, polygons, ignored, flushed } = r;
+        Self { zero_area, duplicates, polygons, ignored, flushed }
+    }
+}
+
+impl RepairCounts {
+    /// In words; nothing if there is nothing to tell.
+    pub(super) fn told(&self) -> Option<String> {
+        let parts = [
+            (self.zero_area, "zero-area triangles kept out of the tree"),
+            (self.duplicates, "duplicate triangles (the lowest number wins)"),
+            (self.polygons, "polygons cut into triangles"),
+            (self.ignored, "points and lines ignored"),
+            (self.flushed, "coordinates too small to matter taken as 0"),
+        ];
+        let told: Vec<_> = parts
+            .iter()
+            .filter(|(n, _)| *n > 0)
+            .map(|&(n, what)| format!("{} {what}", crate::report::count(n.into())))
+            .collect();
+        (!told.is_empty()).then(|| told.join("; "))
+    }
+}

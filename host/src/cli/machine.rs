@@ -1,0 +1,144 @@
+//! Which device a command runs on.
+
+use super::{
+    args::{MachineArgs, One, Which},
+    notes::Notes,
+};
+use crate::{Device, Error, exec::Cpu};
+
+/// The device of a command that uses one.
+#[derive(Debug)]
+pub(super) struct Machine {
+    device: Device,
+    /// Nobody asked for this device: if it fails, the CPU takes over.
+    automatic: bool,
+}
+
+impl Machine {
+    /// The device asked for; or a real GPU if there is one, else the CPU.
+    pub(super) fn choose(wish: Option<One>, more: &MachineArgs, notes: &Notes) -> anyhow::Result<Self> {
+        notes.stage("opening the device");
+        let wish = wish.or_else(|| {
+            let implied = more.adapter.as_ref().map(|_| One::Gpu);
+            implied.or_else(|| more.threads.map(|_| One::Cpu))
+        });
+        Ok(match wish {
+            Some(One::Cpu) => Self { device: cpu(more)?, automatic: false },
+            Some(One::Gpu) => Self { device: gpu(more, notes)?, automatic: false },
+            None => match hardware() {
+                Ok(device) => Self { device, automatic: true },
+                Err(error) => {
+                    // That there is no GPU is nothing to talk about; that it is not used is.
+                    if !matches!(error, Error::NoAdapter { .. }) {
+                        notes.note(format_args!("{error}; using the CPU"));
+                    }
+                    Self { device: cpu(more)?, automatic: true }
+                }
+            },
+        })
+    }
+
+    /// Does the work; if a device that nobody asked for fails, once more on the CPU.
+    pub(super) fn run<T>(
+        self,
+        notes: &Notes,
+        work: impl Fn(&Device) -> Result<T, Error>,
+    ) -> Result<T, Error> {
+        match work(&self.device) {
+            Err(error) if self.automatic && self.device.kind() == "gpu" && at_fault(&error) => {
+                notes.note(format_args!("{error}; doing it on the CPU"));
+                work(&Device::cpu())
+            }
+            done => done,
+        }
+    }
+}
+
+/// The devices of a command that compares them.
+#[derive(Debug)]
+pub(super) struct Machines {
+    pub cpu: Option<Device>,
+    pub gpu: Option<Device>,
+    /// Nobody asked for the GPU: if it fails, the command goes on without it.
+    pub automatic: bool,
+}
+
+impl Machines {
+    /// The devices asked for; or the CPU and, if there is one, the best Vulkan adapter.
+    pub(super) fn choose(wish: Option<Which>, more: &MachineArgs, notes: &Notes) -> anyhow::Result<Self> {
+        notes.stage("opening the devices");
+        let named = more.adapter.is_some();
+        let wish = wish.or(if named && more.threads.is_none() { Some(Which::Gpu) } else { None });
+        let automatic = wish.is_none() && !named;
+        let cpu = if wish == Some(Which::Gpu) { None } else { Some(cpu(more)?) };
+        let gpu = match wish {
+            Some(Which::Cpu) => None,
+            _ => match gpu(more, notes) {
+                Ok(device) => Some(device),
+                Err(error) if automatic => {
+                    notes.note(format_args!("{error}; going on with the CPU alone"));
+                    None
+                }
+                Err(error) => return Err(error.into()),
+            },
+        };
+        Ok(Self { cpu, gpu, automatic })
+    }
+
+    /// All of them, the CPU first.
+    pub(super) fn iter(&self) -> impl Iterator<Item = &Device> {
+        self.cpu.iter().chain(&self.gpu)
+    }
+}
+
+/// Whether another device might do better.
+pub(super) const fn at_fault(error: &Error) -> bool {
+    matches!(
+        error,
+        Error::DeviceFailed { .. } | Error::TooLarge { .. } | Error::OutOfMemory { .. } | Error::Kernel(_)
+    )
+}
+
+fn cpu(more: &MachineArgs) -> Result<Device, Error> {
+    Ok(Device::Cpu(match more.threads {
+        Some(threads) => Cpu::with_threads(threads.into())?,
+        None => Cpu::default(),
+    }))
+}
+
+#[cfg(feature = "gpu")]
+fn gpu(more: &MachineArgs, notes: &Notes) -> Result<Device, Error> {
+    let device = Device::gpu(more.adapter.as_deref())?;
+    if is_software(&device) {
+        let name = device.name();
+        notes.note(format_args!("{name} is a software rasteriser: expect it to be slower than --device cpu"));
+    }
+    Ok(device)
+}
+
+#[cfg(feature = "gpu")]
+fn hardware() -> Result<Device, Error> {
+    crate::exec::Gpu::open_hardware().map(|gpu| Device::Gpu(Box::new(gpu)))
+}
+
+/// Whether the device is a GPU that the CPU plays.
+#[cfg(feature = "gpu")]
+pub(super) fn is_software(device: &Device) -> bool {
+    matches!(device, Device::Gpu(gpu) if gpu.is_software())
+}
+
+#[cfg(not(feature = "gpu"))]
+fn gpu(more: &MachineArgs, _: &Notes) -> Result<Device, Error> {
+    Err(Error::NoAdapter { wanted: more.adapter.clone() })
+}
+
+#[cfg(not(feature = "gpu"))]
+fn hardware() -> Result<Device, Error> {
+    Err(Error::NoAdapter { wanted: None })
+}
+
+/// Whether the device is a GPU that the CPU plays.
+#[cfg(not(feature = "gpu"))]
+pub(super) const fn is_software(_: &Device) -> bool {
+    false
+}

@@ -1,0 +1,183 @@
+//! Repeating builds and traces, and taking medians.
+
+use crate::{
+    BuildOptions, BuildTimes, Device, Error, Hit, KdTree, Mesh, Query, Ray, Resident, Scene, shared::Report,
+};
+use std::time::{Duration, Instant};
+
+/// Repetitions that a median is taken of.
+const TIMES: usize = 5;
+/// A build slower than this is repeated less often,
+const SLOW: Duration = Duration::from_secs(2);
+/// namely so often.
+const SLOW_TIMES: usize = 3;
+/// Pictures are traced again until this time is spent.
+const ENOUGH: Duration = Duration::from_secs(1);
+
+/// A tree, and what its build took: medians.
+#[derive(Debug)]
+pub(super) struct BuildMeasure<'d> {
+    pub scene: Scene<'d>,
+    pub tree: KdTree,
+    pub report: Report,
+    pub upload: Duration,
+    pub build: Duration,
+    pub layout: Duration,
+    /// Of one more build, if profiled: name, dispatches and time of every kernel.
+    pub kernels: Vec<Kernel>,
+}
+
+/// Time of one kernel in a build.
+#[derive(Clone, Debug, serde::Serialize)]
+pub(super) struct Kernel {
+    pub name: &'static str,
+    pub dispatches: u32,
+    pub ms: f64,
+}
+
+/// Builds once to warm up, then several times.
+pub(super) fn build<'d>(
+    device: &'d Device,
+    mesh: &Mesh,
+    options: &BuildOptions,
+) -> Result<BuildMeasure<'d>, Error> {
+    let plain = BuildOptions { profile: false, ..options.clone() };
+    let start = Instant::now();
+    let mut scene = Scene::build(device, mesh, &plain)?;
+    let times = if start.elapsed() > SLOW { SLOW_TIMES } else { TIMES };
+    let (mut upload, mut build, mut layout) = (Vec::new(), Vec::new(), Vec::new());
+    for _ in 0..times {
+        // The one before goes first: peak memory is that of one build.
+        drop(scene);
+        scene = Scene::build(device, mesh, &plain)?;
+        let BuildTimes { upload: up, build: kernels, layout: laid, .. } = *scene.times();
+        upload.push(up);
+        build.push(kernels);
+        layout.push(laid);
+    }
+    let mut kernels = Vec::new();
+    if options.profile {
+        let profiled = Scene::build(device, mesh, options)?;
+        let row = |&(name, dispatches, time): &_| Kernel { name, dispatches, ms: ms(time) };
+        kernels = profiled.times().kernels.iter().map(row).collect();
+    }
+    let tree = scene.tree()?;
+    let report = tree.validate()?;
+    let [upload, build, layout] = [upload, build, layout].map(median);
+    Ok(BuildMeasure { scene, tree, report, upload, build, layout, kernels })
+}
+
+/// Hits, and what finding them took: medians.
+#[derive(Debug)]
+pub(super) struct TraceMeasure {
+    pub hits: Vec<Hit>,
+    pub invalid: u32,
+    pub upload: Duration,
+    pub trace: Duration,
+    pub download: Duration,
+}
+
+/// Traces rays once to warm up, then several times while they stay on the device.
+pub(super) fn trace(scene: &Scene<'_>, query: Query, rays: &[Ray]) -> Result<TraceMeasure, Error> {
+    let mut total = TraceMeasure {
+        hits: Vec::with_capacity(rays.len()),
+        invalid: 0,
+        upload: Duration::ZERO,
+        trace: Duration::ZERO,
+        download: Duration::ZERO,
+    };
+    for part in rays.chunks(batch(scene)) {
+        let mut upload = Vec::new();
+        let mut resident = None;
+        for _ in 0..SLOW_TIMES {
+            drop(resident.take());
+            let start = Instant::now();
+            resident = Some(scene.resident(part)?);
+            upload.push(start.elapsed());
+        }
+        let resident = resident.expect("made in the loop above");
+        resident.trace(query)?;
+        let times = (0..TIMES).map(|_| resident.trace(query)).collect::<Result<_, _>>()?;
+        let mut download = Vec::new();
+        let mut hits = Vec::new();
+        for _ in 0..SLOW_TIMES {
+            drop(std::mem::take(&mut hits));
+            let start = Instant::now();
+            hits = resident.hits()?;
+            download.push(start.elapsed());
+        }
+        total.invalid += resident.invalid()?;
+        total.hits.append(&mut hits);
+        total.upload += median(upload);
+        total.trace += median(times);
+        total.download += median(download);
+    }
+    Ok(total)
+}
+
+/// Median time to trace rays, less often if it takes long: for large pictures.
+pub(super) fn time(scene: &Scene<'_>, rays: &[Ray]) -> Result<Duration, Error> {
+    let parts =
+        rays.chunks(batch(scene)).map(|part| scene.resident(part)).collect::<Result<Vec<_>, _>>()?;
+    let all = || parts.iter().map(|part: &Resident<'_>| part.trace(Query::Closest)).sum::<Result<_, _>>();
+    let first: Duration = all()?;
+    let mut times = Vec::new();
+    let mut spent = first;
+    while times.len() < TIMES && spent < ENOUGH {
+        let time = all()?;
+        spent += time;
+        times.push(time);
+    }
+    // Past the first, which was slow already: good enough.
+    Ok(if times.is_empty() { first } else { median(times) })
+}
+
+/// Most rays that the scene's device takes at once.
+fn batch(scene: &Scene<'_>) -> usize {
+    ((scene.device().limit().bytes / size_of::<Ray>() as u64) as usize).min(1 << 24)
+}
+
+fn median(mut times: Vec<Duration>) -> Duration {
+    times.sort_unstable();
+    times[times.len() / 2]
+}
+
+/// Milliseconds.
+pub(super) fn ms(time: Duration) -> f64 {
+    time.as_nanos() as f64 / 1.0e6
+}
+
+/// Millions of rays a second; none if there were no rays.
+pub(super) fn mrays(rays: usize, time: Duration) -> f64 {
+    let seconds = time.as_secs_f64();
+    if rays == 0 || seconds == 0.0 { 0.0 } else { rays as f64 / seconds * 1.0e-6 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn medians_and_rates() {
+        let seconds = |s| Duration::from_secs(s);
+        assert_eq!(median(vec![seconds(9), seconds(1), seconds(2)]), seconds(2));
+        assert_eq!(ms(Duration::from_micros(1500)), 1.5);
+        assert_eq!(mrays(3_000_000, seconds(2)), 1.5);
+        assert_eq!(mrays(0, seconds(2)), 0.0);
+        assert_eq!(mrays(5, Duration::ZERO), 0.0);
+    }
+
+    #[test]
+    fn measured_hits_are_the_scenes() {
+        let device = Device::cpu();
+        let mesh = Mesh::teapot(2);
+        let mut rays = crate::rays::random(mesh.bounds(), 100, 1);
+        rays[3].t_max = f32::NAN;
+        let measured = build(&device, &mesh, &BuildOptions { profile: true, ..Default::default() }).unwrap();
+        assert!(!measured.kernels.is_empty());
+        let traced = trace(&measured.scene, Query::Closest, &rays).unwrap();
+        assert_eq!(traced.hits, measured.scene.closest(&rays).unwrap());
+        assert_eq!(traced.invalid, 1);
+        assert!(time(&measured.scene, &rays).unwrap() > Duration::ZERO);
+    }
+}

@@ -1,0 +1,99 @@
+//! The command line: `raykd bench`, `build`, `trace`, `render` and `devices`.
+
+mod args;
+mod bench;
+mod build;
+mod devices;
+mod input;
+mod machine;
+mod measure;
+mod notes;
+mod render;
+mod trace;
+
+use args::{Args, Command};
+use clap::Parser as _;
+use std::{
+    fmt::Write as _,
+    io::{self, StdoutLock, Write as _},
+    process::ExitCode,
+};
+
+/// Runs the program on its arguments and gives its exit code: 0 for success, 1 for an error or a difference
+/// between devices, 2 for wrong usage.
+pub fn main() -> ExitCode {
+    let args = Args::parse();
+    if let Err(error) = args.check() {
+        error.exit();
+    }
+    let mut out = io::stdout().lock();
+    let done = run(args, &mut out).and_then(|code| Ok(out.flush().map(|()| code)?));
+    done.unwrap_or_else(|error| {
+        if reader_left(&error) {
+            return ExitCode::SUCCESS;
+        }
+        eprint!("{}", told(&error));
+        ExitCode::FAILURE
+    })
+}
+
+fn run(args: Args, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
+    match args.command {
+        Command::Bench(args) => return bench::run(&args, out),
+        Command::Build(args) => build::run(&args, out)?,
+        Command::Trace(args) => trace::run(&args, out)?,
+        Command::Render(args) => render::run(&args, out)?,
+        Command::Devices(args) => devices::run(&args, out)?,
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Whether whoever read our standard output has had enough (`raykd bench | head -1`): no error.
+fn reader_left(error: &anyhow::Error) -> bool {
+    let kind = match error.downcast_ref::<io::Error>() {
+        Some(error) => Some(error.kind()),
+        None => error.downcast_ref::<serde_json::Error>().and_then(serde_json::Error::io_error_kind),
+    };
+    kind == Some(io::ErrorKind::BrokenPipe)
+}
+
+/// An error with those of its causes that it does not quote itself.
+fn told(error: &anyhow::Error) -> String {
+    let mut text = format!("error: {error}\n");
+    for cause in error.chain().skip(1).map(ToString::to_string) {
+        if !text.contains(&cause) {
+            let _ = writeln!(text, "  because: {cause}");
+        }
+    }
+    text
+}
+
+/// Writes a value as JSON, indented, with a line end.
+fn write_json(out: &mut StdoutLock<'_>, value: &impl serde::Serialize) -> anyhow::Result<()> {
+    serde_json::to_writer_pretty(&mut *out, value)?;
+    Ok(writeln!(out)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use anyhow::Context as _;
+
+    #[test]
+    fn causes_are_told_once() {
+        let inner = anyhow::anyhow!("disk full");
+        assert_eq!(told(&inner.context("cannot write a.png")), "error: cannot write a.png\n  because: disk full\n");
+        let quoted = crate::Error::Io { path: "a".into(), source: io::Error::other("disk full") };
+        assert_eq!(told(&quoted.into()), "error: a: disk full\n");
+    }
+
+    #[test]
+    fn only_a_closed_stdout_is_no_error() {
+        let pipe = || io::Error::from(io::ErrorKind::BrokenPipe);
+        assert!(reader_left(&pipe().into()));
+        assert!(reader_left(&serde_json::Error::io(pipe()).into()));
+        assert!(!reader_left(&crate::Error::Io { path: "a".into(), source: pipe() }.into()));
+        let wrapped: anyhow::Error = io::Result::<()>::Err(io::Error::other("x")).context("y").unwrap_err();
+        assert!(!reader_left(&wrapped));
+    }
+}

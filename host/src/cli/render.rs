@@ -1,0 +1,78 @@
+//! `raykd render`: a picture.
+
+use super::{
+    args::{RenderArgs, Shading as Wish},
+    input::Input,
+    machine::Machine,
+    notes::Notes,
+};
+use crate::{
+    BuildOptions, Device, Error, Mesh, Scene, output,
+    rays::Camera,
+    render::{Picture, Shading, render},
+    report::count,
+};
+use anyhow::{Context as _, bail};
+use image::{ExtendedColorType, ImageEncoder as _, codecs::png::PngEncoder};
+use std::io::{self, StdoutLock, Write as _};
+
+pub(super) fn run(args: &RenderArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
+    let notes = Notes::new(false);
+    let extension = args.output.extension().map(std::ffi::OsStr::to_ascii_lowercase);
+    if extension.is_none_or(|e| e != "png") {
+        bail!("{}: pictures are PNG files; name it like {0}.png", args.output.display());
+    }
+    output::check(&args.output)?;
+    let input = Input::load(&args.mesh, &notes)?;
+    let camera = camera(args, &input.mesh)?;
+    let machine = Machine::choose(args.device, &args.machine, &notes)?;
+    let shading = match args.shading {
+        Wish::Normal => Shading::Normal,
+        Wish::Depth => Shading::Depth,
+        Wish::Heat => Shading::Heat,
+        Wish::Id => Shading::Id,
+    };
+    let samples = args.samples.unwrap_or(if shading == Shading::Normal { 2 } else { 1 });
+    let draw = |device: &Device| -> Result<(Picture, String), Error> {
+        notes.stage(format_args!("{}: building", input.name));
+        let scene = Scene::build(device, &input.mesh, &BuildOptions::default())?;
+        notes.stage(format_args!("{}: tracing", input.name));
+        let picture = render(&scene, &input.mesh, &camera, args.size, samples, shading)?;
+        Ok((picture, format!("{}, {}", device.kind().to_uppercase(), device.name())))
+    };
+    let (picture, device) = machine.run(&notes, draw)?;
+    notes.stage("writing the picture");
+    let [width, height] = args.size;
+    output::write_whole(&args.output, |file| {
+        let encoder = PngEncoder::new(file);
+        let written = encoder.write_image(&picture.rgb, width, height, ExtendedColorType::Rgb8);
+        written.map_err(|error| match error {
+            image::ImageError::IoError(error) => error,
+            other => io::Error::other(other),
+        })
+    })?;
+    notes.clear();
+    let seen = format!("{} of {} rays hit", count(picture.hits), count(picture.rays));
+    writeln!(out, "{}: {width}x{height}, {seen}, {device}", args.output.display())?;
+    Ok(())
+}
+
+/// The camera given, or one that sees the whole mesh.
+fn camera(args: &RenderArgs, mesh: &Mesh) -> anyhow::Result<Camera> {
+    let [width, height] = args.size;
+    let framing = Camera::framing(mesh.bounds());
+    let camera = match args.eye {
+        None => {
+            let camera = Camera { up: args.up, fov: args.fov, ..framing };
+            camera.fitted(mesh.bounds(), f64::from(width) / f64::from(height))
+        }
+        Some(eye) => {
+            let (lo, hi) = mesh.bounds();
+            let middle = [0, 1, 2].map(|a| f64::midpoint(f64::from(lo[a]), f64::from(hi[a])));
+            Camera { eye, target: args.target.unwrap_or(middle), up: args.up, fov: args.fov }
+        }
+    };
+    (camera.eye != camera.target)
+        .then_some(camera)
+        .context("--eye and --target are the same point; move one of them")
+}

@@ -1,0 +1,125 @@
+//! The whole trace: the same bytes on every device, and what brute force finds.
+
+use proptest::prelude::*;
+use raykd::{
+    BuildOptions, Hit, Mesh, Query, Ray, Scene,
+    kernels::{
+        glam::{Vec3, Vec4},
+        math::ldexp,
+        trace::{NOTHING, frame::Frame, triangle::test},
+    },
+    shared::TreeHeader,
+};
+use raykd_tests::{Failure, cases, cpu, devices, gpu, meshes::any_mesh, rays::rays, same};
+
+/// Tests one triangle alone: its `t`, if the ray hits it.
+fn alone(mesh: &Mesh, header: &TreeHeader, ray: &Ray, triangle: u32) -> Option<f32> {
+    let [ox, oy, oz] = ray.origin;
+    let [dx, dy, dz] = ray.direction;
+    let frame = Frame::new(Vec4::new(ox, oy, oz, dx), Vec4::new(dy, dz, ray.t_min, ray.t_max), header);
+    let positions = mesh.scaled_positions();
+    let [a, b, c] = mesh.triangles()[triangle as usize].map(|v| Vec3::from_slice(&positions[3 * v as usize..]));
+    let mut best = NOTHING;
+    test(&frame, triangle, a, b, c, &mut best);
+    (best.triangle == triangle).then(|| ldexp(best.t, -frame.stretch))
+}
+
+/// Traces on every device and compares with brute force.
+fn trace_everywhere(mesh: &Mesh, options: &BuildOptions, seed: u64, count: usize) -> Result<(), Failure> {
+    let reference = Scene::build(cpu(), mesh, options)?;
+    let rays = rays(mesh, reference.tree()?.view(), count, seed);
+    let expected = reference.brute(&rays)?;
+    let name = |what: &str, device: &str, found: &[Hit]| {
+        let first = expected.iter().zip(found).position(|(a, b)| bytemuck::bytes_of(a) != bytemuck::bytes_of(b));
+        format!("{what} by {device}, for {:?}", first.map(|i| rays[i]))
+    };
+    let mut invalid = None;
+    let mut any_hits = None;
+    for named in devices() {
+        let scene = Scene::build(&named.device, mesh, options)?;
+        let closest = scene.trace(Query::Closest, &rays)?;
+        same(&name("closest hits", named.name, &closest.hits), &expected, &closest.hits)?;
+        let any = scene.trace(Query::Any, &rays)?;
+        same(&format!("any hits by {}", named.name), any_hits.get_or_insert(any.hits.clone()), &any.hits)?;
+        let counts = [closest.invalid, any.invalid];
+        same(&format!("invalid rays by {}", named.name), invalid.get_or_insert(counts).as_slice(), &counts)?;
+    }
+    let brute = Scene::build(gpu(), mesh, options)?.brute(&rays)?;
+    same(&name("brute force", "GPU", &brute), &expected, &brute)?;
+
+    for ((ray, closest), any) in rays.iter().zip(&expected).zip(any_hits.iter().flatten()) {
+        let fail = |what: &str| Err(Failure(format!("{what}: {any:?}, the closest being {closest:?}, for {ray:?}")));
+        if any.is_hit() != closest.is_hit() {
+            return fail("one of any and closest hits, the other misses");
+        }
+        if any.is_hit() && alone(mesh, reference.header(), ray, any.triangle) != Some(any.t) {
+            return fail("any hit is no hit of its triangle");
+        }
+        if any.is_hit() && !(ray.t_min <= any.t && any.t <= ray.t_max && closest.t <= any.t) {
+            return fail("any hit is out of range");
+        }
+    }
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(cases(96))]
+    #[test]
+    fn every_device_finds_what_brute_force_finds(recipe in any_mesh(), seed: u64, count in 1usize..400) {
+        trace_everywhere(&recipe.mesh(), &BuildOptions::default(), seed, count)?;
+    }
+}
+
+proptest! {
+    #![proptest_config(cases(64))]
+    #[test]
+    fn hits_do_not_depend_on_the_tree(
+        recipe in any_mesh(), seed: u64, max_depth in 0u32..=48,
+        cost_step in prop::sample::select(vec![0.0, 0.1, 1.0, 30.0]),
+        cost_test in prop::sample::select(vec![0.1, 1.0, 30.0]),
+    ) {
+        let mesh = recipe.mesh();
+        let plain = Scene::build(cpu(), &mesh, &BuildOptions::default())?;
+        let rays = rays(&mesh, plain.tree()?.view(), 400, seed);
+        let options = BuildOptions { cost_step, cost_test, max_depth, ..BuildOptions::default() };
+        let other = Scene::build(cpu(), &mesh, &options)?;
+        let hits = |scene: &Scene<'_>| scene.closest(&rays);
+        same(&format!("hits with {options:?}"), &hits(&plain)?, &hits(&other)?)?;
+    }
+
+    #[test]
+    fn counting_steps_changes_no_hit(recipe in any_mesh(), seed: u64) {
+        let mesh = recipe.mesh();
+        let mut counts = None;
+        for named in devices() {
+            let scene = Scene::build(&named.device, &mesh, &BuildOptions::default())?;
+            let rays = rays(&mesh, scene.tree()?.view(), 200, seed);
+            let (hits, steps) = scene.steps(&rays)?;
+            same(named.name, &scene.closest(&rays)?, &hits)?;
+            same(&format!("steps by {}", named.name), counts.get_or_insert(steps.clone()), &steps)?;
+        }
+    }
+}
+
+#[test]
+fn random_rays_at_the_teapot_agree_everywhere() {
+    let mesh = Mesh::teapot(8);
+    let rays = raykd::rays::random(mesh.bounds(), 5000, 1);
+    let mut expected = None;
+    for named in devices() {
+        let scene = Scene::build(&named.device, &mesh, &BuildOptions::default()).unwrap();
+        let hits = scene.closest(&rays).unwrap();
+        same(named.name, expected.get_or_insert_with(|| scene.brute(&rays).unwrap()), &hits).unwrap();
+        assert!(hits.iter().filter(|hit| hit.is_hit()).count() > 1000);
+    }
+}
+
+#[test]
+fn no_rays_give_no_hits() {
+    for named in devices() {
+        let mesh = Mesh::teapot(1);
+        let scene = Scene::build(&named.device, &mesh, &BuildOptions::default()).unwrap();
+        assert!(scene.closest(&[]).unwrap().is_empty());
+        assert!(scene.brute(&[]).unwrap().is_empty());
+    }
+}

@@ -1,0 +1,185 @@
+//! Each kernel alone, and the arithmetic they stand on.
+
+use proptest::prelude::*;
+use raykd::{
+    BuildOptions, Device, Mesh,
+    exec::Cpu,
+    kernels::{
+        ALL, Order,
+        math::{div, exp2, ldexp, product_difference},
+    },
+    rays::Random,
+};
+use raykd_tests::{
+    Failure, cases, cpu, devices, dispatches::Job, gpu,
+    meshes::any_mesh,
+};
+use std::collections::BTreeSet;
+
+proptest! {
+    #![proptest_config(cases(48))]
+    #[test]
+    fn each_kernel_writes_the_same_bytes_on_every_device(recipe in any_mesh(), seed: u64, max_depth in 1u32..=48) {
+        let options = BuildOptions { max_depth, ..BuildOptions::default() };
+        let job = Job { mesh: &recipe.mesh(), options: &options, seed };
+        for named in &devices()[1..] {
+            job.compare(cpu(), &named.device).map_err(|e| Failure(format!("{}: {e}", named.name)))?;
+        }
+    }
+
+    #[test]
+    fn lane_order_changes_no_byte(recipe in any_mesh(), seed: u64, shuffle: u32) {
+        let shuffled = Device::Cpu(Cpu::default().in_order(Order::Shuffled(shuffle)));
+        Job { mesh: &recipe.mesh(), options: &BuildOptions::default(), seed }.compare(cpu(), &shuffled)?;
+    }
+}
+
+#[test]
+fn every_kernel_is_compared() {
+    let job = Job { mesh: &Mesh::teapot(4), options: &BuildOptions::default(), seed: 1 };
+    let seen: BTreeSet<_> = job.kernels(gpu()).unwrap().into_iter().collect();
+    // The probe is compared by the executors' own tests: it asks what raykd need not rely on.
+    let all: BTreeSet<_> = ALL.iter().map(|kernel| kernel.name()).filter(|&name| name != "probe").collect();
+    assert_eq!(seen, all);
+}
+
+/// A normal number of random bits with an exponent from `-spread` to `spread`.
+fn number(random: &mut Random, spread: i32) -> f32 {
+    let bits = random.bits();
+    let exponent = (bits >> 40) as i32 % (2 * spread + 1) - spread;
+    let mantissa = match bits & 7 {
+        // The borders of a binade and their neighbours are where rounding goes wrong.
+        0 => (bits >> 8 & 3) as u32,
+        1 => 0x7F_FFFF - (bits >> 8 & 3) as u32,
+        _ => (bits >> 8) as u32 & 0x7F_FFFF,
+    };
+    f32::from_bits((bits as u32 & 8) << 28 | ((exponent + 127) as u32) << 23 | mantissa)
+}
+
+#[test]
+fn division_is_rounded_correctly() {
+    let mut random = Random::new(1);
+    for i in 0..10_000_000 {
+        let spread = if i % 2 == 0 { 3 } else { 62 };
+        let (a, b) = (number(&mut random, spread), number(&mut random, spread));
+        assert_eq!(div(a, b).to_bits(), (a / b).to_bits(), "{a:e} / {b:e}");
+    }
+}
+
+#[test]
+fn division_of_near_ties_is_rounded_correctly() {
+    // (n + 1/2 units) * b, rounded either way, divided by b: the quotient lies as close to a tie as it can.
+    let mut random = Random::new(2);
+    for _ in 0..2_000_000 {
+        let (q, b) = (number(&mut random, 0), number(&mut random, 0));
+        let tie = f64::from(q) + f64::from(q.signum()) * 0.5 * 2f64.powi(-23);
+        let a = (tie * f64::from(b)) as f32;
+        for a in [a, a.next_up(), a.next_down()] {
+            assert_eq!(div(a, b).to_bits(), (a / b).to_bits(), "{a:e} / {b:e}");
+        }
+    }
+}
+
+#[test]
+fn division_at_the_ends_of_the_range() {
+    let (min, max) = (f32::MIN_POSITIVE, f32::MAX);
+    for (a, b, quotient) in [
+        (0.0, 3.0, 0.0),
+        (-0.0, 3.0, -0.0),
+        (0.0, -3.0, -0.0),
+        (3.0, 0.0, f32::INFINITY),
+        (3.0, -0.0, f32::NEG_INFINITY),
+        (-3.0, 0.0, f32::NEG_INFINITY),
+        (max, 0.5, f32::INFINITY),
+        (-max, min, f32::NEG_INFINITY),
+        (max, max, 1.0),
+        (min, min, 1.0),
+        (max, 1.0, max),
+        (min, 1.0, min),
+        (min, -1.0, -min),
+        (min, 2.0, 0.0),
+        (-min, max, -0.0),
+        // Subnormal operands count as zero.
+        (min / 2.0, 1.0, 0.0),
+        (1.0, min / 2.0, f32::INFINITY),
+    ] {
+        assert_eq!(div(a, b).to_bits(), f32::to_bits(quotient), "{a:e} / {b:e}");
+    }
+    let mut random = Random::new(3);
+    for _ in 0..2_000_000 {
+        let (a, b) = (number(&mut random, 126), number(&mut random, 126));
+        let (found, native) = (div(a, b), a / b);
+        let exact = (f64::from(a) / f64::from(b)).abs();
+        if exact < f64::from(min) {
+            assert!(found == 0.0 || exact > f64::from(min.next_down()), "{a:e} / {b:e} = {found:e}");
+        } else {
+            assert_eq!(found.to_bits(), native.to_bits(), "{a:e} / {b:e}");
+        }
+    }
+}
+
+#[test]
+fn ldexp_scales_exactly_or_flushes() {
+    let mut random = Random::new(4);
+    for _ in 0..1_000_000 {
+        let a = number(&mut random, 126);
+        let e = (random.bits() % 600) as i32 - 300;
+        let exact = f64::from(a) * 2f64.powi(e);
+        let expected = if exact.abs() < f64::from(f32::MIN_POSITIVE) { 0.0f32.copysign(a) } else { exact as f32 };
+        assert_eq!(ldexp(a, e).to_bits(), expected.to_bits(), "{a:e} * 2^{e}");
+    }
+    assert_eq!(ldexp(f32::INFINITY, -300), f32::INFINITY);
+    assert_eq!(ldexp(1e-40, 30), 0.0);
+    assert_eq!(ldexp(-0.0, 5).to_bits(), (-0.0f32).to_bits());
+}
+
+#[test]
+fn product_difference_is_exact_where_rounded_products_are_equal() {
+    let floor = exp2(-80);
+    let mut random = Random::new(5);
+    let (mut compared, mut zeros) = (0, 0);
+    while compared < 1_000_000 {
+        // Products that agree in as many digits as can be, over all exponents, underflowing ones too.
+        let spread = if compared % 2 == 0 { 4 } else { 60 };
+        let (a, b, c) = (number(&mut random, spread), number(&mut random, spread), number(&mut random, spread));
+        let near = (f64::from(a) * f64::from(b) / f64::from(c)) as f32;
+        for (c, d) in [(c, near), (c, near.next_up()), (c, near.next_down()), (b, a), (-a, -b), (a, b.next_up())] {
+            if a * b == c * d && (a * b).is_finite() {
+                compared += 1;
+                // Products of two f32 are exact in f64, and so is their difference where they are this close.
+                let exact = f64::from(a) * f64::from(b) - f64::from(c) * f64::from(d);
+                let found = product_difference(a, b, c, d, floor);
+                let expected = exact.abs().max(f64::from(floor)).copysign(exact);
+                let right = if exact == 0.0 {
+                    zeros += 1;
+                    found == 0.0
+                } else {
+                    (f64::from(found) - expected).abs() <= expected.abs() * 2f64.powi(-22)
+                };
+                assert!(right, "{a:e} * {b:e} - {c:e} * {d:e} is {exact:e}, found {found:e}");
+            }
+        }
+    }
+    assert!(zeros > 1000 && zeros < compared / 2);
+}
+
+#[test]
+fn product_difference_of_zeros_and_signs() {
+    let floor = exp2(-80);
+    let small = f32::MIN_POSITIVE;
+    for (a, b, c, d, sign) in [
+        (0.0, 1.0, 1.0, 0.0, 0.0),
+        (0.0, -1.0, 1.0, 0.0, 0.0),
+        (small, small, 0.0, 1.0, 1.0),
+        (-small, small, 0.0, 1.0, -1.0),
+        (0.0, 1.0, small, small, -1.0),
+        (0.0, 1.0, -small, small, 1.0),
+        (small, small, -small, small, 1.0),
+        (-small, small, small, small, -1.0),
+        (small, small, small, small, 0.0),
+        (small, small, small, 2.0 * small, -1.0),
+    ] {
+        let found = product_difference(a, b, c, d, floor);
+        assert_eq!(found, sign * floor, "{a:e} * {b:e} - {c:e} * {d:e}");
+    }
+}
