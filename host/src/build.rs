@@ -94,15 +94,15 @@ impl Room {
     fn first_guess(references: u32) -> Self {
         let n = references;
         // The usual bound on useful depth (Pharr, Jakob & Humphreys, PBRT): 8 + 1.3 log2 N.
-        let levels = 8 + 13 * (n + 1).ilog2() / 10;
+        let levels = 12 + 13 * (n + 1).ilog2() / 10;
         let chunks = n.div_ceil(CHUNK);
         let level_refs = n + n / 2 + 1024;
-        let treelet_refs = 2 * n + 1024;
+        let treelet_refs = 3 * n + n / 4 + 1024;
         Self {
             level_refs,
             treelet_refs,
             active: level_refs / (TREELET + 1) + chunks + 64,
-            treelets: treelet_refs / 8 + 64,
+            treelets: treelet_refs / 12 + 64,
             levels: levels.min(MAX_DEPTH),
         }
     }
@@ -211,6 +211,10 @@ fn attempt_build(
     };
     let levels = pair("level", LEVEL_WORDS, 4)?;
     let args = pair("args", ARGS_WORDS, 4)?;
+    let treelet_args = arena.alloc("treelet args", 3, 4)?;
+    let mut pair = |name, count, stride| -> Result<[Buffer; 2], Error> {
+        Ok([arena.alloc(name, count, stride)?, arena.alloc(name, count, stride)?])
+    };
     let actives = pair("active", room.active, 48)?;
     let chunks = pair("chunks", room.active, 4)?;
     let refs = pair("level refs", room.level_refs, 4)?;
@@ -252,6 +256,7 @@ fn attempt_build(
         device.write(&actives[0], 0, bytemuck::cast_slice(&root(0, 0)))?;
         device.write(&refs[0], 0, bytemuck::cast_slice(mesh.kept()))?;
     } else {
+        device.write(&treelet_args, 0, bytemuck::cast_slice(&[1u32, 1, 1]))?;
         words[STATE_TREELETS as usize] = 1;
         words[STATE_TREELET_REFS as usize] = references;
         device.write(&treelets, 0, bytemuck::cast_slice(&root(0, 0)))?;
@@ -295,6 +300,7 @@ fn attempt_build(
                 &chunks[then],
                 &args[then],
                 &treelets,
+                &treelet_args,
                 &state,
             ],
         ));
@@ -305,11 +311,10 @@ fn attempt_build(
             vec![level, active, chunk, list, &boxes, &planes, &targets, &state, &refs[then], &treelet_refs],
         ));
     }
-    // A dispatch as large as the list; groups past the last treelet return at once.
-    let treelet_groups = if root_is_large { room.treelets } else { 1 };
-    steps.push(Step::groups(
+    steps.push(Step::indirect(
         &TREELETS,
-        treelet_groups,
+        &treelet_args,
+        0,
         vec![&param_buffer, &state, &treelets, &treelet_refs, &boxes, &scratch, &treelet_sizes],
     ));
     let last = &levels[number as usize % 2];

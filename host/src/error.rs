@@ -41,7 +41,7 @@ pub enum Error {
     #[error("cannot start threads: {0}")]
     Threads(String),
     /// There is no Vulkan adapter (of that name).
-    #[error("no Vulkan adapter{}: install a driver; for a software one, on Debian or Ubuntu: apt install mesa-vulkan-drivers", wanted.as_ref().map(|w| format!(" named like '{w}'")).unwrap_or_default())]
+    #[error("no Vulkan adapter{}: install a driver; for a software one, on Debian or Ubuntu: apt install mesa-vulkan-drivers", wanted.as_ref().map(|w| format!(" named like '{w}' (`raykd devices` lists those there are)")).unwrap_or_default())]
     NoAdapter {
         /// The name asked for.
         wanted: Option<String>,

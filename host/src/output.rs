@@ -21,7 +21,16 @@ pub fn check(path: &Path) -> Result<(), Error> {
 /// A new file in the same folder.
 fn beside(path: &Path) -> io::Result<tempfile::NamedTempFile> {
     let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    tempfile::Builder::new().prefix(".raykd-").tempfile_in(folder)
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".raykd-");
+    // Readable as any new file: temporary ones are private by default.
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
+    builder.tempfile_in(folder).map_err(|error| match error.kind() {
+        io::ErrorKind::NotFound => io::Error::new(error.kind(), "there is no such folder; create it first"),
+        // Without the temporary file's name, which means nothing to anybody.
+        kind => kind.into(),
+    })
 }
 
 /// Writes a file beside `path` and moves it there when it is complete.

@@ -82,6 +82,11 @@ fn ball_around((lo, hi): ([f32; 3], [f32; 3])) -> (V, f64) {
     (centre, dot(half, half).sqrt())
 }
 
+/// The corners of a box.
+fn corners((lo, hi): ([f32; 3], [f32; 3])) -> [[f32; 3]; 8] {
+    [0, 1, 2, 3, 4, 5, 6, 7].map(|i| [0, 1, 2].map(|a| if i >> a & 1 == 0 { lo[a] } else { hi[a] }))
+}
+
 /// The rays of the talk's travel table: from the sphere around the box to uniform points of the box.
 pub fn random(bounds: ([f32; 3], [f32; 3]), count: usize, seed: u64) -> Vec<Ray> {
     let (centre, radius) = ball_around(bounds);
@@ -115,24 +120,25 @@ impl Camera {
     pub fn framing(bounds: ([f32; 3], [f32; 3])) -> Self {
         let (centre, _) = ball_around(bounds);
         let eye = add(centre, [0.32, 0.23, 0.92]);
-        Self { eye, target: centre, up: [0.0, 1.0, 0.0], fov: 40.0 }.fitted(bounds, 1.0)
+        Self { eye, target: centre, up: [0.0, 1.0, 0.0], fov: 40.0 }.fitted(corners(bounds), 1.0)
     }
 
-    /// The camera moved, its direction kept, to where the box just fits a picture of `aspect` = width / height,
+    /// The camera moved, its direction kept, to where the points just fit a picture of `aspect` = width / height,
     /// but for a small margin.
     #[must_use]
-    pub fn fitted(self, bounds: ([f32; 3], [f32; 3]), aspect: f64) -> Self {
+    pub fn fitted(self, points: impl IntoIterator<Item = [f32; 3]>, aspect: f64) -> Self {
         const MARGIN: f64 = 1.04;
-        let (centre, radius) = ball_around(bounds);
+        let centre = self.target;
         let [right, up, forward] = self.frame();
         let tall = (self.fov.to_radians() * 0.5).tan() / MARGIN;
         let broad = tall * aspect;
-        // Looking from `d` before the centre and `o` beside it, a corner at (x, z) is in the picture if
+        // Looking from `d` before the centre and `o` beside it, a point at (x, z) is in the picture if
         // |x - o| <= broad * (d + z): lower bounds of d that fall and rise with o, and meet in the middle.
         let mut least = [[f64::NEG_INFINITY; 2]; 2];
-        for corner in 0..8 {
-            let pick = |a: usize| f64::from(if corner >> a & 1 == 0 { bounds.0[a] } else { bounds.1[a] });
-            let offset = sub([0, 1, 2].map(pick), centre);
+        let mut size = dot(centre, centre) * 1.0e-12;
+        for point in points {
+            let offset = sub(wide(point), centre);
+            size = size.max(dot(offset, offset));
             let z = dot(forward, offset);
             for (least, (axis, slope)) in least.iter_mut().zip([(right, broad), (up, tall)]) {
                 let x = dot(axis, offset) / slope;
@@ -140,10 +146,12 @@ impl Camera {
             }
         }
         let [[r, l], [u, d]] = least;
+        if r.is_infinite() {
+            return self;
+        }
         let shift = add(mul(right, broad * 0.5 * (r - l)), mul(up, tall * 0.5 * (u - d)));
-        // Some distance even for a box that is a point.
-        let size = radius.max(1.0e-6 * dot(centre, centre).sqrt()).max(1.0e-30);
-        let distance = (0.5 * (r + l)).max(0.5 * (u + d)).max(1.0e-3 * size);
+        // Some distance even if all is one point.
+        let distance = (0.5 * (r + l)).max(0.5 * (u + d)).max(1.0e-3 * size.sqrt()).max(1.0e-30);
         let target = add(centre, shift);
         Self { eye: sub(target, mul(forward, distance)), target, ..self }
     }
@@ -234,9 +242,8 @@ mod tests {
         let [right, up, forward] = camera.frame();
         let tall = (camera.fov.to_radians() * 0.5).tan();
         let mut extent = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
-        for corner in 0..8 {
-            let point = [0, 1, 2].map(|a| f64::from(if corner >> a & 1 == 0 { bounds.0[a] } else { bounds.1[a] }));
-            let offset = sub(point, camera.eye);
+        for point in corners(bounds) {
+            let offset = sub(wide(point), camera.eye);
             let depth = dot(forward, offset);
             assert!(depth > 0.0);
             for (range, x) in extent
@@ -259,7 +266,7 @@ mod tests {
         ];
         for bounds in boxes {
             for aspect in [1.0, 16.0 / 9.0, 0.25] {
-                let camera = Camera::framing(bounds).fitted(bounds, aspect);
+                let camera = Camera::framing(bounds).fitted(corners(bounds), aspect);
                 let [x, y] = extent(&camera, bounds, aspect);
                 let spans = [x, y].map(|[low, high]| high - low);
                 assert!(x[0] >= -1.0 && y[0] >= -1.0 && x[1] <= 1.0 && y[1] <= 1.0, "{x:?} {y:?}");

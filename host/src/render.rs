@@ -5,7 +5,7 @@ mod legend;
 
 use crate::{
     Error, Hit, Mesh, Ray, Scene,
-    rays::{Camera, facing_normal},
+    rays::{Camera, Random, facing_normal},
 };
 use colour::{Rgb, add, encode, heat, mix, scale};
 
@@ -80,6 +80,12 @@ pub(crate) fn render(
     Ok(Picture { rgb, rays: u64::from(across) * u64::from(down), hits: hit })
 }
 
+/// The corners of the triangles that can be seen.
+pub(crate) fn corners(mesh: &Mesh) -> impl Iterator<Item = [f32; 3]> {
+    let corner = |i: u32| mesh.positions()[i as usize];
+    mesh.kept().iter().flat_map(move |&triangle| mesh.triangles()[triangle as usize].map(corner))
+}
+
 /// The mean of each block of `samples` by `samples` values in rows of `across`.
 fn means(seen: &[Rgb], across: usize, samples: usize) -> Vec<Rgb> {
     let share = 1.0 / (samples * samples) as f32;
@@ -108,11 +114,9 @@ struct Artist<'a> {
 impl<'a> Artist<'a> {
     fn new(mesh: &'a Mesh, camera: &Camera, [_, rows]: [u32; 2], shading: Shading) -> Self {
         let frame = camera.frame();
-        let (lo, hi) = mesh.bounds();
         let mut fade = [f64::INFINITY, 0.0f64];
-        for corner in 0..8 {
-            let point = [0, 1, 2].map(|a| f64::from(if corner >> a & 1 == 0 { lo[a] } else { hi[a] }));
-            let depth = along(frame[2], minus(point, camera.eye));
+        for point in corners(mesh) {
+            let depth = along(frame[2], minus(point.map(f64::from), camera.eye));
             fade = [fade[0].min(depth.max(0.0)), fade[1].max(depth)];
         }
         Self { mesh, shading, rows, frame, fade, eye: camera.eye }
@@ -134,13 +138,11 @@ impl<'a> Artist<'a> {
                 let depth = along(self.frame[2], minus(point, self.eye));
                 let [near, far] = self.fade;
                 let share = ((depth - near) / (far - near).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-                [(0.05 + 0.95 * (1.0 - share) * (1.0 - share)) as f32; 3]
+                [(0.03 + 0.97 * (1.0 - share).powi(3)) as f32; 3]
             }
             Shading::Id | Shading::Heat => {
-                // Golden-ratio steps around the colour wheel keep neighbours apart.
-                let turn = f64::from(hit.triangle) * 0.618_033_988_749_895;
-                let wave = |shift: f64| 0.5 + 0.5 * ((turn + shift) * std::f64::consts::TAU).cos();
-                [wave(0.0), wave(0.33), wave(0.67)].map(|x| (0.06 + 0.84 * x) as f32)
+                let mut random = Random::new(hit.triangle.into());
+                [(); 3].map(|()| (0.04 + 0.9 * random.unit() * random.unit()) as f32)
             }
         }
     }
@@ -156,10 +158,10 @@ impl<'a> Artist<'a> {
         };
         let sky = (0.5 + 0.5 * along(normal, up)) as f32;
         let light = [
-            scale([1.00, 0.93, 0.82], 0.85 * toward(-0.55, 0.65, 0.55)),
+            scale([1.00, 0.93, 0.82], 1.05 * toward(-0.60, 0.70, 0.45)),
             scale([0.55, 0.65, 0.85], 0.22 * toward(0.9, 0.1, 0.25)),
-            scale([1.00, 1.00, 1.00], 0.14 * toward(0.0, 0.0, 1.0)),
-            scale(mix([0.16, 0.13, 0.11], [0.42, 0.50, 0.62], sky), 0.45),
+            scale([1.00, 1.00, 1.00], 0.10 * toward(0.0, 0.0, 1.0)),
+            scale(mix([0.16, 0.13, 0.11], [0.42, 0.50, 0.62], sky), 0.34),
         ];
         let [r, g, b] = light.into_iter().fold([0.0; 3], add);
         [r * 0.72, g * 0.64, b * 0.56]

@@ -41,7 +41,15 @@ pub trait Atomics {
     fn add(&mut self, i: u32, value: u32);
     /// Sets bits of word `i`.
     fn or(&mut self, i: u32, value: u32);
+    /// Lowers word `i` to `value` if that is smaller.
+    fn lower(&mut self, i: u32, value: u32);
+    /// Raises word `i` to `value` if that is larger.
+    fn raise(&mut self, i: u32, value: u32);
 }
+
+/// Workgroup memory of any length.
+pub trait Table: Slots<u32> + Atomics {}
+impl<const N: usize> Table for [u32; N] {}
 
 /// Private memory of `N` elements to be written before it is read. On the GPU it starts undefined: clearing
 /// a traversal stack costs more memory traffic than using it.
@@ -89,6 +97,18 @@ mod gpu {
                 spirv_std::arch::atomic_or::<u32, SCOPE, NONE>(self.index_unchecked_mut(i as usize), value);
             }
         }
+        #[inline(always)]
+        fn lower(&mut self, i: u32, value: u32) {
+            unsafe {
+                spirv_std::arch::atomic_u_min::<u32, SCOPE, NONE>(self.index_unchecked_mut(i as usize), value);
+            }
+        }
+        #[inline(always)]
+        fn raise(&mut self, i: u32, value: u32) {
+            unsafe {
+                spirv_std::arch::atomic_u_max::<u32, SCOPE, NONE>(self.index_unchecked_mut(i as usize), value);
+            }
+        }
     }
 
     impl<T: Copy, const N: usize> Slots<T> for [T; N] {
@@ -119,6 +139,18 @@ mod gpu {
                     self.index_unchecked_mut(i as usize),
                     value,
                 );
+            }
+        }
+        #[inline(always)]
+        fn lower(&mut self, i: u32, value: u32) {
+            unsafe {
+                spirv_std::arch::atomic_u_min::<u32, { Scope::Workgroup as u32 }, NONE>(self.index_unchecked_mut(i as usize), value);
+            }
+        }
+        #[inline(always)]
+        fn raise(&mut self, i: u32, value: u32) {
+            unsafe {
+                spirv_std::arch::atomic_u_max::<u32, { Scope::Workgroup as u32 }, NONE>(self.index_unchecked_mut(i as usize), value);
             }
         }
     }
@@ -163,6 +195,16 @@ mod cpu {
             // SAFETY: as above.
             unsafe { AtomicU32::from_ptr(self.slot(i)) }.fetch_or(value, Relaxed);
         }
+        #[inline(always)]
+        fn lower(&mut self, i: u32, value: u32) {
+            // SAFETY: as above.
+            unsafe { AtomicU32::from_ptr(self.slot(i)) }.fetch_min(value, Relaxed);
+        }
+        #[inline(always)]
+        fn raise(&mut self, i: u32, value: u32) {
+            // SAFETY: as above.
+            unsafe { AtomicU32::from_ptr(self.slot(i)) }.fetch_max(value, Relaxed);
+        }
     }
 
     // Workgroup memory belongs to one CPU thread, which runs the lanes in turn: plain arithmetic is atomic.
@@ -185,6 +227,14 @@ mod cpu {
         #[inline(always)]
         fn or(&mut self, i: u32, value: u32) {
             self[i as usize] |= value;
+        }
+        #[inline(always)]
+        fn lower(&mut self, i: u32, value: u32) {
+            self[i as usize] = self[i as usize].min(value);
+        }
+        #[inline(always)]
+        fn raise(&mut self, i: u32, value: u32) {
+            self[i as usize] = self[i as usize].max(value);
         }
     }
 }

@@ -77,38 +77,43 @@ impl Job<'_> {
         Ok(self.record(device, |_, _| {}, None)?.iter().map(|dispatch| dispatch.kernel).collect())
     }
 
-    /// Compares two devices dispatch by dispatch. Each kernel finds the same buffers on both, or the one before
-    /// it would have been reported: so the first that differs is the one at fault.
+    /// Compares devices with the first one, dispatch by dispatch. Each kernel finds the same buffers on both, or
+    /// the one before it would have been reported: so the first that differs is the one at fault.
     ///
     /// # Errors
     /// They differ.
-    pub fn compare(&self, expected: &Device, found: &Device) -> Result<(), Failure> {
-        self.compare_meddled(expected, found, |_, _| {})
+    pub fn compare(&self, devices: &[&Device]) -> Result<(), Failure> {
+        self.compare_meddled(devices, |_, _| {})
     }
 
-    /// Compares with a device whose buffers `meddle` may change after each dispatch: a planted fault.
+    /// Compares with devices whose buffers `meddle` may change after each dispatch: a planted fault.
     ///
     /// # Errors
     /// They differ.
-    pub fn compare_meddled(&self, expected: &Device, found: &Device, meddle: Meddle) -> Result<(), Failure> {
-        let both = |kept| -> Result<_, Failure> {
-            Ok((self.record(expected, |_, _| {}, kept)?, self.record(found, meddle, kept)?))
-        };
-        let (a, b) = both(None)?;
-        let differ = |(a, b): (&Dispatch, &Dispatch)| a.kernel != b.kernel || a.buffers != b.buffers;
-        let Some(number) = a.iter().zip(&b).position(differ) else {
-            return same("number of dispatches", &[a.len()], &[b.len()]);
-        };
-        // Once more, to tell what differs.
-        let (a, b) = both(Some(number))?;
-        let (a, b) = (&a[number], &b[number]);
+    pub fn compare_meddled(&self, devices: &[&Device], meddle: Meddle) -> Result<(), Failure> {
+        let a = self.record(devices[0], |_, _| {}, None)?;
+        for device in &devices[1..] {
+            let b = self.record(device, meddle, None)?;
+            let differ = |(a, b): (&Dispatch, &Dispatch)| a.kernel != b.kernel || a.buffers != b.buffers;
+            if let Some(number) = a.iter().zip(&b).position(differ) {
+                return Err(Failure(format!("{}: {}", device.name(), self.tell(devices[0], device, meddle, number)?)));
+            }
+            same(device.name(), &[a.len()], &[b.len()])?;
+        }
+        Ok(())
+    }
+
+    /// Runs again to tell what differs in dispatch `number`.
+    fn tell(&self, a: &Device, b: &Device, meddle: Meddle, number: usize) -> Result<String, Error> {
+        let a = &self.record(a, |_, _| {}, Some(number))?[number];
+        let b = &self.record(b, meddle, Some(number))?[number];
         if a.kernel != b.kernel {
-            return Err(Failure(format!("dispatch {number} is {}, expected {}", b.kernel, a.kernel)));
+            return Ok(format!("dispatch {number} is {}, expected {}", b.kernel, a.kernel));
         }
-        for ((name, _, expected), (_, _, found)) in a.buffers.iter().zip(&b.buffers) {
-            same(&format!("{name} of kernel {} (dispatch {number})", b.kernel), expected, found)?;
-        }
-        Err(Failure(format!("{} (dispatch {number}) differs from run to run", b.kernel)))
+        let mut buffers = a.buffers.iter().zip(&b.buffers);
+        let first = buffers.find_map(|((name, _, a), (_, _, b))| same(name, a, b).err());
+        let first = first.map_or("not the same from run to run".to_owned(), |e| e.to_string());
+        Ok(format!("dispatch {number}, kernel {}, buffer {first}", b.kernel))
     }
 }
 

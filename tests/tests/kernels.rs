@@ -11,26 +11,35 @@ use raykd::{
     rays::Random,
 };
 use raykd_tests::{
-    Failure, cases, cpu, devices, dispatches::Job, gpu,
-    meshes::any_mesh,
+    cases, cpu, devices,
+    dispatches::Job,
+    gpu,
+    meshes::{Family, Recipe, small_mesh},
 };
 use std::collections::BTreeSet;
 
 proptest! {
     #![proptest_config(cases(48))]
     #[test]
-    fn each_kernel_writes_the_same_bytes_on_every_device(recipe in any_mesh(), seed: u64, max_depth in 1u32..=48) {
+    fn each_kernel_writes_the_same_bytes_on_every_device(recipe in small_mesh(), seed: u64, max_depth in 1u32..=48) {
         let options = BuildOptions { max_depth, ..BuildOptions::default() };
-        let job = Job { mesh: &recipe.mesh(), options: &options, seed };
-        for named in &devices()[1..] {
-            job.compare(cpu(), &named.device).map_err(|e| Failure(format!("{}: {e}", named.name)))?;
-        }
+        let devices: Vec<_> = devices().iter().map(|named| &named.device).collect();
+        Job { mesh: &recipe.mesh(), options: &options, seed }.compare(&devices)?;
     }
 
     #[test]
-    fn lane_order_changes_no_byte(recipe in any_mesh(), seed: u64, shuffle: u32) {
+    fn lane_order_changes_no_byte(recipe in small_mesh(), seed: u64, shuffle: u32) {
         let shuffled = Device::Cpu(Cpu::default().in_order(Order::Shuffled(shuffle)));
-        Job { mesh: &recipe.mesh(), options: &BuildOptions::default(), seed }.compare(cpu(), &shuffled)?;
+        Job { mesh: &recipe.mesh(), options: &BuildOptions::default(), seed }.compare(&[cpu(), &shuffled])?;
+    }
+}
+
+#[test]
+fn each_kernel_does_so_over_several_chunks_too() {
+    let devices: Vec<_> = devices().iter().map(|named| &named.device).collect();
+    for family in [Family::Soup, Family::Lattice] {
+        let mesh = Recipe { family, size: 5000, seed: 1 }.mesh();
+        Job { mesh: &mesh, options: &BuildOptions::default(), seed: 1 }.compare(&devices).unwrap();
     }
 }
 

@@ -12,8 +12,8 @@ Examples:
   raykd render dragon -o dragon.png      make a picture
   raykd devices                          what raykd can run on
 
-A scene is a mesh file (.obj, .ply, either also .gz) or a name: teapot, teapot:LEVEL, dragon, dragon_res2,
-dragon_res3, dragon_res4, sponza (`cargo xtask scenes` fetches all but the teapot).
+A scene is a mesh file (.obj, .ply, either also .gz) or a name: teapot, teapot:LEVEL, dragon,
+dragon_res2, dragon_res3, dragon_res4, sponza (`cargo xtask scenes` gets all but the teapot).
 
 Exit code: 0 success, 1 an error or a difference between devices, 2 wrong usage.";
 
@@ -32,9 +32,10 @@ Examples:
   raykd build mesh.obj --cost-test 2 --json     dearer triangle tests: more nodes, shorter leaves";
 
 const TRACE_EXAMPLES: &str = "\
-Rays: records of 8 little-endian f32: origin x y z, direction x y z, t_min, t_max (may be infinite).
-Hits: records of u32 triangle (0xFFFFFFFF: none), f32 t, f32 u, f32 v, one a ray, in the order of the rays.
-Triangles are numbered from 0 in file order. Rays that are none (NaN, zero direction) miss and are counted.
+Rays: records of 8 little-endian f32: origin x y z, direction x y z, t_min, t_max (may be
+infinite). Hits: records of u32 triangle (0xFFFFFFFF: none), f32 t, f32 u, f32 v, one a ray, in
+the order of the rays. Triangles are numbered from 0 in file order. Rays that are none (NaN, zero
+direction) miss and are counted.
 
 Examples:
   raykd trace mesh.ply --rays rays.bin --hits hits.bin
@@ -48,8 +49,8 @@ Examples:
   raykd render sponza -o hall.png --eye=-10,4,0 --target 10,5,0 --fov 70";
 
 const DEVICES_EXAMPLES: &str = "\
-Every adapter is asked to compute a few thousand sums and products, and compared with the CPU. One that rounds
-otherwise, contracts or rearranges would build other trees; it is refused, unless named with --adapter while
+Every adapter computes some thousand sums and products, which are compared with the CPU's. One
+that rounds otherwise, contracts or rearranges would build other trees: it is refused, unless
 RAYKD_ALLOW_INEXACT=1 is set.
 
 Examples:
@@ -252,10 +253,18 @@ impl Args {
     /// Finds contradictions that clap does not see by itself.
     pub(super) fn check(&self) -> Result<(), clap::Error> {
         let (name, cpu, gpu, machine) = match &self.command {
-            Command::Bench(a) => ("bench", a.device == Some(Which::Cpu), a.device == Some(Which::Gpu), &a.machine),
-            Command::Build(a) => ("build", a.device == Some(One::Cpu), a.device == Some(One::Gpu), &a.machine),
-            Command::Trace(a) => ("trace", a.device == Some(One::Cpu), a.device == Some(One::Gpu), &a.machine),
-            Command::Render(a) => ("render", a.device == Some(One::Cpu), a.device == Some(One::Gpu), &a.machine),
+            Command::Bench(a) => {
+                ("bench", a.device == Some(Which::Cpu), a.device == Some(Which::Gpu), &a.machine)
+            }
+            Command::Build(a) => {
+                ("build", a.device == Some(One::Cpu), a.device == Some(One::Gpu), &a.machine)
+            }
+            Command::Trace(a) => {
+                ("trace", a.device == Some(One::Cpu), a.device == Some(One::Gpu), &a.machine)
+            }
+            Command::Render(a) => {
+                ("render", a.device == Some(One::Cpu), a.device == Some(One::Gpu), &a.machine)
+            }
             Command::Devices(_) => return Ok(()),
         };
         let conflict = |what: &str| {

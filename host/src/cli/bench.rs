@@ -116,7 +116,8 @@ fn bench(
     notes: &Notes,
 ) -> Result<Row, Error> {
     let (name, mesh) = (&input.name, &input.mesh);
-    let stage = |what: &str| notes.stage(format_args!("{name}: {what} on the {}", device.kind().to_uppercase()));
+    let stage =
+        |what: &str| notes.stage(format_args!("{name}: {what} on the {}", device.kind().to_uppercase()));
     stage("building");
     let built = measure::build(device, mesh, &BuildOptions { profile, ..BuildOptions::default() })?;
     stage("tracing random rays");
@@ -167,7 +168,11 @@ fn print(rows: &[Row], machines: &Machines, out: &mut StdoutLock<'_>) -> anyhow:
     writeln!(out, "{}", travel_table(rows))?;
     writeln!(out, "{}", tree_table(rows))?;
     for row in rows.iter().filter(|row| !row.kernels.is_empty()) {
-        writeln!(out, "{}", kernel_table(&format!("{}, {}", row.scene, row.device.to_uppercase()), &row.kernels))?;
+        writeln!(
+            out,
+            "{}",
+            kernel_table(&format!("{}, {}", row.scene, row.device.to_uppercase()), &row.kernels)
+        )?;
     }
     for scene in scenes(rows) {
         let row = scene.any();
@@ -264,8 +269,18 @@ fn travel_table(rows: &[Row]) -> Table {
 }
 
 fn tree_table(rows: &[Row]) -> Table {
-    let titles =
-        ["Tree", "nodes", "leaves", "depth", "refs/triangle", "size", "B/triangle", "peak", "B/triangle", "SAH cost"];
+    let titles = [
+        "Tree",
+        "nodes",
+        "leaves",
+        "depth",
+        "refs/triangle",
+        "size",
+        "B/triangle",
+        "peak",
+        "B/triangle",
+        "SAH cost",
+    ];
     let mut table = Table::new(titles);
     for scene in scenes(rows) {
         let row = scene.any();

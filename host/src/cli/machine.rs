@@ -142,3 +142,51 @@ fn hardware() -> Result<Device, Error> {
 pub(super) const fn is_software(_: &Device) -> bool {
     false
 }
+
+#[cfg(all(test, feature = "gpu"))]
+mod tests {
+    use super::*;
+
+    /// Work that fails on GPUs.
+    fn work(device: &Device) -> Result<&'static str, Error> {
+        match device.kind() {
+            "cpu" => Ok("done"),
+            _ => {
+                Err(Error::DeviceFailed { adapter: device.name().to_owned(), what: "it was lost".to_owned() })
+            }
+        }
+    }
+
+    fn on_gpu(automatic: bool) -> Machine {
+        Machine { device: Device::gpu(None).expect("these tests need a Vulkan adapter"), automatic }
+    }
+
+    #[test]
+    fn cpu_takes_over_where_nobody_asked_for_the_gpu() {
+        assert_eq!(on_gpu(true).run(&Notes::new(true), work).unwrap(), "done");
+        assert!(on_gpu(false).run(&Notes::new(true), work).is_err());
+    }
+
+    #[test]
+    fn other_errors_are_nobodys_fault() {
+        let work = |_: &Device| -> Result<(), Error> { Err(Error::Tree("damaged".to_owned())) };
+        assert!(on_gpu(true).run(&Notes::new(true), work).is_err());
+    }
+
+    #[test]
+    fn options_imply_devices() {
+        let more =
+            |adapter: Option<&str>, threads| MachineArgs { adapter: adapter.map(str::to_owned), threads };
+        let notes = Notes::new(true);
+        assert_eq!(Machine::choose(None, &more(Some(""), None), &notes).unwrap().device.kind(), "gpu");
+        assert_eq!(Machine::choose(None, &more(None, Some(1)), &notes).unwrap().device.kind(), "cpu");
+        let kinds = |wish, more: &MachineArgs| -> Vec<&'static str> {
+            Machines::choose(wish, more, &notes).unwrap().iter().map(Device::kind).collect()
+        };
+        assert_eq!(kinds(None, &more(None, None)), ["cpu", "gpu"]);
+        assert_eq!(kinds(None, &more(Some(""), None)), ["gpu"]);
+        assert_eq!(kinds(None, &more(Some(""), Some(1))), ["cpu", "gpu"]);
+        assert_eq!(kinds(Some(Which::Cpu), &more(None, None)), ["cpu"]);
+        assert_eq!(kinds(Some(Which::Both), &more(Some(""), None)), ["cpu", "gpu"]);
+    }
+}

@@ -62,7 +62,10 @@ pub(super) fn build<'d>(
         kernels = profiled.times().kernels.iter().map(row).collect();
     }
     let tree = scene.tree()?;
-    let report = tree.validate()?;
+    let report = tree.validate().map_err(|error| Error::DeviceFailed {
+        adapter: device.name().to_owned(),
+        what: format!("it built a {error}"),
+    })?;
     let [upload, build, layout] = [upload, build, layout].map(median);
     Ok(BuildMeasure { scene, tree, report, upload, build, layout, kernels })
 }
@@ -117,8 +120,7 @@ pub(super) fn trace(scene: &Scene<'_>, query: Query, rays: &[Ray]) -> Result<Tra
 
 /// Median time to trace rays, less often if it takes long: for large pictures.
 pub(super) fn time(scene: &Scene<'_>, rays: &[Ray]) -> Result<Duration, Error> {
-    let parts =
-        rays.chunks(batch(scene)).map(|part| scene.resident(part)).collect::<Result<Vec<_>, _>>()?;
+    let parts = rays.chunks(batch(scene)).map(|part| scene.resident(part)).collect::<Result<Vec<_>, _>>()?;
     let all = || parts.iter().map(|part: &Resident<'_>| part.trace(Query::Closest)).sum::<Result<_, _>>();
     let first: Duration = all()?;
     let mut times = Vec::new();

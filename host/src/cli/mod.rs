@@ -82,7 +82,10 @@ mod tests {
     #[test]
     fn causes_are_told_once() {
         let inner = anyhow::anyhow!("disk full");
-        assert_eq!(told(&inner.context("cannot write a.png")), "error: cannot write a.png\n  because: disk full\n");
+        assert_eq!(
+            told(&inner.context("cannot write a.png")),
+            "error: cannot write a.png\n  because: disk full\n"
+        );
         let quoted = crate::Error::Io { path: "a".into(), source: io::Error::other("disk full") };
         assert_eq!(told(&quoted.into()), "error: a: disk full\n");
     }

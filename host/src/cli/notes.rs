@@ -27,7 +27,7 @@ impl Notes {
         self.0.suspend(|| eprintln!("note: {what}"));
     }
 
-    /// A bar over `total` units of the stage at hand; gone when dropped.
+    /// Takes the spinner away, before results are printed.
     pub(super) fn clear(&self) {
         self.0.finish_and_clear();
     }

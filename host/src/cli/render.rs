@@ -9,7 +9,7 @@ use super::{
 use crate::{
     BuildOptions, Device, Error, Mesh, Scene, output,
     rays::Camera,
-    render::{Picture, Shading, render},
+    render::{Picture, Shading, corners, render},
     report::count,
 };
 use anyhow::{Context as _, bail};
@@ -64,7 +64,7 @@ fn camera(args: &RenderArgs, mesh: &Mesh) -> anyhow::Result<Camera> {
     let camera = match args.eye {
         None => {
             let camera = Camera { up: args.up, fov: args.fov, ..framing };
-            camera.fitted(mesh.bounds(), f64::from(width) / f64::from(height))
+            camera.fitted(corners(mesh), f64::from(width) / f64::from(height))
         }
         Some(eye) => {
             let (lo, hi) = mesh.bounds();

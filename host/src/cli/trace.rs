@@ -152,7 +152,7 @@ fn print(t: &Told, hits: &Path, out: &mut StdoutLock<'_>) -> anyhow::Result<()> 
     )?;
     if t.invalid > 0 {
         let why = "with NaN, infinite or zero directions, or origins out of range";
-        line("invalid", format!("{} rays {why}: they hit nothing", count(t.invalid.into())))?;
+        line("invalid", format!("{} ({why}): they hit nothing", count(t.invalid.into())))?;
     }
     line("tree", t.digest.clone())?;
     line("hits", t.hits_digest.clone())?;

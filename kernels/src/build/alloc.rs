@@ -3,8 +3,9 @@
 //! Counts, scan, write: each lane owns a run of active nodes, so the order of everything is that of the nodes.
 
 use super::{
-    ARGS_ACTIVE, ARGS_CHUNKS, Item, LEVEL_ACTIVE, LEVEL_CHUNKS, LEVEL_DEPTH, LEVEL_REFS, STATE_DEPTH, STATE_PEAK,
+    ARGS_ACTIVE, ARGS_CHUNKS, Item, LEVEL_ACTIVE, LEVEL_CHUNKS, LEVEL_DEPTH, LEVEL_REFS, STATE_PEAK,
     STATE_STATUS, STATE_TOP, STATE_TREELET_REFS, STATE_TREELETS,
+    scan::{self, LANES, before, scan, total},
 };
 use crate::{
     Group,
@@ -20,10 +21,6 @@ use raykd_shared::{
 /// Bit of a scatter target that says: into the treelets' list, not the next level's.
 pub const TO_TREELET: u32 = 1 << 31;
 
-const LANES: u32 = 1024;
-const BLOCK: u32 = 32;
-const BLOCKS: u32 = LANES / BLOCK;
-
 // What is counted for every run of nodes.
 const PAIRS: u32 = 0;
 const ACTIVE: u32 = 1;
@@ -32,12 +29,8 @@ const REFS: u32 = 3;
 const TREELETS: u32 = 4;
 const TREELET_REFS: u32 = 5;
 const KINDS: u32 = 6;
-
-/// Sums of every lane, then what comes before it in its block.
-const SUMS: usize = (KINDS * LANES) as usize;
-/// Sums of every block, then what comes before it; then the totals.
-const BLOCK_SUMS: usize = (KINDS * BLOCKS + KINDS) as usize;
-const TOTALS: u32 = KINDS * BLOCKS;
+const SUMS: usize = scan::sums(KINDS);
+const BLOCKS: usize = scan::blocks(KINDS);
 
 #[inline(always)]
 fn with(v: Vec3, axis: u32, value: f32) -> Vec3 {
@@ -75,7 +68,7 @@ fn tally(sums: &mut [u32; SUMS], lane: u32, count: u32) {
 pub fn alloc(
     group: Group,
     sums: &mut [u32; SUMS],
-    blocks: &mut [u32; BLOCK_SUMS],
+    blocks: &mut [u32; BLOCKS],
     params: &Buf<BuildParams>,
     level: &Buf<u32>,
     active: &Buf<UVec4>,
@@ -89,11 +82,24 @@ pub fn alloc(
     next_chunks: &mut Buf<u32>,
     next_args: &mut Buf<u32>,
     treelets: &mut Buf<UVec4>,
+    treelet_args: &mut Buf<u32>,
     state: &mut Buf<u32>,
 ) {
     let params = params.at(0);
     let number = level.at(LEVEL_ACTIVE);
     let depth = level.at(LEVEL_DEPTH);
+    // Levels past the last one are dispatched too, with nothing to do.
+    if number == 0 {
+        lanes!(group, |lane| {
+            if lane == 0 {
+                next_level.put(LEVEL_ACTIVE, 0);
+                next_level.put(LEVEL_CHUNKS, 0);
+                put_groups(next_args, ARGS_ACTIVE, 0);
+                put_groups(next_args, ARGS_CHUNKS, 0);
+            }
+        });
+        return;
+    }
     let run = number.div_ceil(LANES);
     lanes!(group, |lane| {
         let mut kind = 0;
@@ -127,55 +133,24 @@ pub fn alloc(
             i += 1;
         }
     });
-    // Exclusive scan of the six kinds: within blocks of lanes, then over blocks.
-    lanes!(group, |lane| {
-        if lane < KINDS * BLOCKS {
-            let mut sum = 0;
-            let mut i = 0;
-            while i < BLOCK {
-                let at = lane * BLOCK + i;
-                let value = sums.at(at);
-                sums.put(at, sum);
-                sum += value;
-                i += 1;
-            }
-            blocks.put(lane, sum);
-        }
-    });
-    lanes!(group, |lane| {
-        if lane < KINDS {
-            let mut sum = 0;
-            let mut i = 0;
-            while i < BLOCKS {
-                let at = lane * BLOCKS + i;
-                let value = blocks.at(at);
-                blocks.put(at, sum);
-                sum += value;
-                i += 1;
-            }
-            blocks.put(TOTALS + lane, sum);
-        }
-    });
+    scan(group, KINDS, sums, blocks);
     let top_base = state.at(STATE_TOP);
     let treelet_base = state.at(STATE_TREELETS);
     let ref_base = state.at(STATE_TREELET_REFS);
     let fits = state.at(STATE_STATUS) == 0
-        && top_base + 2 * blocks.at(TOTALS + PAIRS) <= params.top_nodes
-        && treelet_base + blocks.at(TOTALS + TREELETS) <= params.treelets
-        && ref_base + blocks.at(TOTALS + TREELET_REFS) <= params.treelet_refs
-        && blocks.at(TOTALS + ACTIVE) <= params.active
-        && blocks.at(TOTALS + CHUNKS) <= params.active
-        && blocks.at(TOTALS + REFS) <= params.level_refs;
+        && top_base + 2 * total(KINDS, blocks, PAIRS) <= params.top_nodes
+        && treelet_base + total(KINDS, blocks, TREELETS) <= params.treelets
+        && ref_base + total(KINDS, blocks, TREELET_REFS) <= params.treelet_refs
+        && total(KINDS, blocks, ACTIVE) <= params.active
+        && total(KINDS, blocks, CHUNKS) <= params.active
+        && total(KINDS, blocks, REFS) <= params.level_refs;
     lanes!(group, |lane| {
-        let before = move |sums: &[u32; SUMS], blocks: &[u32; BLOCK_SUMS], kind: u32| {
-            sums.at(kind * LANES + lane) + blocks.at(kind * BLOCKS + lane / BLOCK)
-        };
-        let mut pair = top_base + 2 * before(sums, blocks, PAIRS);
-        let mut slot = before(sums, blocks, ACTIVE);
-        let mut chunk = before(sums, blocks, CHUNKS);
-        let mut reference = before(sums, blocks, REFS);
-        let mut treelet = treelet_base + before(sums, blocks, TREELETS);
-        let mut treelet_ref = ref_base + before(sums, blocks, TREELET_REFS);
+        let mut pair = top_base + 2 * before(sums, blocks, PAIRS, lane);
+        let mut slot = before(sums, blocks, ACTIVE, lane);
+        let mut chunk = before(sums, blocks, CHUNKS, lane);
+        let mut reference = before(sums, blocks, REFS, lane);
+        let mut treelet = treelet_base + before(sums, blocks, TREELETS, lane);
+        let mut treelet_ref = ref_base + before(sums, blocks, TREELET_REFS, lane);
         let mut i = 0;
         while i < run && fits {
             let k = lane * run + i;
@@ -240,7 +215,7 @@ pub fn alloc(
     lanes!(group, |lane| {
         if lane == 0 {
             let (nodes, pieces, refs) = if fits {
-                (blocks.at(TOTALS + ACTIVE), blocks.at(TOTALS + CHUNKS), blocks.at(TOTALS + REFS))
+                (total(KINDS, blocks, ACTIVE), total(KINDS, blocks, CHUNKS), total(KINDS, blocks, REFS))
             } else {
                 (0, 0, 0)
             };
@@ -251,14 +226,13 @@ pub fn alloc(
             put_groups(next_args, ARGS_ACTIVE, nodes);
             put_groups(next_args, ARGS_CHUNKS, pieces);
             if fits {
-                state.put(STATE_TOP, top_base + 2 * blocks.at(TOTALS + PAIRS));
-                state.put(STATE_TREELETS, treelet_base + blocks.at(TOTALS + TREELETS));
-                state.put(STATE_TREELET_REFS, ref_base + blocks.at(TOTALS + TREELET_REFS));
+                state.put(STATE_TOP, top_base + 2 * total(KINDS, blocks, PAIRS));
+                let all = treelet_base + total(KINDS, blocks, TREELETS);
+                state.put(STATE_TREELETS, all);
+                put_groups(treelet_args, 0, all);
+                state.put(STATE_TREELET_REFS, ref_base + total(KINDS, blocks, TREELET_REFS));
                 if refs > state.at(STATE_PEAK) {
                     state.put(STATE_PEAK, refs);
-                }
-                if number > 0 {
-                    state.put(STATE_DEPTH, depth);
                 }
             } else {
                 let old = state.at(STATE_STATUS);
@@ -279,10 +253,10 @@ pub fn put_groups(args: &mut Buf<u32>, entry: u32, groups: u32) {
 
 kernel! {
     /// [`alloc`] for one level; a single workgroup.
-    group ALLOC = alloc, threads 1024, shared [sums: SUMS, blocks: BLOCK_SUMS], {
+    group ALLOC = alloc, threads 1024, shared [sums: SUMS, blocks: BLOCKS], {
         0 params: read BuildParams, 1 level: read u32, 2 active: read UVec4, 3 planes: read UVec2,
         4 sides: read UVec2, 5 targets: write UVec2, 6 sizes: write UVec2, 7 top: write UVec2,
         8 next_level: write u32, 9 next_active: write UVec4, 10 next_chunks: write u32, 11 next_args: write u32,
-        12 treelets: write UVec4, 13 state: write u32,
+        12 treelets: write UVec4, 13 treelet_args: write u32, 14 state: write u32,
     }
 }

@@ -11,6 +11,7 @@ pub mod boxes;
 pub mod count;
 pub mod emit;
 pub mod place;
+mod scan;
 pub mod scatter;
 pub mod split;
 pub mod top;
@@ -182,6 +183,12 @@ impl Sah {
     #[inline(always)]
     pub fn leaf(&self, count: u32) -> f32 {
         self.area * count as f32 * self.test
+    }
+
+    /// What a cut costs at least: one step, whatever the children cost.
+    #[inline(always)]
+    pub fn step_cost(&self) -> f32 {
+        self.area * self.step
     }
 
     /// Cost of cutting it at `at` on `axis` into children of so many references; infinite unless the plane

@@ -2,24 +2,28 @@
 
 use super::{
     LEVEL_ACTIVE, STATE_DEPTH, STATE_NODES, STATE_REFS, STATE_STATUS, STATE_TOP, STATE_TREELETS,
+    scan::{self, LANES, before, scan, total},
 };
 use crate::{
     Group,
     glam::{UVec2, UVec4},
-    mem::{Buf, Slots},
+    mem::{Atomics, Buf, Slots},
 };
 use raykd_shared::status;
 
-const LANES: u32 = 1024;
-const WIDTH: usize = LANES as usize;
+const NODES: u32 = 0;
+const REFS: u32 = 1;
+const KINDS: u32 = 2;
+const SUMS: usize = scan::sums(KINDS);
+const BLOCKS: usize = scan::blocks(KINDS);
 
 /// Places all treelets; raises [`status::LEVELS`] if the level loop left active nodes.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn place(
     group: Group,
-    nodes: &mut [u32; WIDTH],
-    refs: &mut [u32; WIDTH],
-    deep: &mut [u32; WIDTH],
+    sums: &mut [u32; SUMS],
+    blocks: &mut [u32; BLOCKS],
+    deepest: &mut [u32; 1],
     level: &Buf<u32>,
     sizes: &Buf<UVec4>,
     places: &mut Buf<UVec2>,
@@ -28,6 +32,11 @@ pub fn place(
     let number = if state.at(STATE_STATUS) == 0 { state.at(STATE_TREELETS) } else { 0 };
     let top = state.at(STATE_TOP);
     let run = number.div_ceil(LANES);
+    lanes!(group, |lane| {
+        if lane == 0 {
+            deepest.put(0, 0);
+        }
+    });
     lanes!(group, |lane| {
         let (mut n, mut r, mut d) = (0, 0, 0);
         let mut i = 0;
@@ -41,43 +50,14 @@ pub fn place(
             }
             i += 1;
         }
-        nodes.put(lane, n);
-        refs.put(lane, r);
-        deep.put(lane, d);
+        sums.put(NODES * LANES + lane, n);
+        sums.put(REFS * LANES + lane, r);
+        deepest.raise(0, d);
     });
+    scan(group, KINDS, sums, blocks);
     lanes!(group, |lane| {
-        // Three serial scans of 1024 words; a few microseconds, once a build.
-        if lane < 2 {
-            let mut sum = if lane == 0 { top } else { 0 };
-            let mut i = 0;
-            while i < LANES {
-                let value = if lane == 0 { nodes.at(i) } else { refs.at(i) };
-                if lane == 0 {
-                    nodes.put(i, sum);
-                } else {
-                    refs.put(i, sum);
-                }
-                sum += value;
-                i += 1;
-            }
-            state.put(if lane == 0 { STATE_NODES } else { STATE_REFS }, sum);
-        } else if lane == 2 {
-            let mut most = 0;
-            let mut i = 0;
-            while i < LANES {
-                let value = deep.at(i);
-                most = if value > most { value } else { most };
-                i += 1;
-            }
-            state.put(STATE_DEPTH, most);
-            if level.at(LEVEL_ACTIVE) > 0 {
-                let old = state.at(STATE_STATUS);
-                state.put(STATE_STATUS, old | status::LEVELS);
-            }
-        }
-    });
-    lanes!(group, |lane| {
-        let (mut n, mut r) = (nodes.at(lane), refs.at(lane));
+        let mut n = top + before(sums, blocks, NODES, lane);
+        let mut r = before(sums, blocks, REFS, lane);
         let mut i = 0;
         while i < run {
             let k = lane * run + i;
@@ -89,12 +69,21 @@ pub fn place(
             }
             i += 1;
         }
+        if lane == 0 {
+            state.put(STATE_NODES, top + total(KINDS, blocks, NODES));
+            state.put(STATE_REFS, total(KINDS, blocks, REFS));
+            state.put(STATE_DEPTH, deepest.at(0));
+            if level.at(LEVEL_ACTIVE) > 0 {
+                let old = state.at(STATE_STATUS);
+                state.put(STATE_STATUS, old | status::LEVELS);
+            }
+        }
     });
 }
 
 kernel! {
     /// [`place`]; a single workgroup.
-    group PLACE = place, threads 1024, shared [nodes: WIDTH, refs: WIDTH, deep: WIDTH], {
+    group PLACE = place, threads 1024, shared [sums: SUMS, blocks: BLOCKS, deepest: 1], {
         0 level: read u32, 1 sizes: read UVec4, 2 places: write UVec2, 3 state: write u32,
     }
 }

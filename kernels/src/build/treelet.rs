@@ -7,7 +7,7 @@ use super::{Item, STATE_STATUS, STATE_TREELETS, Sah, extent, is_above, is_below}
 use crate::{
     Group,
     glam::{UVec2, UVec4, Vec3, Vec4},
-    mem::{Buf, Slots},
+    mem::{Atomics, Buf, Slots},
 };
 use raykd_shared::{
     BuildParams, Node,
@@ -28,6 +28,12 @@ const WAITING: u32 = 0;
 const NODES: u32 = 1;
 const REFS: u32 = 2;
 const DEPTH: u32 = 3;
+const COST: u32 = 4;
+const PICK: u32 = 5;
+const OWN: usize = 6;
+
+/// No candidate: the node becomes a leaf.
+const NONE: u32 = u32::MAX;
 
 #[inline(always)]
 fn load_box(stack: &[u32; ENTRIES], at: u32) -> (Vec3, Vec3) {
@@ -57,7 +63,8 @@ fn ones(n: u32) -> u32 {
 /// Where the nodes of a treelet lie while it is built: room for [`treelet_nodes`] and its root.
 #[inline(always)]
 pub fn scratch_base(first: u32, treelet: u32) -> u32 {
-    treelet_nodes(1) * first + treelet
+    // The sum of `treelet_nodes + 1` over the treelets before it.
+    4 * first + 9 * treelet
 }
 
 /// Builds treelet `group.id`. Its nodes go to `scratch`, numbered from 0, the root; a leaf is its mask
@@ -71,7 +78,8 @@ pub fn treelet(
     stack: &mut [u32; ENTRIES],
     costs: &mut [u32; LANES],
     picks: &mut [u32; LANES],
-    own: &mut [u32; 4],
+    members: &mut [u32; LANES],
+    own: &mut [u32; OWN],
     params: &Buf<BuildParams>,
     state: &Buf<u32>,
     treelets: &Buf<UVec4>,
@@ -131,73 +139,86 @@ pub fn treelet(
             let mask = stack.at(at);
             let (lo, hi) = load_box(stack, at);
             let depth = stack.at(at + 7);
-            let slot = stack.at(at + 8);
+            let number = mask.count_ones();
             let sah = Sah::new(lo, hi, &params);
-            lanes!(group, |lane| {
-                let mut best = f32::INFINITY;
-                let mut pick = 0;
-                if (mask >> lane) & 1 == 1 {
-                    let mut face = 0;
-                    while face < FACES {
-                        let candidate = face * TREELET + lane;
-                        let below = (belows.at(candidate) & mask).count_ones();
-                        let above = (aboves.at(candidate) & mask).count_ones();
-                        let cost = sah.cut(face >> 1, f32::from_bits(faces.at(candidate)), below, above);
-                        if cost < best {
-                            best = cost;
-                            pick = candidate;
-                        }
-                        face += 1;
+            let as_leaf = sah.leaf(number);
+            let nodes = own.at(NODES);
+            // A cut costs a step in any case; with few references it cannot pay, whatever the plane.
+            let may_pay = as_leaf > sah.step_cost();
+            if may_pay && depth < params.max_depth && nodes + 2 <= treelet_nodes(item.count) {
+                lanes!(group, |lane| {
+                    if (mask >> lane) & 1 == 1 {
+                        members.put((mask & ones(lane)).count_ones(), lane);
                     }
-                }
-                costs.put(lane, best.to_bits());
-                picks.put(lane, pick);
-            });
+                    if lane == 0 {
+                        // Just below: only what is cheaper counts.
+                        own.put(COST, as_leaf.to_bits() - 1);
+                        own.put(PICK, NONE);
+                    }
+                });
+                // Several faces side by side: as many as members fit the group's width.
+                let width = 32 - (number - 1).leading_zeros();
+                lanes!(group, |lane| {
+                    let member = lane & ones(width);
+                    let mut best = f32::INFINITY;
+                    let mut pick = NONE;
+                    if member < number {
+                        let member = members.at(member);
+                        let mut face = lane >> width;
+                        while face < FACES {
+                            let candidate = face * TREELET + member;
+                            let below = (belows.at(candidate) & mask).count_ones();
+                            let above = (aboves.at(candidate) & mask).count_ones();
+                            let at = f32::from_bits(faces.at(candidate));
+                            let cost = sah.cut(face >> 1, at, below, above);
+                            if cost < best {
+                                best = cost;
+                                pick = candidate;
+                            }
+                            face += TREELET >> width;
+                        }
+                        own.lower(COST, best.to_bits());
+                    }
+                    costs.put(lane, best.to_bits());
+                    picks.put(lane, pick);
+                });
+                // Of equally cheap candidates the lowest number; costs are positive, so bits order as numbers do.
+                lanes!(group, |lane| {
+                    if costs.at(lane) == own.at(COST) {
+                        own.lower(PICK, picks.at(lane));
+                    }
+                });
+            } else {
+                lanes!(group, |lane| {
+                    if lane == 0 {
+                        own.put(PICK, NONE);
+                    }
+                });
+            }
             lanes!(group, |lane| {
                 if lane == 0 {
-                    let number = mask.count_ones();
-                    let nodes = own.at(NODES);
-                    let room = depth < params.max_depth && nodes + 2 <= treelet_nodes(item.count);
-                    let mut best = if room { sah.leaf(number) } else { -1.0 };
-                    let mut pick = u32::MAX;
-                    let mut i = 0;
-                    while i < item.count {
-                        let cost = f32::from_bits(costs.at(i));
-                        if cost < best {
-                            best = cost;
-                            pick = picks.at(i);
-                        }
-                        i += 1;
-                    }
-                    if pick == u32::MAX {
+                    let slot = stack.at(at + 8);
+                    let pick = own.at(PICK);
+                    if pick == NONE {
                         let first = own.at(REFS);
                         scratch.put(base + slot, UVec2::new(mask, (first << 2) | Node::LEAF));
                         own.put(REFS, first + number);
                         own.put(WAITING, own.at(WAITING) - 1);
-                        if depth > own.at(DEPTH) {
-                            own.put(DEPTH, depth);
-                        }
+                        own.raise(DEPTH, depth);
                     } else {
                         let axis = pick / (2 * TREELET);
                         let plane = f32::from_bits(faces.at(pick));
                         let child = nodes + 1;
                         let (word0, word1) = Node::inner(axis, plane, child).words();
                         scratch.put(base + slot, UVec2::new(word0, word1));
-                        let mut cut_lo = lo;
-                        let mut cut_hi = hi;
-                        if axis == 0 {
-                            cut_lo.x = plane;
-                            cut_hi.x = plane;
-                        } else if axis == 1 {
-                            cut_lo.y = plane;
-                            cut_hi.y = plane;
-                        } else {
-                            cut_lo.z = plane;
-                            cut_hi.z = plane;
-                        }
                         let (below, above) = (belows.at(pick) & mask, aboves.at(pick) & mask);
-                        push(stack, at, above, cut_lo, hi, depth + 1, child + 1);
-                        push(stack, at + ENTRY, below, lo, cut_hi, depth + 1, child);
+                        // The entry itself becomes the child above, cut off below; the child below comes next.
+                        push(stack, at + ENTRY, below, lo, hi, depth + 1, child);
+                        stack.put(at + ENTRY + 4 + axis, plane.to_bits());
+                        stack.put(at, above);
+                        stack.put(at + 1 + axis, plane.to_bits());
+                        stack.put(at + 7, depth + 1);
+                        stack.put(at + 8, child + 1);
                         own.put(WAITING, own.at(WAITING) + 1);
                         own.put(NODES, nodes + 2);
                     }
@@ -216,7 +237,7 @@ kernel! {
     /// [`treelet`] over all treelets.
     group TREELETS = treelet, threads 32,
         shared [faces: CANDIDATES, belows: CANDIDATES, aboves: CANDIDATES, stack: ENTRIES, costs: LANES,
-                picks: LANES, own: 4], {
+                picks: LANES, members: LANES, own: OWN], {
         0 params: read BuildParams, 1 state: read u32, 2 treelets: read UVec4, 3 refs: read u32,
         4 boxes: read Vec4, 5 scratch: write UVec2, 6 sizes: write UVec4,
     }

@@ -1,0 +1,459 @@
+//! The program `raykd` from outside: what it prints, writes and exits with. Needs a Vulkan adapter; a software
+//! one will do (Debian: mesa-vulkan-drivers).
+
+use raykd::{
+    BuildOptions, Device, Hit, Mesh, Ray, Scene, hits_digest,
+    rays::{self, Camera},
+};
+use serde_json::Value;
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    process::{Command, Output, Stdio},
+};
+use tempfile::TempDir;
+
+/// Keys of `raykd bench --json` that other things rely on.
+const BENCH_KEYS: [&str; 20] = [
+    "scene",
+    "triangles",
+    "device",
+    "adapter",
+    "load_ms",
+    "upload_ms",
+    "build_ms",
+    "trace_ms",
+    "download_ms",
+    "mrays",
+    "rays",
+    "nodes",
+    "leaves",
+    "depth",
+    "refs_per_triangle",
+    "tree_bytes",
+    "peak_bytes",
+    "sah_cost",
+    "digest",
+    "hits_digest",
+];
+
+fn command(line: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_raykd"));
+    command.args(line).stdin(Stdio::null());
+    command
+}
+
+fn raykd(line: &[&str]) -> Output {
+    command(line).output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8(bytes.to_vec()).unwrap()
+}
+
+/// Standard output of a command that succeeds.
+fn good(line: &[&str]) -> String {
+    let output = raykd(line);
+    assert!(output.status.success(), "{line:?}: {}", text(&output.stderr));
+    text(&output.stdout)
+}
+
+fn json(line: &[&str]) -> Value {
+    serde_json::from_str(&good(line)).unwrap()
+}
+
+/// The message of a command that fails with this exit code, and prints nothing else.
+fn bad(line: &[&str], code: i32) -> String {
+    let output = raykd(line);
+    assert_eq!(output.status.code(), Some(code), "{line:?}: {}", text(&output.stderr));
+    assert_eq!(text(&output.stdout), "", "{line:?}");
+    let message = text(&output.stderr);
+    assert!(message.contains("error: "), "{line:?}: {message}");
+    message
+}
+
+fn has(message: &str, words: &[&str]) {
+    for word in words {
+        assert!(message.contains(word), "'{word}' is missing in: {message}");
+    }
+}
+
+/// A folder with a mesh of two triangles: z = 0 and, above it, z = 1.
+fn folder() -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = "v 0 0 0\nv 4 0 0\nv 0 4 0\nv 0 0 1\nv 4 0 1\nv 0 4 1\nf 1 2 3\nf 4 5 6\n";
+    fs::write(folder.path().join("two.obj"), mesh).unwrap();
+    folder
+}
+
+fn path(folder: &TempDir, name: &str) -> String {
+    folder.path().join(name).to_str().unwrap().to_owned()
+}
+
+fn write_rays(path: &str, rays: &[[f32; 8]]) {
+    let bytes: Vec<u8> = rays.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
+    fs::write(path, bytes).unwrap();
+}
+
+/// A hit: the triangle; t, u and v.
+type Record = (u32, [f32; 3]);
+
+fn read_hits(path: &str) -> Vec<Record> {
+    let bytes = fs::read(path).unwrap();
+    assert_eq!(bytes.len() % 16, 0);
+    let word = |bytes: &[u8]| <[u8; 4]>::try_from(bytes).unwrap();
+    let record = |r: &[u8]| {
+        let float = |i: usize| f32::from_le_bytes(word(&r[4 * i..4 * i + 4]));
+        (u32::from_le_bytes(word(&r[..4])), [float(1), float(2), float(3)])
+    };
+    bytes.chunks(16).map(record).collect()
+}
+
+const INFINITY: f32 = f32::INFINITY;
+const MISS: Record = (u32::MAX, [0.0; 3]);
+
+/// Rays at the mesh of [`folder`], and what they meet, by hand.
+fn known() -> ([[f32; 8]; 7], [Record; 7]) {
+    let rays = [
+        // Down on (1, 2): the upper triangle, a quarter of the way to its second corner, half to its third.
+        [1.0, 2.0, 3.0, 0.0, 0.0, -1.0, 0.0, INFINITY],
+        // Up from below: the lower one; t counts in lengths of the direction.
+        [1.0, 1.0, -3.0, 0.0, 0.0, 2.0, 0.0, INFINITY],
+        // From between them, down.
+        [2.0, 1.0, 0.5, 0.0, 0.0, -1.0, 0.0, INFINITY],
+        // Past the hypotenuse.
+        [3.0, 3.0, 3.0, 0.0, 0.0, -1.0, 0.0, INFINITY],
+        // Not far enough; then just far enough.
+        [1.0, 1.0, 3.0, 0.0, 0.0, -1.0, 0.0, 1.5],
+        [1.0, 1.0, 3.0, 0.0, 0.0, -1.0, 0.0, 2.0],
+        // No ray at all.
+        [f32::NAN, 1.0, 3.0, 0.0, 0.0, -1.0, 0.0, INFINITY],
+    ];
+    let hits = [
+        (1, [2.0, 0.25, 0.5]),
+        (0, [1.5, 0.25, 0.25]),
+        (0, [0.5, 0.5, 0.25]),
+        MISS,
+        MISS,
+        (1, [2.0, 0.25, 0.25]),
+        MISS,
+    ];
+    (rays, hits)
+}
+
+#[test]
+fn help_has_examples() {
+    let general = good(&["--help"]);
+    for name in ["bench", "build", "trace", "render", "devices"] {
+        has(&general, &[name, "Examples:", "Exit code"]);
+        let help = good(&[name, "--help"]);
+        has(&help, &["Usage: raykd", "Examples:", &format!("raykd {name}")]);
+        assert_eq!(name == "devices", !help.contains("--adapter"));
+    }
+    has(&good(&["bench", "--help"]), &["--rays", "50000", "both", "--json", "--profile", "--threads"]);
+    has(&good(&["trace", "--help"]), &["0xFFFFFFFF", "little-endian", "file order", "--any", "--tree"]);
+    has(&good(&["render", "--help"]), &["normal", "depth", "heat", "id", "1024x1024", "--eye"]);
+    has(&good(&["--version"]), &["raykd 0."]);
+}
+
+#[test]
+fn wrong_usage_exits_with_2() {
+    for line in [
+        &["bench", "--device", "tpu"] as &[&str],
+        &["bench", "--rays", "0"],
+        &["bench", "--threads", "0"],
+        &["build"],
+        &["build", "teapot", "--device", "both"],
+        &["build", "teapot", "--cost-step", "-1"],
+        &["build", "teapot", "--device", "cpu", "--adapter", "x"],
+        &["trace", "teapot", "--rays", "r"],
+        &["render", "teapot", "-o", "a.png", "--size", "10"],
+        &["render", "teapot", "-o", "a.png", "--target", "1,2,3"],
+        &["walk"],
+    ] {
+        bad(line, 2);
+    }
+}
+
+#[test]
+fn errors_name_file_and_remedy() {
+    let folder = folder();
+    let file = |name: &str| path(&folder, name);
+    has(&bad(&["build", &file("none.ply"), "--device", "cpu"], 1), &["none.ply", "No such file"]);
+    has(&bad(&["bench", "teepot", "--device", "cpu"], 1), &["teepot", "teapot", "dragon_res4", "sponza"]);
+
+    let rays = file("rays");
+    fs::write(&rays, [0; 63]).unwrap();
+    let line = ["trace", &file("two.obj"), "--rays", &rays, "--hits", &file("hits"), "--device", "cpu"];
+    has(&bad(&line, 1), &[&rays, "63 bytes", "32"]);
+    fs::remove_file(&rays).unwrap();
+    has(&bad(&line, 1), &[&rays, "No such file"]);
+    assert!(!Path::new(&file("hits")).exists());
+
+    let nowhere = file("nowhere/out.png");
+    has(&bad(&["render", "teapot", "-o", &nowhere, "--device", "cpu"], 1), &[&nowhere, "no such folder"]);
+    has(&bad(&["build", "teapot", "-o", &nowhere, "--device", "cpu"], 1), &[&nowhere, "no such folder"]);
+    has(&bad(&["build", "teapot", "-o", &file(""), "--device", "cpu"], 1), &["directory"]);
+    has(&bad(&["render", "teapot", "-o", &file("a.jpg"), "--device", "cpu"], 1), &["a.jpg", "PNG"]);
+
+    let none = bad(&["build", "teapot", "--adapter", "Voodoo 2"], 1);
+    has(&none, &["Voodoo 2", "raykd devices", "mesa-vulkan-drivers"]);
+}
+
+#[test]
+fn without_a_driver_gpu_is_an_error_and_bench_goes_on() {
+    // A list of drivers that are not there.
+    let without = |line: &[&str]| {
+        let mut command = command(line);
+        command.env("VK_DRIVER_FILES", "/nonexistent.json").env("VK_ICD_FILENAMES", "/nonexistent.json");
+        command.output().unwrap()
+    };
+    let output = without(&["build", "teapot", "--device", "gpu"]);
+    assert_eq!(output.status.code(), Some(1));
+    has(&text(&output.stderr), &["error: no Vulkan adapter", "apt install mesa-vulkan-drivers"]);
+    assert_eq!(without(&["bench", "--device", "both"]).status.code(), Some(1));
+
+    let output = without(&["bench", "--json", "--rays", "100"]);
+    assert!(output.status.success());
+    has(&text(&output.stderr), &["note: ", "mesa-vulkan-drivers", "CPU alone"]);
+    let rows: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(rows.as_array().unwrap().len(), 1);
+    assert!(rows[0]["identical"].is_null());
+
+    let output = without(&["devices"]);
+    assert!(output.status.success());
+    has(&text(&output.stdout), &["CPU  ", "(default)", "mesa-vulkan-drivers"]);
+}
+
+#[test]
+fn bench_compares_both_devices() {
+    let rows = json(&["bench", "--json", "--device", "both", "--rays", "5000"]);
+    let rows = rows.as_array().unwrap();
+    assert_eq!(rows.len(), 2);
+    for row in rows {
+        for key in BENCH_KEYS {
+            assert!(!row[key].is_null(), "{key}");
+        }
+        assert_eq!((&row["scene"], &row["triangles"]), (&"teapot".into(), &1024.into()));
+        assert_eq!(row["rays"], 5000);
+        for key in ["build_ms", "trace_ms", "upload_ms", "download_ms", "mrays", "sah_cost", "primary_mrays"]
+        {
+            assert!(row[key].as_f64().unwrap() > 0.0, "{key}");
+        }
+        let leaves = row["leaves"].as_u64().unwrap();
+        assert!(row["nodes"].as_u64().unwrap() >= 2 * leaves - 1);
+        assert_eq!(row["identical"], true);
+    }
+    assert_eq!((&rows[0]["device"], &rows[1]["device"]), (&"cpu".into(), &"gpu".into()));
+    for key in ["digest", "hits_digest", "nodes", "leaves", "depth", "tree_bytes", "sah_cost"] {
+        assert_eq!(rows[0][key], rows[1][key], "{key}");
+    }
+
+    // The digests are those of the library.
+    let (device, mesh) = (Device::cpu(), Mesh::teapot(4));
+    let scene = Scene::build(&device, &mesh, &BuildOptions::default()).unwrap();
+    let hits = scene.closest(&rays::random(mesh.bounds(), 5000, 2026)).unwrap();
+    assert_eq!(rows[0]["digest"], scene.tree().unwrap().digest().as_str());
+    assert_eq!(rows[0]["hits_digest"], hits_digest(&hits).as_str());
+    assert_eq!(rows[0]["hits"], hits.iter().filter(|hit| hit.is_hit()).count());
+}
+
+#[test]
+fn bench_prints_both_tables() {
+    let folder = folder();
+    let told = good(&["bench", "teapot:1", &path(&folder, "two.obj"), "--rays", "1000", "--profile"]);
+    has(&told, &["Build", "CPU ms", "GPU ms", "upload ms", "Travel", "Mray/s", "SAH cost", "dispatches"]);
+    has(&told, &["teapot:1: CPU and GPU gave byte-identical trees and hits", "two.obj: CPU and GPU gave"]);
+    has(&told, &["12 zero-area triangles kept out"]);
+}
+
+#[test]
+fn one_device_has_nothing_to_compare() {
+    let rows = json(&["bench", "--json", "--device", "cpu", "--rays", "10", "--threads", "1", "--profile"]);
+    assert_eq!(rows.as_array().unwrap().len(), 1);
+    assert!(rows[0]["identical"].is_null());
+    has(rows[0]["adapter"].as_str().unwrap(), &["1 thread"]);
+    assert!(rows[0]["kernels"].as_array().unwrap().iter().any(|kernel| kernel["name"] == "treelet"));
+}
+
+#[test]
+fn trace_gives_known_hits() {
+    let folder = folder();
+    let [mesh, rays, hits, tree] = ["two.obj", "rays", "hits", "tree"].map(|name| path(&folder, name));
+    let (given, expected) = known();
+    write_rays(&rays, &given);
+    good(&["build", &mesh, "-o", &tree, "--device", "gpu"]);
+    let mut digests = Vec::new();
+    for more in [
+        &["--device", "cpu", "--threads", "2"] as &[&str],
+        &["--device", "gpu"],
+        &["--device", "cpu", "--tree", &tree],
+        &["--device", "gpu", "--tree", &tree],
+    ] {
+        fs::remove_file(&hits).ok();
+        let line = [&["trace", &mesh, "--rays", &rays, "--hits", &hits, "--json"], more].concat();
+        let told = json(&line);
+        assert_eq!(read_hits(&hits), expected, "{more:?}");
+        assert_eq!((&told["rays"], &told["hits"], &told["invalid"]), (&7.into(), &4.into(), &1.into()));
+        assert_eq!(told["device"], more[1]);
+        for key in ["load_ms", "build_ms", "upload_ms", "trace_ms", "download_ms", "mrays", "adapter"] {
+            assert!(!told[key].is_null(), "{key}");
+        }
+        assert_eq!(told["build_ms"] == 0.0, more.contains(&"--tree"));
+        digests.push((told["digest"].clone(), told["hits_digest"].clone()));
+    }
+    digests.dedup();
+    assert_eq!(digests.len(), 1);
+    let given: Vec<Hit> = bytemuck::pod_collect_to_vec(&fs::read(&hits).unwrap());
+    assert_eq!(digests[0].1, hits_digest(&given).as_str());
+}
+
+#[test]
+fn any_hit_finds_what_is_there() {
+    let folder = folder();
+    let [mesh, rays, hits] = ["two.obj", "rays", "hits"].map(|name| path(&folder, name));
+    let (given, expected) = known();
+    write_rays(&rays, &given);
+    let told = good(&["trace", &mesh, "--rays", &rays, "--hits", &hits, "--any"]);
+    has(&told, &["any query", "7 (4 hit)"]);
+    for (any, closest) in read_hits(&hits).iter().zip(expected) {
+        assert_eq!(any.0 == u32::MAX, closest.0 == u32::MAX);
+    }
+}
+
+#[test]
+fn no_rays_no_hits() {
+    let folder = folder();
+    let [mesh, rays, hits] = ["two.obj", "rays", "hits"].map(|name| path(&folder, name));
+    write_rays(&rays, &[]);
+    for device in ["cpu", "gpu"] {
+        let told = json(&["trace", &mesh, "--rays", &rays, "--hits", &hits, "--json", "--device", device]);
+        assert_eq!((&told["rays"], &told["mrays"]), (&0.into(), &0.0.into()));
+        assert!(fs::read(&hits).unwrap().is_empty());
+    }
+}
+
+#[test]
+fn damaged_or_foreign_tree_is_refused() {
+    let folder = folder();
+    let [mesh, rays, hits, tree] = ["two.obj", "rays", "hits", "tree"].map(|name| path(&folder, name));
+    write_rays(&rays, &known().0);
+    good(&["build", "teapot", "-o", &tree, "--device", "cpu"]);
+    let line = ["trace", &mesh, "--rays", &rays, "--hits", &hits, "--device", "cpu", "--tree", &tree];
+    has(&bad(&line, 1), &["another mesh"]);
+    let mut bytes = fs::read(&tree).unwrap();
+    bytes[100] ^= 1;
+    fs::write(&tree, bytes).unwrap();
+    has(&bad(&line, 1), &[&tree, "checksum"]);
+    assert!(!Path::new(&hits).exists());
+}
+
+#[test]
+fn build_tells_the_same_on_both_devices() {
+    let cpu = json(&["build", "teapot", "--device", "cpu", "--json", "--profile"]);
+    let gpu = json(&["build", "teapot", "--device", "gpu", "--json"]);
+    for key in
+        ["digest", "nodes", "leaves", "empty_leaves", "refs", "depth", "sah_cost", "tree_bytes", "kept"]
+    {
+        assert_eq!(cpu[key], gpu[key], "{key}");
+    }
+    assert_eq!(cpu["repairs"]["zero_area"], 32);
+    assert!(!cpu["kernels"].as_array().unwrap().is_empty());
+    let dear = json(&["build", "teapot", "--device", "cpu", "--json", "--cost-test", "8"]);
+    assert!(dear["refs"].as_u64() >= cpu["refs"].as_u64() && dear["digest"] != cpu["digest"]);
+    has(&good(&["build", "teapot", "--device", "cpu"]), &["32 zero-area", "SAH cost", "digest", "depth"]);
+}
+
+#[test]
+fn software_adapter_is_named_as_such() {
+    let output = raykd(&["devices", "--json"]);
+    let devices: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let devices = devices.as_array().unwrap();
+    assert!(devices.len() >= 2, "no Vulkan adapter: apt install mesa-vulkan-drivers");
+    assert_eq!(devices.iter().filter(|device| device["default"] == true).count(), 1);
+    assert_eq!(devices.last().unwrap()["device"], "cpu");
+    for device in &devices[..devices.len() - 1] {
+        for key in ["adapter", "driver", "kind", "probe", "max_binding_bytes", "timestamps"] {
+            assert!(!device[key].is_null(), "{key}");
+        }
+    }
+    if let Some(software) = devices.iter().find(|device| device["kind"] == "cpu") {
+        let name = software["adapter"].as_str().unwrap();
+        let output = raykd(&["build", "teapot", "--adapter", name, "--json"]);
+        assert!(output.status.success());
+        has(&text(&output.stderr), &["software rasteriser", "slower than --device cpu"]);
+    }
+    has(&good(&["devices"]), &["GPU  ", "CPU  ", "driver", "probe      exact", "(default)"]);
+}
+
+fn picture(file: &Path) -> image::RgbImage {
+    image::open(file).unwrap().into_rgb8()
+}
+
+#[test]
+fn render_draws_what_the_library_sees() {
+    let folder = folder();
+    let file = path(&folder, "teapot.png");
+    let look = ["--eye", "0,5,60", "--target", "0,0,0", "--fov", "35"];
+    let line = ["render", "teapot", "-o", &file, "--size", "96x64", "--shading", "id", "--device", "gpu"];
+    has(&good(&[&line as &[&str], &look].concat()), &["96x64", "GPU"]);
+    let seen = picture(Path::new(&file));
+    assert_eq!(seen.dimensions(), (96, 64));
+
+    let (device, mesh) = (Device::cpu(), Mesh::teapot(4));
+    let camera = Camera { eye: [0.0, 5.0, 60.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov: 35.0 };
+    let scene = Scene::build(&device, &mesh, &BuildOptions::default()).unwrap();
+    let hits = scene.closest(&camera.rays(96, 64)).unwrap();
+    let background = seen.get_pixel(0, 0);
+    for (pixel, hit) in seen.pixels().zip(&hits) {
+        assert_eq!(pixel != background, hit.is_hit());
+    }
+    let silhouette = hits.iter().filter(|hit| hit.is_hit()).count();
+    assert!((600..4000).contains(&silhouette), "{silhouette} pixels");
+}
+
+#[test]
+fn render_frames_and_shades() {
+    let folder = folder();
+    let file = PathBuf::from(path(&folder, "out.png"));
+    for (shading, colours) in [("normal", 100), ("depth", 30), ("heat", 30), ("id", 100)] {
+        let name = file.to_str().unwrap();
+        good(&["render", "teapot", "-o", name, "--size", "320x240", "--shading", shading, "--device", "cpu"]);
+        let seen = picture(&file);
+        assert_eq!(seen.dimensions(), (320, 240));
+        let different: std::collections::HashSet<_> = seen.pixels().collect();
+        assert!(different.len() >= colours, "{shading}: {} colours", different.len());
+        if shading == "id" {
+            // Framed: the teapot reaches from one side nearly to the other, and no pixel beyond.
+            let background = *seen.get_pixel(0, 0);
+            let filled = |x: u32| (0..240).any(|y| *seen.get_pixel(x, y) != background);
+            let columns: Vec<u32> = (0..320).filter(|&x| filled(x)).collect();
+            assert!(columns[0] > 0 && columns[0] < 20, "{columns:?}");
+            assert!(columns[columns.len() - 1] < 319 && columns[columns.len() - 1] > 299, "{columns:?}");
+        }
+    }
+}
+
+#[test]
+fn reader_may_leave_early() {
+    let mut child = command(&["bench", "--json", "--device", "cpu", "--rays", "10"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!((output.status.code(), text(&output.stderr)), (Some(0), String::new()));
+}
+
+#[test]
+fn results_and_remarks_do_not_mix() {
+    let output = raykd(&["bench", "--json", "--device", "cpu", "--rays", "10"]);
+    assert_eq!(text(&output.stderr), "", "nothing to remark on the CPU");
+    assert!(text(&output.stdout).starts_with("[\n"));
+}
+
+#[test]
+fn ray_records_are_32_bytes() {
+    assert_eq!(size_of::<Ray>(), 32);
+}
