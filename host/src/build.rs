@@ -254,6 +254,7 @@ fn attempt_build(
         ]);
         device.write(&args[0], 0, bytemuck::cast_slice(&first_args))?;
         device.write(&actives[0], 0, bytemuck::cast_slice(&root(0, 0)))?;
+        device.write(&chunks[0], 0, bytemuck::cast_slice(&vec![0u32; pieces as usize]))?;
         device.write(&refs[0], 0, bytemuck::cast_slice(mesh.kept()))?;
     } else {
         device.write(&treelet_args, 0, bytemuck::cast_slice(&[1u32, 1, 1]))?;

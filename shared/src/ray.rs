@@ -4,7 +4,8 @@ use bytemuck::{Pod, Zeroable};
 
 /// One ray: the points `origin + t * direction` for `t_min <= t <= t_max`.
 ///
-/// The direction need not have unit length; `t` counts in its lengths. `t_max` may be infinite.
+/// The direction need not have unit length; `t` counts in its lengths. `t_max` may be infinite. Subnormal
+/// numbers count as 0.
 /// A ray with a NaN anywhere, an infinite origin or direction, or a zero direction hits nothing.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]

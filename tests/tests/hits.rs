@@ -55,7 +55,10 @@ fn trace_everywhere(mesh: &Mesh, options: &BuildOptions, seed: u64, count: usize
         if any.is_hit() && alone(mesh, reference.header(), ray, any.triangle) != Some(any.t) {
             return fail("any hit is no hit of its triangle");
         }
-        if any.is_hit() && !(ray.t_min <= any.t && any.t <= ray.t_max && closest.t <= any.t) {
+        // A subnormal limit counts as zero.
+        let settled = |t: f32| if t.is_subnormal() { 0.0 } else { t };
+        let in_range = settled(ray.t_min) <= any.t && any.t <= settled(ray.t_max);
+        if any.is_hit() && !(in_range && closest.t <= any.t) {
             return fail("any hit is out of range");
         }
     }
@@ -122,29 +125,4 @@ fn no_rays_give_no_hits() {
         assert!(scene.closest(&[]).unwrap().is_empty());
         assert!(scene.brute(&[]).unwrap().is_empty());
     }
-}
-
-#[test]
-fn zz_debug() {
-    use raykd_tests::meshes::{Family, Recipe};
-    let recipe = Recipe { family: Family::Walls, size: 2000, seed: 814604677254688309 };
-    let mesh = recipe.mesh();
-    let a = Scene::build(cpu(), &mesh, &BuildOptions::default()).unwrap();
-    let b = Scene::build(gpu(), &mesh, &BuildOptions::default()).unwrap();
-    let rays = rays(&mesh, a.tree().unwrap().view(), 200, 1204593906267431614);
-    for s in 40..48 {
-    println!("{:?}", a.steps(&rays[s..s+1]).unwrap().1); }
-    for e in 42..=48 {
-    println!("{e} {:?}", b.steps(&rays[40..e]).unwrap().1[0]); }
-    for s in 41..48 {
-    println!("{s} {:?}", b.steps(&[rays[40], rays[s]]).unwrap().1); }
-    let mesh = Mesh::teapot(35);
-    println!("{}", mesh.kept().len());
-    let a = Scene::build(cpu(), &mesh, &BuildOptions::default()).unwrap();
-    let b = Scene::build(gpu(), &mesh, &BuildOptions::default()).unwrap();
-    let rays = raykd::rays::random(mesh.bounds(), 1000, 1);
-    let x = a.closest(&rays).unwrap();
-    println!("{:?}", same("cpu brute", &x, &a.brute(&rays).unwrap()));
-    println!("{:?}", same("gpu closest", &x, &b.closest(&rays).unwrap()));
-    println!("{:?}", same("gpu brute", &x, &b.brute(&rays).unwrap()));
 }

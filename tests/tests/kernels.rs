@@ -192,3 +192,18 @@ fn product_difference_of_zeros_and_signs() {
         assert_eq!(found, sign * floor, "{a:e} * {b:e} - {c:e} * {d:e}");
     }
 }
+
+#[test]
+fn zz() {
+    for family in raykd_tests::meshes::RANDOM.into_iter().chain(raykd_tests::meshes::ZOO) {
+        let mesh = Recipe { family, size: 400, seed: 1 }.mesh();
+        let t = std::time::Instant::now();
+        let o = BuildOptions::default();
+        let j = Job { mesh: &mesh, options: &o, seed: 1 };
+        let n = j.kernels(cpu()).unwrap().len();
+        let a = t.elapsed();
+        let n2 = j.kernels(gpu()).unwrap().len();
+        let s = raykd::Scene::build(cpu(), &mesh, &o).unwrap();
+        println!("{family:?} {n} {n2} {a:?} {:?} retries {} peak {}", t.elapsed() - a, s.times().retries, s.times().peak_bytes);
+    }
+}

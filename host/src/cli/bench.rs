@@ -13,7 +13,7 @@ use crate::{
     report::{Table, bytes, count, three},
 };
 use std::{
-    io::{StdoutLock, Write as _},
+    io::{StdoutLock, Write},
     process::ExitCode,
 };
 
@@ -23,7 +23,7 @@ const SEED: u64 = 2026;
 const PICTURE: u32 = 2048;
 
 /// One scene on one device.
-#[derive(Debug, serde::Serialize)]
+#[derive(Debug, Default, serde::Serialize)]
 struct Row {
     scene: String,
     /// In the file.
@@ -91,10 +91,7 @@ pub(super) fn run(args: &BenchArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
             Some(Err(error)) => return Err(error.into()),
             None => {}
         }
-        if let [a, b] = &mut rows[first..] {
-            let same = a.digest == b.digest && a.hits_digest == b.hits_digest;
-            (a.identical, b.identical) = (Some(same), Some(same));
-        }
+        compare(&mut rows[first..]);
     }
     notes.clear();
     if args.json {
@@ -102,8 +99,20 @@ pub(super) fn run(args: &BenchArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
     } else {
         print(&rows, &machines, out)?;
     }
-    let differ = rows.iter().any(|row| row.identical == Some(false));
-    Ok(if differ { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+    Ok(if differ(&rows) { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+/// Notes whether both devices gave the same for a scene.
+fn compare(rows: &mut [Row]) {
+    if let [a, b] = rows {
+        let same = a.digest == b.digest && a.hits_digest == b.hits_digest;
+        (a.identical, b.identical) = (Some(same), Some(same));
+    }
+}
+
+/// Whether the devices disagree on any scene.
+fn differ(rows: &[Row]) -> bool {
+    rows.iter().any(|row| row.identical == Some(false))
 }
 
 /// One scene on one device.
@@ -158,7 +167,7 @@ fn bench(
 }
 
 /// The tables.
-fn print(rows: &[Row], machines: &Machines, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
+fn print(rows: &[Row], machines: &Machines, out: &mut impl Write) -> anyhow::Result<()> {
     for device in machines.iter() {
         let software = if is_software(device) { " (software)" } else { "" };
         writeln!(out, "{}  {}{software}", device.kind().to_uppercase(), device.name())?;
@@ -310,4 +319,58 @@ pub(super) fn kernel_table(title: &str, kernels: &[Kernel]) -> Table {
         table.row([(*name).to_owned(), dispatches.to_string(), three(*ms), share]);
     }
     table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A scene on both devices, with these digests of tree and hits.
+    fn pair(cpu: [&str; 2], gpu: [&str; 2]) -> Vec<Row> {
+        let row = |device, [digest, hits]: [&str; 2]| Row {
+            scene: "box".to_owned(),
+            device,
+            triangles: 12,
+            digest: digest.to_owned(),
+            hits_digest: hits.to_owned(),
+            ..Row::default()
+        };
+        let mut rows = vec![row("cpu", cpu), row("gpu", gpu)];
+        compare(&mut rows);
+        rows
+    }
+
+    fn printed(rows: &[Row]) -> String {
+        let mut out = Vec::new();
+        let machines = Machines { cpu: None, gpu: None, automatic: false };
+        print(rows, &machines, &mut out).unwrap();
+        String::from_utf8(out).unwrap()
+    }
+
+    #[test]
+    fn agreement_is_told() {
+        let rows = pair(["t", "h"], ["t", "h"]);
+        assert!(!differ(&rows));
+        assert!(printed(&rows).contains("box: CPU and GPU gave byte-identical trees and hits"));
+    }
+
+    #[test]
+    fn any_difference_is_told_and_fails() {
+        for (gpu, what) in [(["x", "h"], "tree DIFFERENT"), (["t", "x"], "hits DIFFERENT")] {
+            let rows = pair(["t", "h"], gpu);
+            assert!(differ(&rows));
+            let told = printed(&rows);
+            assert!(told.contains("box: CPU AND GPU DIFFER") && told.contains(what), "{told}");
+        }
+    }
+
+    #[test]
+    fn one_device_is_no_difference() {
+        let mut rows = pair(["t", "h"], ["x", "y"]);
+        rows.truncate(1);
+        rows[0].identical = None;
+        compare(&mut rows);
+        assert!(!differ(&rows));
+        assert!(printed(&rows).contains("box: only the CPU ran"));
+    }
 }

@@ -30,7 +30,7 @@ impl Input {
 }
 
 /// What was set aside or changed in a mesh, for JSON.
-#[derive(Clone, Copy, Debug, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, serde::Serialize)]
 pub(super) struct RepairCounts {
     zero_area: u32,
     duplicates: u32,

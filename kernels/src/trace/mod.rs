@@ -47,6 +47,12 @@ fn load(i: u32, rays: &Buf<Vec4>, header: &TreeHeader, outcome: &mut Buf<u32>) -
     ray
 }
 
+/// The bits of a number, without the sign of a zero.
+#[inline(always)]
+fn positive_zero(a: f32) -> u32 {
+    if a == 0.0 { 0 } else { a.to_bits() }
+}
+
 /// The hit record of a finished ray: triangle, `t`, `u`, `v`.
 #[inline(always)]
 fn record(ray: &Frame, best: &Best) -> UVec4 {
@@ -55,9 +61,9 @@ fn record(ray: &Frame, best: &Best) -> UVec4 {
     } else {
         UVec4::new(
             best.triangle,
-            ldexp(best.t, -ray.stretch).to_bits(),
-            div(best.u, best.det).to_bits(),
-            div(best.v, best.det).to_bits(),
+            positive_zero(ldexp(best.t, -ray.stretch)),
+            positive_zero(div(best.u, best.det)),
+            positive_zero(div(best.v, best.det)),
         )
     }
 }
