@@ -7,8 +7,8 @@ use crate::{
 };
 use raykd_kernels::build::{
     ARGS_ACTIVE, ARGS_CHUNKS, ARGS_WORDS, LEVEL_WORDS, STATE_DEPTH, STATE_NODES, STATE_REFS, STATE_STATUS,
-    STATE_TREELET_REFS, STATE_TREELETS, STATE_WORDS, alloc::ALLOC, bin::BIN, bin::HIST_WORDS, boxes::BOXES, count::COUNT,
-    emit::EMIT, place::PLACE, scatter::SCATTER, split::SPLIT, top::TOP, treelet::TREELETS,
+    STATE_TREELET_REFS, STATE_TREELETS, STATE_WORDS, alloc::ALLOC, bin::BIN, bin::HIST_WORDS, boxes::BOXES,
+    count::COUNT, emit::EMIT, place::PLACE, scatter::SCATTER, split::SPLIT, top::TOP, treelet::TREELETS,
     treelet::scratch_base,
 };
 use raykd_shared::{
@@ -155,7 +155,11 @@ fn params(mesh: &Mesh, options: &BuildOptions, room: Room, max_depth: u32) -> Bu
 }
 
 /// Builds the tree of `mesh` on `device`.
-pub(crate) fn build(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Result<(MeshBuffers, Built), Error> {
+pub(crate) fn build(
+    device: &Device,
+    mesh: &Mesh,
+    options: &BuildOptions,
+) -> Result<(MeshBuffers, Built), Error> {
     let start = Instant::now();
     let mesh_buffers = upload(device, mesh)?;
     let mesh_bytes = mesh_buffers.positions.bytes() + mesh_buffers.indices.bytes();
@@ -174,11 +178,14 @@ pub(crate) fn build(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Res
                 built.times.retries = retries;
                 return Ok((mesh_buffers, *built));
             }
-            Outcome::MoreLevels => room.levels = MAX_DEPTH,
+            // The levels down to the greatest depth are always enough, and so is room for a single leaf.
+            Outcome::MoreLevels if room.levels <= MAX_DEPTH => room.levels = MAX_DEPTH + 1,
+            Outcome::MoreLevels => return Err(Error::Kernel(status::describe(status::LEVELS))),
             Outcome::MoreRoom => match room.grown().filter(|r| r.treelet_refs <= most_refs) {
                 Some(grown) => room = grown,
                 // Splitting does not separate these triangles: fewer levels, longer leaves, bounded memory.
-                None => max_depth /= 2,
+                None if max_depth > 0 => max_depth /= 2,
+                None => return Err(Error::Kernel(status::describe(status::CAPACITY))),
             },
         }
         retries += 1;
@@ -257,6 +264,7 @@ fn attempt_build(
         device.write(&chunks[0], 0, bytemuck::cast_slice(&vec![0u32; pieces as usize]))?;
         device.write(&refs[0], 0, bytemuck::cast_slice(mesh.kept()))?;
     } else {
+        device.write(&levels[0], 0, &[0; LEVEL_WORDS as usize * 4])?;
         device.write(&treelet_args, 0, bytemuck::cast_slice(&[1u32, 1, 1]))?;
         words[STATE_TREELETS as usize] = 1;
         words[STATE_TREELET_REFS as usize] = references;
@@ -277,7 +285,12 @@ fn attempt_build(
         let (level, arg, active, chunk, list) =
             (&levels[now], &args[now], &actives[now], &chunks[now], &refs[now]);
         steps.push(Step::indirect(&BIN, arg, ARGS_CHUNKS, vec![level, active, chunk, list, &boxes, &hists]));
-        steps.push(Step::indirect(&SPLIT, arg, ARGS_ACTIVE, vec![&param_buffer, level, active, &hists, &planes]));
+        steps.push(Step::indirect(
+            &SPLIT,
+            arg,
+            ARGS_ACTIVE,
+            vec![&param_buffer, level, active, &hists, &planes],
+        ));
         steps.push(Step::indirect(
             &COUNT,
             arg,

@@ -18,7 +18,9 @@ pub enum Error {
         source: std::io::Error,
     },
     /// A buffer would be larger than the device allows.
-    #[error("buffer '{buffer}' needs {bytes} bytes, but {limit_name} allows {limit}; use a smaller mesh, or another device (--device cpu)")]
+    #[error(
+        "buffer '{buffer}' needs {bytes} bytes, but {limit_name} allows {limit}; use a smaller mesh, or another device (--device cpu)"
+    )]
     TooLarge {
         /// Name of the buffer.
         buffer: &'static str,
@@ -47,7 +49,9 @@ pub enum Error {
         wanted: Option<String>,
     },
     /// The device does not compute float operations as the CPU does.
-    #[error("{adapter} is refused: {reason}; to use it all the same, name it with --adapter and set RAYKD_ALLOW_INEXACT=1")]
+    #[error(
+        "{adapter} is refused: {reason}; to use it all the same, name it with --adapter and set RAYKD_ALLOW_INEXACT=1"
+    )]
     Inexact {
         /// The adapter.
         adapter: String,

@@ -29,7 +29,11 @@ impl KdTree {
 
     /// Header, nodes and references as they lie in memory, one after the other.
     fn parts(&self) -> [&[u8]; 3] {
-        [bytemuck::bytes_of(&self.header), bytemuck::cast_slice(&self.nodes), bytemuck::cast_slice(&self.refs)]
+        [
+            bytemuck::bytes_of(&self.header),
+            bytemuck::cast_slice(&self.nodes),
+            bytemuck::cast_slice(&self.refs),
+        ]
     }
 
     /// Bytes of nodes and references.

@@ -144,10 +144,18 @@ macro_rules! slot {
 
 #[cfg(not(target_arch = "spirv"))]
 macro_rules! slot {
-    (access read) => { $crate::Access::Read };
-    (access write) => { $crate::Access::Write };
-    (pass read $b:ident) => { &$b };
-    (pass write $b:ident) => { &mut $b };
+    (access read) => {
+        $crate::Access::Read
+    };
+    (access write) => {
+        $crate::Access::Write
+    };
+    (pass read $b:ident) => {
+        &$b
+    };
+    (pass write $b:ident) => {
+        &mut $b
+    };
 }
 
 /// Declares a kernel: a SPIR-V entry point on the GPU, a [`Kernel`] constant on the CPU.

@@ -18,6 +18,12 @@ pub fn abs(a: f32) -> f32 {
     f32::from_bits(a.to_bits() & 0x7FFF_FFFF)
 }
 
+/// Whether this is no number, by its bits.
+#[inline(always)]
+pub fn is_nan(a: f32) -> bool {
+    a.to_bits() & 0x7FFF_FFFF > 0x7F80_0000
+}
+
 /// `2^e` for `-126 <= e <= 127`.
 #[inline(always)]
 pub const fn exp2(e: i32) -> f32 {

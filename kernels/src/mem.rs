@@ -88,7 +88,10 @@ mod gpu {
         #[inline(always)]
         fn add(&mut self, i: u32, value: u32) {
             unsafe {
-                spirv_std::arch::atomic_i_add::<u32, SCOPE, NONE>(self.index_unchecked_mut(i as usize), value);
+                spirv_std::arch::atomic_i_add::<u32, SCOPE, NONE>(
+                    self.index_unchecked_mut(i as usize),
+                    value,
+                );
             }
         }
         #[inline(always)]
@@ -100,13 +103,19 @@ mod gpu {
         #[inline(always)]
         fn lower(&mut self, i: u32, value: u32) {
             unsafe {
-                spirv_std::arch::atomic_u_min::<u32, SCOPE, NONE>(self.index_unchecked_mut(i as usize), value);
+                spirv_std::arch::atomic_u_min::<u32, SCOPE, NONE>(
+                    self.index_unchecked_mut(i as usize),
+                    value,
+                );
             }
         }
         #[inline(always)]
         fn raise(&mut self, i: u32, value: u32) {
             unsafe {
-                spirv_std::arch::atomic_u_max::<u32, SCOPE, NONE>(self.index_unchecked_mut(i as usize), value);
+                spirv_std::arch::atomic_u_max::<u32, SCOPE, NONE>(
+                    self.index_unchecked_mut(i as usize),
+                    value,
+                );
             }
         }
     }
@@ -144,13 +153,19 @@ mod gpu {
         #[inline(always)]
         fn lower(&mut self, i: u32, value: u32) {
             unsafe {
-                spirv_std::arch::atomic_u_min::<u32, { Scope::Workgroup as u32 }, NONE>(self.index_unchecked_mut(i as usize), value);
+                spirv_std::arch::atomic_u_min::<u32, { Scope::Workgroup as u32 }, NONE>(
+                    self.index_unchecked_mut(i as usize),
+                    value,
+                );
             }
         }
         #[inline(always)]
         fn raise(&mut self, i: u32, value: u32) {
             unsafe {
-                spirv_std::arch::atomic_u_max::<u32, { Scope::Workgroup as u32 }, NONE>(self.index_unchecked_mut(i as usize), value);
+                spirv_std::arch::atomic_u_max::<u32, { Scope::Workgroup as u32 }, NONE>(
+                    self.index_unchecked_mut(i as usize),
+                    value,
+                );
             }
         }
     }

@@ -96,7 +96,11 @@ impl Job<'_> {
             let b = self.record(device, meddle, None)?;
             let differ = |(a, b): (&Dispatch, &Dispatch)| a.kernel != b.kernel || a.buffers != b.buffers;
             if let Some(number) = a.iter().zip(&b).position(differ) {
-                return Err(Failure(format!("{}: {}", device.name(), self.tell(devices[0], device, meddle, number)?)));
+                return Err(Failure(format!(
+                    "{}: {}",
+                    device.name(),
+                    self.tell(devices[0], device, meddle, number)?
+                )));
             }
             same(device.name(), &[a.len()], &[b.len()])?;
         }

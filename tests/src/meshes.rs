@@ -84,8 +84,11 @@ pub fn small_mesh() -> impl Strategy<Value = Recipe> {
 
 fn sized(sizes: RangeInclusive<u32>) -> impl Strategy<Value = Recipe> {
     let families = RANDOM.iter().chain(&RANDOM).chain(&ZOO).copied().collect::<Vec<_>>();
-    (prop::sample::select(families), sizes, any::<u64>())
-        .prop_map(|(family, size, seed)| Recipe { family, size, seed })
+    (prop::sample::select(families), sizes, any::<u64>()).prop_map(|(family, size, seed)| Recipe {
+        family,
+        size,
+        seed,
+    })
 }
 
 type Point = [f32; 3];
@@ -228,7 +231,9 @@ impl Welded {
     /// Adds the unit cube with this lowest corner.
     pub fn cube(&mut self, [x, y, z]: Point) {
         let corner = |i: u32| [x + (i & 1) as f32, y + (i >> 1 & 1) as f32, z + (i >> 2) as f32];
-        for [a, b, c, d] in [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]] {
+        for [a, b, c, d] in
+            [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+        {
             self.triangle([a, b, c].map(corner));
             self.triangle([a, c, d].map(corner));
         }

@@ -1,6 +1,10 @@
 //! Rays that are hard for a mesh and its tree.
 
-use raykd::{Mesh, Ray, rays::Random, shared::{Content, TreeView}};
+use raykd::{
+    Mesh, Ray,
+    rays::Random,
+    shared::{Content, TreeView},
+};
 
 /// Rays at a mesh: at corners, edges and insides of triangles, along axes and diagonals, from corners,
 /// surfaces and splitting planes, of any length, with any range of `t`; a few that are no rays at all.

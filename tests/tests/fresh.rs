@@ -12,5 +12,9 @@ fn the_committed_module_is_compiled_from_these_sources() {
     for kernel in raykd::kernels::ALL {
         assert!(module.contains(&(kernel.entry_point(), [kernel.threads, 1, 1])), "{}", kernel.name());
     }
-    assert_eq!(xtask::sha256(raykd::kernels::SPIRV), manifest.module_sha256, "this test was built with another");
+    assert_eq!(
+        xtask::sha256(raykd::kernels::SPIRV),
+        manifest.module_sha256,
+        "this test was built with another"
+    );
 }

@@ -18,7 +18,8 @@ fn alone(mesh: &Mesh, header: &TreeHeader, ray: &Ray, triangle: u32) -> Option<f
     let [dx, dy, dz] = ray.direction;
     let frame = Frame::new(Vec4::new(ox, oy, oz, dx), Vec4::new(dy, dz, ray.t_min, ray.t_max), header);
     let positions = mesh.scaled_positions();
-    let [a, b, c] = mesh.triangles()[triangle as usize].map(|v| Vec3::from_slice(&positions[3 * v as usize..]));
+    let [a, b, c] =
+        mesh.triangles()[triangle as usize].map(|v| Vec3::from_slice(&positions[3 * v as usize..]));
     let mut best = NOTHING;
     test(&frame, triangle, a, b, c, &mut best);
     (best.triangle == triangle).then(|| ldexp(best.t, -frame.stretch))
@@ -30,7 +31,8 @@ fn trace_everywhere(mesh: &Mesh, options: &BuildOptions, seed: u64, count: usize
     let rays = rays(mesh, reference.tree()?.view(), count, seed);
     let expected = reference.brute(&rays)?;
     let name = |what: &str, device: &str, found: &[Hit]| {
-        let first = expected.iter().zip(found).position(|(a, b)| bytemuck::bytes_of(a) != bytemuck::bytes_of(b));
+        let first =
+            expected.iter().zip(found).position(|(a, b)| bytemuck::bytes_of(a) != bytemuck::bytes_of(b));
         format!("{what} by {device}, for {:?}", first.map(|i| rays[i]))
     };
     let mut invalid = None;
@@ -48,7 +50,8 @@ fn trace_everywhere(mesh: &Mesh, options: &BuildOptions, seed: u64, count: usize
     same(&name("brute force", "GPU", &brute), &expected, &brute)?;
 
     for ((ray, closest), any) in rays.iter().zip(&expected).zip(any_hits.iter().flatten()) {
-        let fail = |what: &str| Err(Failure(format!("{what}: {any:?}, the closest being {closest:?}, for {ray:?}")));
+        let fail =
+            |what: &str| Err(Failure(format!("{what}: {any:?}, the closest being {closest:?}, for {ray:?}")));
         if any.is_hit() != closest.is_hit() {
             return fail("one of any and closest hits, the other misses");
         }

@@ -134,7 +134,8 @@ fn ldexp_scales_exactly_or_flushes() {
         let a = number(&mut random, 126);
         let e = (random.bits() % 600) as i32 - 300;
         let exact = f64::from(a) * 2f64.powi(e);
-        let expected = if exact.abs() < f64::from(f32::MIN_POSITIVE) { 0.0f32.copysign(a) } else { exact as f32 };
+        let expected =
+            if exact.abs() < f64::from(f32::MIN_POSITIVE) { 0.0f32.copysign(a) } else { exact as f32 };
         assert_eq!(ldexp(a, e).to_bits(), expected.to_bits(), "{a:e} * 2^{e}");
     }
     assert_eq!(ldexp(f32::INFINITY, -300), f32::INFINITY);
@@ -150,9 +151,12 @@ fn product_difference_is_exact_where_rounded_products_are_equal() {
     while compared < 1_000_000 {
         // Products that agree in as many digits as can be, over all exponents, underflowing ones too.
         let spread = if compared % 2 == 0 { 4 } else { 60 };
-        let (a, b, c) = (number(&mut random, spread), number(&mut random, spread), number(&mut random, spread));
+        let (a, b, c) =
+            (number(&mut random, spread), number(&mut random, spread), number(&mut random, spread));
         let near = (f64::from(a) * f64::from(b) / f64::from(c)) as f32;
-        for (c, d) in [(c, near), (c, near.next_up()), (c, near.next_down()), (b, a), (-a, -b), (a, b.next_up())] {
+        for (c, d) in
+            [(c, near), (c, near.next_up()), (c, near.next_down()), (b, a), (-a, -b), (a, b.next_up())]
+        {
             if a * b == c * d && (a * b).is_finite() {
                 compared += 1;
                 // Products of two f32 are exact in f64, and so is their difference where they are this close.
@@ -169,7 +173,7 @@ fn product_difference_is_exact_where_rounded_products_are_equal() {
             }
         }
     }
-    assert!(zeros > 1000 && zeros < compared / 2);
+    assert!(zeros > 1000 && compared - zeros > 100_000, "{zeros} of {compared}");
 }
 
 #[test]
@@ -190,20 +194,5 @@ fn product_difference_of_zeros_and_signs() {
     ] {
         let found = product_difference(a, b, c, d, floor);
         assert_eq!(found, sign * floor, "{a:e} * {b:e} - {c:e} * {d:e}");
-    }
-}
-
-#[test]
-fn zz() {
-    for family in raykd_tests::meshes::RANDOM.into_iter().chain(raykd_tests::meshes::ZOO) {
-        let mesh = Recipe { family, size: 400, seed: 1 }.mesh();
-        let t = std::time::Instant::now();
-        let o = BuildOptions::default();
-        let j = Job { mesh: &mesh, options: &o, seed: 1 };
-        let n = j.kernels(cpu()).unwrap().len();
-        let a = t.elapsed();
-        let n2 = j.kernels(gpu()).unwrap().len();
-        let s = raykd::Scene::build(cpu(), &mesh, &o).unwrap();
-        println!("{family:?} {n} {n2} {a:?} {:?} retries {} peak {}", t.elapsed() - a, s.times().retries, s.times().peak_bytes);
     }
 }

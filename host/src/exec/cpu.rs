@@ -31,7 +31,8 @@ impl Cpu {
     }
 
     fn on(pool: Option<rayon::ThreadPool>) -> Self {
-        let threads = pool.as_ref().map_or_else(rayon::current_num_threads, rayon::ThreadPool::current_num_threads);
+        let threads =
+            pool.as_ref().map_or_else(rayon::current_num_threads, rayon::ThreadPool::current_num_threads);
         let model = std::fs::read_to_string("/proc/cpuinfo").ok().and_then(|text| {
             let line = text.lines().find(|l| l.starts_with("model name"))?;
             line.split_once(':').map(|(_, name)| name.trim().to_owned())

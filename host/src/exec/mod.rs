@@ -206,7 +206,12 @@ impl Device {
     ///
     /// # Panics
     /// The range lies outside the buffer, or the buffer is another device's.
-    pub fn read<T: bytemuck::Pod>(&self, buffer: &Buffer, offset: u64, count: usize) -> Result<Vec<T>, Error> {
+    pub fn read<T: bytemuck::Pod>(
+        &self,
+        buffer: &Buffer,
+        offset: u64,
+        count: usize,
+    ) -> Result<Vec<T>, Error> {
         let bytes = (count * size_of::<T>()) as u64;
         assert!(offset + bytes <= buffer.bytes, "read past the end of {}", buffer.name);
         let mut out = vec![T::zeroed(); count];

@@ -165,7 +165,14 @@ pub fn alloc(
                 let mut child = 0;
                 while child < 2 {
                     let count = if child == 0 { size.x } else { size.y };
-                    let mut to = Item { node: item.node, first: treelet_ref, count, extra: depth, lo: item.lo, hi: item.hi };
+                    let mut to = Item {
+                        node: item.node,
+                        first: treelet_ref,
+                        count,
+                        extra: depth,
+                        lo: item.lo,
+                        hi: item.hi,
+                    };
                     if !is_leaf {
                         to.node = pair + child;
                         to.extra = depth + 1;

@@ -24,7 +24,7 @@ const WORDS: usize = HIST_WORDS as usize;
 fn bin_of(x: f32, lo: f32, per_bin: f32) -> u32 {
     let f = (x - lo) * per_bin;
     // Boxes reach beyond the node; what starts before it starts in its first bin.
-    if !(f > 0.0) {
+    if f < 1.0 {
         0
     } else if f >= (BINS - 1) as f32 {
         BINS - 1

@@ -86,7 +86,14 @@ impl Item {
     #[inline(always)]
     pub fn load(list: &Buf<UVec4>, i: u32) -> Self {
         let (head, lo, hi) = (list.at(3 * i), list.at(3 * i + 1), list.at(3 * i + 2));
-        Self { node: head.x, first: head.y, count: head.z, extra: head.w, lo: from_bits(lo), hi: from_bits(hi) }
+        Self {
+            node: head.x,
+            first: head.y,
+            count: head.z,
+            extra: head.w,
+            lo: from_bits(lo),
+            hi: from_bits(hi),
+        }
     }
 
     /// Writes item `i` of a list.

@@ -1,9 +1,6 @@
 //! Exclusive scan of several sums over the 1024 lanes of one workgroup.
 
-use crate::{
-    Group,
-    mem::Table,
-};
+use crate::{Group, mem::Table};
 
 /// Lanes of a scanning workgroup.
 pub(super) const LANES: u32 = 1024;

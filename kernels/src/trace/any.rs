@@ -1,6 +1,9 @@
 //! Any hit, for shadows by stack traversal.
 
-use super::{JOB_RAYS, OUTCOME_STATUS, load, record, stack::{Steps, walk}};
+use super::{
+    JOB_RAYS, OUTCOME_STATUS, load, record,
+    stack::{Steps, walk},
+};
 use crate::{
     glam::{UVec4, Vec4},
     mem::{Atomics, Buf, Slots},

@@ -11,7 +11,7 @@
 
 use crate::{
     glam::{Vec3, Vec4},
-    math::{abs, div, exp2, exponent, high, ldexp, low},
+    math::{abs, div, exp2, exponent, high, is_nan, ldexp, low},
 };
 use raykd_shared::TreeHeader;
 
@@ -116,9 +116,8 @@ impl Frame {
         let d = Vec3::new(ldexp(direction.x, -top), ldexp(direction.y, -top), ldexp(direction.z, -top));
         let origin = Vec3::new(ldexp(first.x, scale), ldexp(first.y, scale), ldexp(first.z, scale));
         let (ox, oy, oz) = (exponent(origin.x), exponent(origin.y), exponent(origin.z));
-        let number = second.z == second.z && second.w == second.w;
-        let valid =
-            top > -127 && top < 128 && number && ox < FARTHEST && oy < FARTHEST && oz < FARTHEST;
+        let number = !is_nan(second.z) && !is_nan(second.w);
+        let valid = top > -127 && top < 128 && number && ox < FARTHEST && oy < FARTHEST && oz < FARTHEST;
         // An invalid ray goes on as a harmless one, to keep the numbers below finite.
         let d = if valid { d } else { Vec3::new(1.0, 0.0, 0.0) };
         let origin = if valid { origin } else { Vec3::ZERO };
