@@ -235,7 +235,9 @@ impl<'d> Scene<'d> {
             // Without triangles one empty slice still writes the misses.
             let steps: Vec<Step<'_>> =
                 if slices.is_empty() { vec![step(&batch.job)] } else { slices.iter().map(step).collect() };
+            batch.clear(self.device)?;
             self.device.run(&steps, false)?;
+            batch.outcome(self.device)?;
             hits.extend(batch.hits(self.device)?);
         }
         Ok(hits)
@@ -252,7 +254,9 @@ impl<'d> Scene<'d> {
             let counts = self.device.alloc("steps", part.len() as u64 * 16)?;
             let mut buffers = batch.buffers(self);
             buffers.push(&counts);
+            batch.clear(self.device)?;
             self.device.run(&[Step::over(&STEPS, batch.count, buffers)], false)?;
+            batch.outcome(self.device)?;
             hits.extend(batch.hits(self.device)?);
             steps.extend(self.device.read::<RaySteps>(&counts, 0, part.len())?);
         }
@@ -349,8 +353,13 @@ impl Batch {
     }
 
     fn run(&self, scene: &Scene<'_>, kernel: &'static Kernel) -> Result<Timing, Error> {
-        scene.device.write(&self.outcome, 0, &[0; OUTCOME_WORDS as usize * 4])?;
+        self.clear(scene.device)?;
         scene.device.run(&[Step::over(kernel, self.count, self.buffers(scene))], false)
+    }
+
+    /// Forgets what earlier kernels reported.
+    fn clear(&self, device: &Device) -> Result<(), Error> {
+        device.write(&self.outcome, 0, &[0; OUTCOME_WORDS as usize * 4])
     }
 
     /// Checks the status the kernel left and returns how many rays were none.

@@ -10,7 +10,7 @@ use raykd::{
     },
     shared::TreeHeader,
 };
-use raykd_tests::{Failure, cases, cpu, devices, gpu, meshes::any_mesh, rays::rays, same};
+use raykd_tests::{Failure, cases, cpu, devices, gpu, meshes::traceable_mesh, rays::rays, same};
 
 /// Tests one triangle alone: its `t`, if the ray hits it.
 fn alone(mesh: &Mesh, header: &TreeHeader, ray: &Ray, triangle: u32) -> Option<f32> {
@@ -71,7 +71,7 @@ fn trace_everywhere(mesh: &Mesh, options: &BuildOptions, seed: u64, count: usize
 proptest! {
     #![proptest_config(cases(96))]
     #[test]
-    fn every_device_finds_what_brute_force_finds(recipe in any_mesh(), seed: u64, count in 1usize..400) {
+    fn every_device_finds_what_brute_force_finds(recipe in traceable_mesh(), seed: u64, count in 1usize..400) {
         trace_everywhere(&recipe.mesh(), &BuildOptions::default(), seed, count)?;
     }
 }
@@ -80,7 +80,7 @@ proptest! {
     #![proptest_config(cases(64))]
     #[test]
     fn hits_do_not_depend_on_the_tree(
-        recipe in any_mesh(), seed: u64, max_depth in 0u32..=48,
+        recipe in traceable_mesh(), seed: u64, max_depth in 0u32..=48,
         cost_step in prop::sample::select(vec![0.0, 0.1, 1.0, 30.0]),
         cost_test in prop::sample::select(vec![0.1, 1.0, 30.0]),
     ) {
@@ -94,7 +94,7 @@ proptest! {
     }
 
     #[test]
-    fn counting_steps_changes_no_hit(recipe in any_mesh(), seed: u64) {
+    fn counting_steps_changes_no_hit(recipe in traceable_mesh(), seed: u64) {
         let mesh = recipe.mesh();
         let mut counts = None;
         for named in devices() {

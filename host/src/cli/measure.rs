@@ -14,6 +14,25 @@ const SLOW_TIMES: usize = 3;
 /// Pictures are traced again until this time is spent.
 const ENOUGH: Duration = Duration::from_secs(1);
 
+/// A graphics card that was idle is kept busy for so long before anything is timed: its clocks need that.
+const AWAKE: Duration = Duration::from_millis(300);
+
+/// Traces without timing until the device runs at its usual clocks. The CPU and software rasterisers need none.
+fn wake(scene: &Scene<'_>) -> Result<(), Error> {
+    #[cfg(feature = "gpu")]
+    if let Device::Gpu(gpu) = scene.device()
+        && !gpu.is_software()
+    {
+        let header = scene.header();
+        let resident = scene.resident(&crate::rays::random((header.lo, header.hi), 1 << 18, 0))?;
+        let start = Instant::now();
+        while start.elapsed() < AWAKE {
+            resident.trace(Query::Closest)?;
+        }
+    }
+    Ok(())
+}
+
 /// A tree, and what its build took: medians.
 #[derive(Debug)]
 pub(super) struct BuildMeasure<'d> {
@@ -45,6 +64,7 @@ pub(super) fn build<'d>(
     let start = Instant::now();
     let mut scene = Scene::build(device, mesh, &plain)?;
     let times = if start.elapsed() > SLOW { SLOW_TIMES } else { TIMES };
+    wake(&scene)?;
     let (mut upload, mut build, mut layout) = (Vec::new(), Vec::new(), Vec::new());
     for _ in 0..times {
         // The one before goes first: peak memory is that of one build.
@@ -99,6 +119,7 @@ pub(super) fn trace(scene: &Scene<'_>, query: Query, rays: &[Ray]) -> Result<Tra
             upload.push(start.elapsed());
         }
         let resident = resident.expect("made in the loop above");
+        wake(scene)?;
         resident.trace(query)?;
         let times = (0..TIMES).map(|_| resident.trace(query)).collect::<Result<_, _>>()?;
         let mut download = Vec::new();
@@ -122,6 +143,7 @@ pub(super) fn trace(scene: &Scene<'_>, query: Query, rays: &[Ray]) -> Result<Tra
 pub(super) fn time(scene: &Scene<'_>, rays: &[Ray]) -> Result<Duration, Error> {
     let parts = rays.chunks(batch(scene)).map(|part| scene.resident(part)).collect::<Result<Vec<_>, _>>()?;
     let all = || parts.iter().map(|part: &Resident<'_>| part.trace(Query::Closest)).sum::<Result<_, _>>();
+    wake(scene)?;
     let first: Duration = all()?;
     let mut times = Vec::new();
     let mut spent = first;

@@ -4,15 +4,15 @@
 //! enough for a driver to time out or to cut it short.
 
 use super::{
-    JOB_FROM, JOB_RAYS, JOB_TO, NOTHING, load, record,
+    JOB_FROM, JOB_RAYS, JOB_TO, NOTHING, OUTCOME_STATUS, load, record,
     triangle::{Best, test},
 };
 use crate::{
     build::boxes::vertex,
     glam::{UVec4, Vec4},
-    mem::{Buf, Slots},
+    mem::{Atomics, Buf, Slots},
 };
-use raykd_shared::TreeHeader;
+use raykd_shared::{TreeHeader, status};
 
 /// Tests ray `i` against the job's slice of the list `kept`.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
@@ -50,6 +50,9 @@ pub fn brute(
             let c = vertex(positions, indices, id, 2);
             test(&ray, id, a, b, c, &mut best);
             r += 1;
+        }
+        if r < end {
+            outcome.or(OUTCOME_STATUS, status::CUT_SHORT);
         }
         bests.put(2 * i, UVec4::new(best.t.to_bits(), best.triangle, best.u.to_bits(), best.v.to_bits()));
         bests.put(2 * i + 1, UVec4::new(best.det.to_bits(), 0, 0, 0));

@@ -85,8 +85,10 @@ pub fn walk<const ANY: bool, const COUNT: bool>(
             steps.leaves += 1;
             steps.tests += node.count();
         }
+        // Some software drivers leave a loop after so many rounds whatever its condition says.
+        let mut cut = !node.is_leaf();
         let mut r = node.first();
-        let end = r + node.count();
+        let end = if cut { r } else { r + node.count() };
         while r < end {
             let mut found = false;
             while r < end && !found {
@@ -100,6 +102,7 @@ pub fn walk<const ANY: bool, const COUNT: bool>(
                 test(ray, a.w.to_bits(), a.truncate(), b.truncate(), c.truncate(), &mut best);
             }
         }
+        cut |= r < end;
         running = !(ANY && best.triangle != MISS);
         let mut searching = running;
         while searching {
@@ -117,9 +120,11 @@ pub fn walk<const ANY: bool, const COUNT: bool>(
                 searching = enter > best.t;
             }
         }
+        if cut || searching {
+            steps.status |= status::CUT_SHORT;
+        }
     }
     if running {
-        // Some software drivers leave a loop after so many rounds whatever its condition says.
         steps.status |= status::CUT_SHORT;
     }
     best

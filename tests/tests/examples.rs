@@ -1,0 +1,82 @@
+//! The examples, built and run.
+
+use raykd::{BuildOptions, Mesh, Scene, shared::Content};
+use raykd_tests::cpu;
+use std::{
+    env,
+    path::{Path, PathBuf},
+    process::Command,
+    sync::LazyLock,
+};
+
+/// The folder of this profile's executables, with the examples built as `cargo test --workspace` does.
+static BUILT: LazyLock<PathBuf> = LazyLock::new(|| {
+    let this = env::current_exe().unwrap();
+    let folder = this.parent().and_then(Path::parent).unwrap();
+    let mut cargo = Command::new(env!("CARGO"));
+    cargo.args(["build", "--quiet", "--workspace", "--examples", "--bin", "walk_tree"]);
+    cargo.arg("--target-dir").arg(folder.parent().unwrap());
+    if folder.ends_with("release") {
+        cargo.arg("--release");
+    }
+    assert!(cargo.current_dir(env!("CARGO_MANIFEST_DIR")).status().unwrap().success(), "{cargo:?}");
+    folder.to_owned()
+});
+
+/// What a program prints.
+fn run(program: &str, arguments: &[&str]) -> String {
+    let output = Command::new(BUILT.join(program)).args(arguments).output().unwrap();
+    assert!(output.status.success(), "{program}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+#[test]
+fn minimal_prints_hits() {
+    let text = run("examples/minimal", &[]);
+    assert!(text.lines().filter(|line| line.contains(": triangle ")).count() > 3, "{text}");
+    let lines = include_str!("../../host/examples/minimal.rs").lines().count();
+    assert!(lines <= 60, "{lines} lines are not minimal");
+}
+
+#[test]
+fn property_test_is_an_example() {
+    // Its tests run with all others, by `cargo test --workspace`.
+    assert!(run("examples/property_test", &[]).contains("cargo test --example property_test"));
+}
+
+#[test]
+fn walk_tree_reads_what_raykd_saves() {
+    let mesh = Mesh::teapot(6);
+    let tree = Scene::build(cpu(), &mesh, &BuildOptions::default()).unwrap().tree().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("teapot.kd");
+    tree.save(&path).unwrap();
+    let point = mesh.positions()[0];
+    let [x, y, z] = point.map(|x| x.to_string());
+    let text = run("walk_tree", &[path.to_str().unwrap(), &x, &y, &z]);
+
+    let report = tree.validate().unwrap();
+    let view = tree.view();
+    assert!(text.contains(&format!("{} triangles, {} nodes, depth {}", mesh.triangles().len(), view.nodes.len(), report.depth)));
+    assert!(text.contains(&format!("{} leaves, {} of them empty", report.leaves, report.empty_leaves)));
+    let mut node = 0;
+    while let Content::Inner { axis, split, below } = view.nodes[node as usize].content() {
+        node = below + u32::from(point[axis as usize] * view.header.scale > split);
+    }
+    let leaf = view.nodes[node as usize];
+    let listed = &view.refs[leaf.first() as usize..][..leaf.count() as usize];
+    assert!(text.contains(&format!("triangles {listed:?}")) && !listed.is_empty(), "{text}");
+
+    let damaged = folder.path().join("damaged.kd");
+    std::fs::write(&damaged, b"raykd-kd\x01\0\0\0and no more").unwrap();
+    let output = Command::new(BUILT.join("walk_tree")).arg(damaged).output().unwrap();
+    assert!(!output.status.success() && String::from_utf8_lossy(&output.stderr).contains("truncated"));
+}
+
+#[test]
+fn walk_tree_needs_the_layouts_alone() {
+    let manifest = include_str!("../../shared/examples/walk_tree/Cargo.toml");
+    let (_, after) = manifest.split_once("[dependencies]").unwrap();
+    let needs: Vec<_> = after.lines().take_while(|line| !line.starts_with('[')).filter(|l| !l.is_empty()).collect();
+    assert_eq!(needs, ["raykd-shared = { workspace = true }"]);
+}
