@@ -31,6 +31,11 @@ impl<T> Buf<T> {
 pub trait Slots<T: Copy> {
     /// Reads element `i`.
     fn at(&self, i: u32) -> T;
+    /// Reads elements `i`, `i + 1` and `i + 2`.
+    #[inline(always)]
+    fn three(&self, i: u32) -> (T, T, T) {
+        (self.at(i), self.at(i + 1), self.at(i + 2))
+    }
     /// Writes element `i`.
     fn put(&mut self, i: u32, value: T);
 }
@@ -191,6 +196,12 @@ mod cpu {
         fn at(&self, i: u32) -> T {
             // SAFETY: in bounds; `new` promised that nobody writes this element now.
             unsafe { self.slot(i).read() }
+        }
+        #[inline(always)]
+        fn three(&self, i: u32) -> (T, T, T) {
+            let last = self.slot(i + 2);
+            // SAFETY: the last one is in bounds, so the two before it are; else as above.
+            unsafe { (last.sub(2).read(), last.sub(1).read(), last.read()) }
         }
         #[inline(always)]
         fn put(&mut self, i: u32, value: T) {

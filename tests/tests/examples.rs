@@ -57,7 +57,12 @@ fn walk_tree_reads_what_raykd_saves() {
 
     let report = tree.validate().unwrap();
     let view = tree.view();
-    assert!(text.contains(&format!("{} triangles, {} nodes, depth {}", mesh.triangles().len(), view.nodes.len(), report.depth)));
+    assert!(text.contains(&format!(
+        "{} triangles, {} nodes, depth {}",
+        mesh.triangles().len(),
+        view.nodes.len(),
+        report.depth
+    )));
     assert!(text.contains(&format!("{} leaves, {} of them empty", report.leaves, report.empty_leaves)));
     let mut node = 0;
     while let Content::Inner { axis, split, below } = view.nodes[node as usize].content() {
@@ -77,6 +82,7 @@ fn walk_tree_reads_what_raykd_saves() {
 fn walk_tree_needs_the_layouts_alone() {
     let manifest = include_str!("../../shared/examples/walk_tree/Cargo.toml");
     let (_, after) = manifest.split_once("[dependencies]").unwrap();
-    let needs: Vec<_> = after.lines().take_while(|line| !line.starts_with('[')).filter(|l| !l.is_empty()).collect();
+    let needs: Vec<_> =
+        after.lines().take_while(|line| !line.starts_with('[')).filter(|l| !l.is_empty()).collect();
     assert_eq!(needs, ["raykd-shared = { workspace = true }"]);
 }

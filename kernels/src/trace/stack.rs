@@ -92,13 +92,12 @@ pub fn walk<const ANY: bool, const COUNT: bool>(
         while r < end {
             let mut found = false;
             while r < end && !found {
-                let (a, b, c) = (corners.at(3 * r), corners.at(3 * r + 1), corners.at(3 * r + 2));
+                let (a, b, c) = corners.three(3 * r);
                 found = may_hit(ray, a.truncate(), b.truncate(), c.truncate());
                 r += 1;
             }
             if found {
-                let at = 3 * (r - 1);
-                let (a, b, c) = (corners.at(at), corners.at(at + 1), corners.at(at + 2));
+                let (a, b, c) = corners.three(3 * (r - 1));
                 test(ray, a.w.to_bits(), a.truncate(), b.truncate(), c.truncate(), &mut best);
             }
         }
