@@ -99,6 +99,17 @@ fn t_min_and_t_max_are_inclusive() {
 }
 
 #[test]
+fn the_smallest_range_that_leaves_out_zero_does() {
+    // Scaled by the direction's exponent the limit would underflow; found on an H200 by random rays.
+    let mesh = loose(&[CORNER]);
+    let touching = Ray { origin: [1.0, 1.0, 0.0], direction: [0.0, 0.0, -0.25], ..down(1.0, 1.0) };
+    let tiny = f32::MIN_POSITIVE;
+    let ranges = [(0.0, 1.0), (tiny, 1.0), (-1.0, -tiny), (-1.0, 0.0)];
+    let rays = ranges.map(|(t_min, t_max)| Ray { t_min, t_max, ..touching });
+    assert_eq!(ids(&mesh, &rays), [0, MISS, MISS, 0]);
+}
+
+#[test]
 fn a_range_that_ends_or_begins_at_a_hit_finds_it_again() {
     for recipe in every_recipe(300) {
         let mesh = recipe.mesh();

@@ -30,8 +30,9 @@ pub fn brute(
 ) {
     if i < job.at(JOB_RAYS) {
         let ray = load(i, rays, &header.at(0), outcome);
+        let from = job.at(JOB_FROM);
         let mut best = NOTHING;
-        if job.at(JOB_FROM) > 0 {
+        if from > 0 {
             let (head, tail) = (bests.at(2 * i), bests.at(2 * i + 1));
             best = Best {
                 t: f32::from_bits(head.x),
@@ -41,8 +42,8 @@ pub fn brute(
                 det: f32::from_bits(tail.x),
             };
         }
-        let end = if ray.valid { job.at(JOB_TO) } else { 0 };
-        let mut r = job.at(JOB_FROM);
+        let end = if ray.valid { job.at(JOB_TO) } else { from };
+        let mut r = from;
         while r < end {
             let id = kept.at(r);
             let a = vertex(positions, indices, id, 0);
@@ -51,7 +52,8 @@ pub fn brute(
             test(&ray, id, a, b, c, &mut best);
             r += 1;
         }
-        if r < end {
+        // Not `<`: see stack.rs.
+        if r != end {
             outcome.or(OUTCOME_STATUS, status::CUT_SHORT);
         }
         bests.put(2 * i, UVec4::new(best.t.to_bits(), best.triangle, best.u.to_bits(), best.v.to_bits()));

@@ -104,6 +104,15 @@ pub fn slab(lo: f32, hi: f32, origin: f32, inverse: f32, slack: f32, enter: f32,
     (high(enter, near - wide), low(exit, far + wide))
 }
 
+/// A scaled end of a ray's range. One that is not 0 stays so, or a hit at `t = 0` would count that should not.
+#[inline(always)]
+fn bound(t: f32, stretch: i32) -> f32 {
+    let scaled = ldexp(t, stretch);
+    let lost = scaled == 0.0 && exponent(t) > -127;
+    let smallest = f32::from_bits((t.to_bits() & 0x8000_0000) | exp2(-126).to_bits());
+    if lost { smallest } else { scaled }
+}
+
 impl Frame {
     /// Prepares the ray in two words of four, as buffers hold it: origin and `direction.x`; `direction.y`,
     /// `direction.z`, `t_min`, `t_max`.
@@ -136,10 +145,12 @@ impl Frame {
         let mut far = high(abs(lo[0] - origin.x), abs(hi[0] - origin.x));
         far = high(far, high(abs(lo[1] - origin.y), abs(hi[1] - origin.y)));
         far = high(far, high(abs(lo[2] - origin.z), abs(hi[2] - origin.z)));
+        // Only scenes without triangles come below this; it keeps subnormals from mattering there too.
+        far = high(far, exp2(-40));
         let pad = PAD * far;
         let stretch = scale + top;
-        let t_min = ldexp(second.z, stretch);
-        let t_max = ldexp(second.w, stretch);
+        let t_min = bound(second.z, stretch);
+        let t_max = bound(second.w, stretch);
         let (enter, exit) = slab(lo[0], hi[0], origin.x, inverse.x, pad, t_min, t_max);
         let (enter, exit) = slab(lo[1], hi[1], origin.y, inverse.y, pad, enter, exit);
         let (enter, exit) = slab(lo[2], hi[2], origin.z, inverse.z, pad, enter, exit);

@@ -49,6 +49,8 @@ pub fn walk<const ANY: bool, const COUNT: bool>(
     let mut enter = ray.enter;
     let mut exit = ray.exit;
     let mut running = ray.valid && enter <= exit;
+    // 1 until the last subtree is done.
+    let mut open = running as u32;
     while running {
         // Down to a leaf. On a GPU lanes wait for each other here, then test triangles together.
         while !node.is_leaf() {
@@ -85,8 +87,9 @@ pub fn walk<const ANY: bool, const COUNT: bool>(
             steps.leaves += 1;
             steps.tests += node.count();
         }
-        // Some software drivers leave a loop after so many rounds whatever its condition says.
-        let mut cut = !node.is_leaf();
+        // Some software drivers leave a loop after so many rounds whatever its condition says. Compilers take
+        // the condition's opposite for granted after a loop, so what is checked here must not look like it.
+        let mut cut = (node.words().1 | !Node::LEAF) != u32::MAX;
         let mut r = node.first();
         let end = if cut { r } else { r + node.count() };
         while r < end {
@@ -101,13 +104,14 @@ pub fn walk<const ANY: bool, const COUNT: bool>(
                 test(ray, a.w.to_bits(), a.truncate(), b.truncate(), c.truncate(), &mut best);
             }
         }
-        cut |= r < end;
+        cut |= r != end;
         running = !(ANY && best.triangle != MISS);
         let mut searching = running;
         while searching {
             if top == 0 {
                 running = false;
                 searching = false;
+                open = 0;
             } else {
                 top -= 1;
                 let entry = stack.at(top);
@@ -119,11 +123,11 @@ pub fn walk<const ANY: bool, const COUNT: bool>(
                 searching = enter > best.t;
             }
         }
-        if cut || searching {
+        if cut {
             steps.status |= status::CUT_SHORT;
         }
     }
-    if running {
+    if top + open != 0 && !(ANY && best.triangle != MISS) {
         steps.status |= status::CUT_SHORT;
     }
     best
