@@ -4,8 +4,6 @@
 pub const CAPACITY: u32 = 1;
 /// The level loop ended with large nodes left over; the host encodes more levels.
 pub const LEVELS: u32 = 2;
-/// An index pointed outside its buffer: a bug or a damaged tree.
-pub const BAD_INDEX: u32 = 4;
 /// The traversal stack was full: the tree is deeper than its header says.
 pub const STACK: u32 = 8;
 /// The driver left a loop early: llvmpipe does after 65,535 rounds. The result is not to be used.
@@ -17,8 +15,6 @@ pub const fn describe(bits: u32) -> &'static str {
         "the driver cut a long loop short, as llvmpipe does after 65,535 rounds; use --device cpu"
     } else if bits & STACK != 0 {
         "the tree is deeper than its header says"
-    } else if bits & BAD_INDEX != 0 {
-        "an index pointed outside its buffer"
     } else if bits & LEVELS != 0 {
         "the level loop was too short"
     } else {

@@ -3,8 +3,8 @@
 //! Counts, scan, write: each lane owns a run of active nodes, so the order of everything is that of the nodes.
 
 use super::{
-    ARGS_ACTIVE, ARGS_CHUNKS, Item, LEVEL_ACTIVE, LEVEL_CHUNKS, LEVEL_DEPTH, LEVEL_REFS, STATE_PEAK,
-    STATE_STATUS, STATE_TOP, STATE_TREELET_REFS, STATE_TREELETS,
+    ARGS_ACTIVE, ARGS_CHUNKS, Item, LEVEL_ACTIVE, LEVEL_CHUNKS, LEVEL_DEPTH, LEVEL_REFS, STATE_STATUS,
+    STATE_TOP, STATE_TREELET_REFS, STATE_TREELETS,
     scan::{self, LANES, before, scan, total},
 };
 use crate::{
@@ -238,9 +238,6 @@ pub fn alloc(
                 state.put(STATE_TREELETS, all);
                 put_groups(treelet_args, 0, all);
                 state.put(STATE_TREELET_REFS, ref_base + total(KINDS, blocks, TREELET_REFS));
-                if refs > state.at(STATE_PEAK) {
-                    state.put(STATE_PEAK, refs);
-                }
             } else {
                 let old = state.at(STATE_STATUS);
                 state.put(STATE_STATUS, old | status::CAPACITY);

@@ -4,7 +4,7 @@
 //! where it ends; sums of them give the exact number of boxes on either side of every bin border, up to the
 //! rounding of the bin's index. The tree does not depend on that: `count` and `scatter` use the plane itself.
 
-use super::{Item, LEVEL_CHUNKS};
+use super::{LEVEL_CHUNKS, chunk_of};
 use crate::{
     Group,
     glam::{UVec4, Vec4},
@@ -12,7 +12,7 @@ use crate::{
     mem::{Atomics, Buf, Slots},
     trace::frame::component,
 };
-use raykd_shared::limits::{BINS, CHUNK};
+use raykd_shared::limits::BINS;
 
 const LANES: u32 = 128;
 /// Words of a chunk's histogram: starts in the low half, ends in the high half.
@@ -47,11 +47,7 @@ pub fn bin(
     hists: &mut Buf<u32>,
 ) {
     if group.id < level.at(LEVEL_CHUNKS) {
-        let item = Item::load(active, chunks.at(group.id));
-        let from = (group.id - item.extra) * CHUNK;
-        let rest = item.count - from;
-        let count = if rest < CHUNK { rest } else { CHUNK };
-        let start = item.first + from;
+        let (_, item, start, count) = chunk_of(group.id, chunks, active);
         lanes!(group, |lane| {
             if lane < HIST_WORDS {
                 hist.put(lane, 0);

@@ -1,12 +1,11 @@
 //! How many references of a chunk go below and above its node's plane.
 
-use super::{Item, LEVEL_CHUNKS, Plane, side};
+use super::{LEVEL_CHUNKS, chunk_of, plane_of, side};
 use crate::{
     Group,
     glam::{UVec2, UVec4, Vec4},
     mem::{Atomics, Buf, Slots},
 };
-use raykd_shared::limits::CHUNK;
 
 const LANES: u32 = 128;
 
@@ -24,13 +23,8 @@ pub fn count(
     sides: &mut Buf<UVec2>,
 ) {
     if group.id < level.at(LEVEL_CHUNKS) {
-        let node = chunks.at(group.id);
-        let item = Item::load(active, node);
-        let plane = planes.at(node);
-        let plane = Plane { axis: plane.x, at: f32::from_bits(plane.y) };
-        let from = (group.id - item.extra) * CHUNK;
-        let rest = item.count - from;
-        let number = if rest < CHUNK { rest } else { CHUNK };
+        let (node, _, start, number) = chunk_of(group.id, chunks, active);
+        let plane = plane_of(planes, node);
         lanes!(group, |lane| {
             if lane < 2 {
                 sums.put(lane, 0);
@@ -40,7 +34,7 @@ pub fn count(
             let (mut below, mut above) = (0, 0);
             let mut i = lane;
             while i < number {
-                let s = side(boxes, refs.at(item.first + from + i), plane);
+                let s = side(boxes, refs.at(start + i), plane);
                 below += s & 1;
                 above += s >> 1;
                 i += LANES;

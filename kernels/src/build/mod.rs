@@ -18,11 +18,11 @@ pub mod top;
 pub mod treelet;
 
 use crate::{
-    glam::{UVec4, Vec3, Vec4},
+    glam::{UVec2, UVec4, Vec3, Vec4},
     math::abs,
     mem::{Buf, Slots},
 };
-use raykd_shared::{BuildParams, Node};
+use raykd_shared::{BuildParams, Node, limits::CHUNK};
 
 /// Words of a level's record: active nodes, chunks, references, level number.
 pub const LEVEL_ACTIVE: u32 = 0;
@@ -49,10 +49,8 @@ pub const STATE_NODES: u32 = 4;
 pub const STATE_REFS: u32 = 5;
 /// Depth of the deepest leaf.
 pub const STATE_DEPTH: u32 = 6;
-/// The longest list of references any level had.
-pub const STATE_PEAK: u32 = 7;
 /// Words of the build's state.
-pub const STATE_WORDS: u32 = 8;
+pub const STATE_WORDS: u32 = 7;
 
 /// Entries of the indirect arguments of a level: a workgroup per active node.
 pub const ARGS_ACTIVE: u32 = 0;
@@ -103,6 +101,23 @@ impl Item {
         list.put(3 * i + 1, to_bits(self.lo));
         list.put(3 * i + 2, to_bits(self.hi));
     }
+}
+
+/// What workgroup `chunk` of a level works on: its node's number, the node, and the range of references.
+#[inline(always)]
+pub fn chunk_of(chunk: u32, chunks: &Buf<u32>, active: &Buf<UVec4>) -> (u32, Item, u32, u32) {
+    let node = chunks.at(chunk);
+    let item = Item::load(active, node);
+    let from = (chunk - item.extra) * CHUNK;
+    let rest = item.count - from;
+    (node, item, item.first + from, if rest < CHUNK { rest } else { CHUNK })
+}
+
+/// The plane of active node `node`.
+#[inline(always)]
+pub fn plane_of(planes: &Buf<UVec2>, node: u32) -> Plane {
+    let words = planes.at(node);
+    Plane { axis: words.x, at: f32::from_bits(words.y) }
 }
 
 #[inline(always)]

@@ -17,35 +17,32 @@ pub(super) const fn blocks(kinds: u32) -> usize {
     (kinds * BLOCKS + kinds) as usize
 }
 
+/// Replaces each of `count` words by the sum of those before it, and returns the sum of all.
+#[inline(always)]
+fn serial(table: &mut impl Table, from: u32, count: u32) -> u32 {
+    let mut sum = 0;
+    let mut i = from;
+    while i < from + count {
+        let value = table.at(i);
+        table.put(i, sum);
+        sum += value;
+        i += 1;
+    }
+    sum
+}
+
 /// Scans in place: first within blocks of lanes, then over blocks.
 #[inline(always)]
 pub(super) fn scan(group: Group, kinds: u32, sums: &mut impl Table, blocks: &mut impl Table) {
     lanes!(group, |lane| {
         if lane < kinds * BLOCKS {
-            let mut sum = 0;
-            let mut i = 0;
-            while i < BLOCK {
-                let at = lane * BLOCK + i;
-                let value = sums.at(at);
-                sums.put(at, sum);
-                sum += value;
-                i += 1;
-            }
-            blocks.put(lane, sum);
+            blocks.put(lane, serial(sums, lane * BLOCK, BLOCK));
         }
     });
     lanes!(group, |lane| {
         if lane < kinds {
-            let mut sum = 0;
-            let mut i = 0;
-            while i < BLOCKS {
-                let at = lane * BLOCKS + i;
-                let value = blocks.at(at);
-                blocks.put(at, sum);
-                sum += value;
-                i += 1;
-            }
-            blocks.put(kinds * BLOCKS + lane, sum);
+            let total = serial(blocks, lane * BLOCKS, BLOCKS);
+            blocks.put(kinds * BLOCKS + lane, total);
         }
     });
 }

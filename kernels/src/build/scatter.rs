@@ -1,6 +1,6 @@
 //! Moves the references of a chunk to the children's lists, in order.
 
-use super::{Item, LEVEL_CHUNKS, Plane, STATE_STATUS, alloc::TO_TREELET, side};
+use super::{LEVEL_CHUNKS, STATE_STATUS, alloc::TO_TREELET, chunk_of, plane_of, side};
 use crate::{
     Group,
     glam::{UVec2, UVec4, Vec4},
@@ -31,15 +31,9 @@ pub fn scatter(
     treelet_refs: &mut Buf<u32>,
 ) {
     if group.id < level.at(LEVEL_CHUNKS) && state.at(STATE_STATUS) == 0 {
-        let node = chunks.at(group.id);
-        let item = Item::load(active, node);
-        let plane = planes.at(node);
-        let plane = Plane { axis: plane.x, at: f32::from_bits(plane.y) };
-        let from = (group.id - item.extra) * CHUNK;
-        let rest = item.count - from;
-        let number = if rest < CHUNK { rest } else { CHUNK };
+        let (node, _, start, number) = chunk_of(group.id, chunks, active);
+        let plane = plane_of(planes, node);
         let run = number.div_ceil(LANES);
-        let start = item.first + from;
         lanes!(group, |lane| {
             let (mut bits, mut sum) = (0, 0);
             let mut i = 0;

@@ -1,4 +1,4 @@
-//! Any hit, for shadows by stack traversal.
+//! Any hit by stack traversal, for shadows.
 
 use super::{
     JOB_RAYS, OUTCOME_STATUS, load, record,

@@ -92,8 +92,8 @@ fn reciprocal(d: f32) -> f32 {
     div(1.0, if steep { signed } else { d })
 }
 
-/// The larger of `limit` and where the ray enters (`near`) or the smaller and where it leaves the slab
-/// `lo..hi`, each widened by `slack` in space.
+/// The part of `enter..exit` in which the ray is in the slab `lo..hi`, widened by `slack` in space; empty, with
+/// its ends in the wrong order, if there is none.
 #[inline(always)]
 pub fn slab(lo: f32, hi: f32, origin: f32, inverse: f32, slack: f32, enter: f32, exit: f32) -> (f32, f32) {
     let to_lo = (lo - origin) * inverse;
