@@ -14,9 +14,38 @@ use raykd_kernels::build::{
 use raykd_shared::{
     BuildParams, Node, TreeHeader,
     limits::{CHUNK, MAX_DEPTH, TREELET},
-    status,
+    rule, status,
 };
 use std::time::{Duration, Instant};
+
+/// How the planes of a tree are chosen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Builder {
+    /// Large nodes are cut at empty space or in the middle of the longest axis; nodes of 8 references are leaves. The
+    /// cheap baseline.
+    Median,
+    /// The surface area heuristic: over 32 bins an axis in large nodes (Shevtsov, Soupikov & Kapustin 2007), over all
+    /// box faces in nodes of at most 32 references.
+    #[default]
+    Binned,
+    /// Large nodes as in `Median`, small ones as in `Binned` (Zhou, Hou, Wang & Guo 2008).
+    Zhou,
+}
+
+impl Builder {
+    fn rule(self) -> u32 {
+        match self {
+            Self::Median => rule::MEDIAN | rule::LEAVES,
+            Self::Binned => 0,
+            Self::Zhou => rule::MEDIAN,
+        }
+    }
+
+    /// References at which a node leaves the level loop.
+    fn small(self) -> u32 {
+        if self == Self::Median { 8 } else { TREELET }
+    }
+}
 
 /// What a build may be told.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,13 +56,25 @@ pub struct BuildOptions {
     pub cost_test: f32,
     /// Deepest level for a leaf, at most [`MAX_DEPTH`].
     pub max_depth: u32,
+    /// How planes are chosen.
+    pub builder: Builder,
+    /// Whether a reference is dropped where its triangle does not reach, though its box does ("perfect splits",
+    /// Wald & Havran 2006, section 4.3).
+    pub clip: bool,
     /// Time every kernel, see [`BuildTimes::kernels`].
     pub profile: bool,
 }
 
 impl Default for BuildOptions {
     fn default() -> Self {
-        Self { cost_step: 1.0, cost_test: 1.0, max_depth: MAX_DEPTH, profile: false }
+        Self {
+            cost_step: 1.0,
+            cost_test: 1.0,
+            max_depth: MAX_DEPTH,
+            builder: Builder::default(),
+            clip: true,
+            profile: false,
+        }
     }
 }
 
@@ -91,7 +132,7 @@ struct Room {
 }
 
 impl Room {
-    fn first_guess(references: u32) -> Self {
+    fn first_guess(references: u32, small: u32) -> Self {
         let n = references;
         // The usual bound on useful depth (Pharr, Jakob & Humphreys, PBRT): 8 + 1.3 log2 N.
         let levels = 12 + 13 * (n + 1).ilog2() / 10;
@@ -101,8 +142,8 @@ impl Room {
         Self {
             level_refs,
             treelet_refs,
-            active: level_refs / (TREELET + 1) + chunks + 64,
-            treelets: treelet_refs / 12 + 64,
+            active: level_refs / (small + 1) + chunks + 64,
+            treelets: treelet_refs / if small < TREELET { 3 } else { 12 } + 64,
             levels: levels.min(MAX_DEPTH),
         }
     }
@@ -151,6 +192,10 @@ fn params(mesh: &Mesh, options: &BuildOptions, room: Room, max_depth: u32) -> Bu
         active: room.active,
         top_nodes: 2 * room.treelets,
         treelets: room.treelets,
+        rule: options.builder.rule() | if options.clip { rule::CLIP } else { 0 },
+        small: options.builder.small(),
+        budget: u32::MAX,
+        reserved: 0,
     }
 }
 
@@ -165,7 +210,7 @@ pub(crate) fn build(
     let mesh_bytes = mesh_buffers.positions.bytes() + mesh_buffers.indices.bytes();
     let upload = start.elapsed();
     let references = mesh.kept().len() as u32;
-    let mut room = Room::first_guess(references);
+    let mut room = Room::first_guess(references, options.builder.small());
     let mut max_depth = options.max_depth.min(MAX_DEPTH);
     let most_refs = references.saturating_mul(MOST_REFS_PER_TRIANGLE).saturating_add(1 << 16).min(1 << 29);
     let mut retries = 0;
@@ -240,7 +285,7 @@ fn attempt_build(
     let begin = Instant::now();
     device.write(&param_buffer, 0, bytemuck::bytes_of(params))?;
     // The root: an active node of many references, or the only treelet.
-    let root_is_large = references > TREELET;
+    let root_is_large = references > params.small;
     let root = |first: u32, extra: u32| {
         let bits = |v: [f32; 3]| [v[0].to_bits(), v[1].to_bits(), v[2].to_bits(), 0];
         [[0, first, references, extra], bits(params.lo), bits(params.hi)]
@@ -295,7 +340,18 @@ fn attempt_build(
             &COUNT,
             arg,
             ARGS_CHUNKS,
-            vec![level, active, chunk, list, &boxes, &planes, &sides],
+            vec![
+                &param_buffer,
+                &on_device.positions,
+                &on_device.indices,
+                level,
+                active,
+                chunk,
+                list,
+                &boxes,
+                &planes,
+                &sides,
+            ],
         ));
         steps.push(Step::groups(
             &ALLOC,
@@ -322,14 +378,24 @@ fn attempt_build(
             &SCATTER,
             arg,
             ARGS_CHUNKS,
-            vec![level, active, chunk, list, &boxes, &planes, &targets, &state, &refs[then], &treelet_refs],
+            vec![level, active, chunk, list, &targets, &state, &refs[then], &treelet_refs],
         ));
     }
     steps.push(Step::indirect(
         &TREELETS,
         &treelet_args,
         0,
-        vec![&param_buffer, &state, &treelets, &treelet_refs, &boxes, &scratch, &treelet_sizes],
+        vec![
+            &param_buffer,
+            &on_device.positions,
+            &on_device.indices,
+            &state,
+            &treelets,
+            &treelet_refs,
+            &boxes,
+            &scratch,
+            &treelet_sizes,
+        ],
     ));
     let last = &levels[number as usize % 2];
     steps.push(Step::groups(&PLACE, 1, vec![last, &treelet_sizes, &places, &state]));

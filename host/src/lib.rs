@@ -15,7 +15,7 @@ mod report;
 mod scene;
 mod tree;
 
-pub use build::{BuildOptions, BuildTimes};
+pub use build::{BuildOptions, BuildTimes, Builder};
 pub use error::Error;
 pub use exec::Device;
 pub use mesh::Mesh;

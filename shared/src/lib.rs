@@ -22,7 +22,7 @@ pub mod status;
 mod tree;
 
 pub use node::{Content, Node};
-pub use params::BuildParams;
+pub use params::{BuildParams, rule};
 pub use ray::{Hit, MISS, Ray};
 pub use tree::{Fault, LAYOUT_VERSION, Report, TreeHeader, TreeView};
 

@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// What every build kernel knows about its scene: one 64-byte record.
+/// What every build kernel knows about its scene: one 80-byte record.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct BuildParams {
@@ -30,6 +30,24 @@ pub struct BuildParams {
     pub top_nodes: u32,
     /// Room in the list of treelets.
     pub treelets: u32,
+    /// How planes are chosen: bits of [`rule`].
+    pub rule: u32,
+    /// Nodes of at most this many references leave the level loop; at most [`crate::limits::TREELET`].
+    pub small: u32,
+    /// References the tree may have, as far as pruning treelets can keep to it.
+    pub budget: u32,
+    /// Zero.
+    pub reserved: u32,
 }
 
-const _: () = assert!(size_of::<BuildParams>() == 64, "sixteen words");
+/// Bits of [`BuildParams::rule`].
+pub mod rule {
+    /// Large nodes are cut at empty space or in the middle, not by the surface area heuristic.
+    pub const MEDIAN: u32 = 1;
+    /// Small nodes are leaves.
+    pub const LEAVES: u32 = 2;
+    /// References whose triangle does not reach into a child's box are dropped there.
+    pub const CLIP: u32 = 4;
+}
+
+const _: () = assert!(size_of::<BuildParams>() == 80, "twenty words");

@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use raykd::{
-    BuildOptions, Hit, Mesh, Query, Ray, Scene,
+    BuildOptions, Builder, Hit, Mesh, Query, Ray, Scene,
     kernels::{
         glam::{Vec3, Vec4},
         math::ldexp,
@@ -90,11 +90,13 @@ proptest! {
         recipe in traceable_mesh(), seed: u64, max_depth in 0u32..=48,
         cost_step in prop::sample::select(vec![0.0, 0.1, 1.0, 30.0]),
         cost_test in prop::sample::select(vec![0.1, 1.0, 30.0]),
+        builder in prop::sample::select(vec![Builder::Median, Builder::Binned, Builder::Zhou]),
+        clip: bool,
     ) {
         let mesh = recipe.mesh();
-        let plain = Scene::build(cpu(), &mesh, &BuildOptions::default())?;
+        let plain = Scene::build(cpu(), &mesh, &BuildOptions { clip: false, ..BuildOptions::default() })?;
         let rays = rays(&mesh, plain.tree()?.view(), 400, seed);
-        let options = BuildOptions { cost_step, cost_test, max_depth, ..BuildOptions::default() };
+        let options = BuildOptions { cost_step, cost_test, max_depth, builder, clip, ..BuildOptions::default() };
         let other = Scene::build(cpu(), &mesh, &options)?;
         let hits = |scene: &Scene<'_>| scene.closest(&rays);
         same(&format!("hits with {options:?}"), &hits(&plain)?, &hits(&other)?)?;

@@ -1,7 +1,7 @@
 //! The whole build: the same bytes on every device, and every triangle where it belongs.
 
 use proptest::prelude::*;
-use raykd::{BuildOptions, KdTree, Mesh, Scene};
+use raykd::{BuildOptions, Builder, KdTree, Mesh, Scene};
 use raykd_tests::{
     Failure, cases, devices,
     meshes::{Family, RANDOM, Recipe, ZOO, any_mesh},
@@ -27,9 +27,17 @@ fn build_everywhere(mesh: &Mesh, options: &BuildOptions) -> Result<KdTree, Failu
 
 fn any_options() -> impl Strategy<Value = BuildOptions> {
     let costs = prop::sample::select(vec![0.0, 0.1, 1.0, 3.0, 50.0]);
-    (costs.clone(), costs, prop_oneof![Just(48), 0u32..=48]).prop_map(|(cost_step, cost_test, max_depth)| {
-        BuildOptions { cost_step, cost_test, max_depth, ..BuildOptions::default() }
-    })
+    let builder = prop::sample::select(vec![Builder::Median, Builder::Binned, Builder::Zhou]);
+    (costs.clone(), costs, prop_oneof![Just(48), 0u32..=48], builder, any::<bool>()).prop_map(
+        |(cost_step, cost_test, max_depth, builder, clip)| BuildOptions {
+            cost_step,
+            cost_test,
+            max_depth,
+            builder,
+            clip,
+            ..BuildOptions::default()
+        },
+    )
 }
 
 proptest! {
@@ -37,14 +45,14 @@ proptest! {
     #[test]
     fn all_devices_build_the_same_valid_tree(recipe in any_mesh()) {
         let mesh = recipe.mesh();
-        check(&mesh, build_everywhere(&mesh, &BuildOptions::default())?.view())?;
+        check(&mesh, build_everywhere(&mesh, &BuildOptions::default())?.view(), true)?;
     }
 
     #[test]
     fn with_any_options_too(recipe in any_mesh(), options in any_options()) {
         let mesh = recipe.mesh();
         let tree = build_everywhere(&mesh, &options)?;
-        check(&mesh, tree.view())?;
+        check(&mesh, tree.view(), options.clip)?;
         prop_assert!(tree.view().header.depth <= options.max_depth);
     }
 }
@@ -57,7 +65,7 @@ fn every_family_builds_at_sizes_where_something_changes() {
             let recipe = Recipe { family, size, seed: 7 };
             let mesh = recipe.mesh();
             let tree = build_everywhere(&mesh, &BuildOptions::default());
-            tree.and_then(|tree| check(&mesh, tree.view())).unwrap_or_else(|e| panic!("{recipe:?}: {e}"));
+            tree.and_then(|tree| check(&mesh, tree.view(), true)).unwrap_or_else(|e| panic!("{recipe:?}: {e}"));
         }
     }
 }
@@ -66,7 +74,7 @@ fn every_family_builds_at_sizes_where_something_changes() {
 fn the_teapot_builds_the_same_tree_everywhere() {
     let mesh = Mesh::teapot(10);
     let tree = build_everywhere(&mesh, &BuildOptions::default()).unwrap();
-    check(&mesh, tree.view()).unwrap();
+    check(&mesh, tree.view(), true).unwrap();
     let report = tree.validate().unwrap();
     assert!(report.depth > 8 && report.largest_leaf < 64, "{report:?}");
 }

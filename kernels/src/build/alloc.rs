@@ -3,18 +3,18 @@
 //! Counts, scan, write: each lane owns a run of active nodes, so the order of everything is that of the nodes.
 
 use super::{
-    ARGS_ACTIVE, ARGS_CHUNKS, Item, LEVEL_ACTIVE, LEVEL_CHUNKS, LEVEL_DEPTH, LEVEL_REFS, STATE_STATUS,
-    STATE_TOP, STATE_TREELET_REFS, STATE_TREELETS,
+    ARGS_ACTIVE, ARGS_CHUNKS, Item, LEVEL_ACTIVE, LEVEL_CHUNKS, LEVEL_DEPTH, LEVEL_REFS, Plane, STATE_STATUS,
+    STATE_TOP, STATE_TREELET_REFS, STATE_TREELETS, cut,
     scan::{self, LANES, before, scan, total},
 };
 use crate::{
     Group,
-    glam::{UVec2, UVec4, Vec3},
+    glam::{UVec2, UVec4},
     mem::{Buf, Slots},
 };
 use raykd_shared::{
     BuildParams, Node,
-    limits::{CHUNK, GROUPS_X, TREELET},
+    limits::{CHUNK, GROUPS_X},
     status,
 };
 
@@ -33,17 +33,6 @@ const SUMS: usize = scan::sums(KINDS);
 const BLOCKS: usize = scan::blocks(KINDS);
 
 #[inline(always)]
-fn with(v: Vec3, axis: u32, value: f32) -> Vec3 {
-    if axis == 0 {
-        Vec3::new(value, v.y, v.z)
-    } else if axis == 1 {
-        Vec3::new(v.x, value, v.z)
-    } else {
-        Vec3::new(v.x, v.y, value)
-    }
-}
-
-#[inline(always)]
 fn bump(sums: &mut [u32; SUMS], lane: u32, kind: u32, by: u32) {
     let i = kind * LANES + lane;
     let old = sums.at(i);
@@ -52,8 +41,8 @@ fn bump(sums: &mut [u32; SUMS], lane: u32, kind: u32, by: u32) {
 
 /// What a child of so many references adds to a lane's sums.
 #[inline(always)]
-fn tally(sums: &mut [u32; SUMS], lane: u32, count: u32) {
-    if count > TREELET {
+fn tally(sums: &mut [u32; SUMS], lane: u32, count: u32, small: u32) {
+    if count > small {
         bump(sums, lane, ACTIVE, 1);
         bump(sums, lane, CHUNKS, count.div_ceil(CHUNK));
         bump(sums, lane, REFS, count);
@@ -126,8 +115,8 @@ pub fn alloc(
                     bump(sums, lane, TREELET_REFS, below);
                 } else {
                     bump(sums, lane, PAIRS, 1);
-                    tally(sums, lane, below);
-                    tally(sums, lane, above);
+                    tally(sums, lane, below, params.small);
+                    tally(sums, lane, above, params.small);
                 }
             }
             i += 1;
@@ -176,13 +165,14 @@ pub fn alloc(
                     if !is_leaf {
                         to.node = pair + child;
                         to.extra = depth + 1;
+                        let (hi_below, lo_above) = cut(item.lo, item.hi, Plane { axis: plane.x, at });
                         if child == 0 {
-                            to.hi = with(item.hi, plane.x, at);
+                            to.hi = hi_below;
                         } else {
-                            to.lo = with(item.lo, plane.x, at);
+                            to.lo = lo_above;
                         }
                     }
-                    if !is_leaf && count > TREELET {
+                    if !is_leaf && count > params.small {
                         to.first = reference;
                         to.extra = chunk;
                         to.store(next_active, slot);

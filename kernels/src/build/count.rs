@@ -1,30 +1,40 @@
-//! How many references of a chunk go below and above its node's plane.
+//! Which references of a chunk go below and above its node's plane, and how many.
 
-use super::{LEVEL_CHUNKS, chunk_of, plane_of, side};
+use super::{LEVEL_CHUNKS, boxes::vertex, chunk_of, cut, overlap::overlaps, plane_of, side};
 use crate::{
     Group,
     glam::{UVec2, UVec4, Vec4},
     mem::{Atomics, Buf, Slots},
 };
 
+use raykd_shared::{BuildParams, rule};
+
 const LANES: u32 = 128;
 
-/// Counts of chunk `group.id`.
+/// The number of a reference's triangle; above it stand two bits that say where it goes.
+pub const TRIANGLE: u32 = (1 << 30) - 1;
+
+/// Counts of chunk `group.id`; each reference's sides are put in its top bits.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn count(
     group: Group,
     sums: &mut [u32; 2],
+    params: &Buf<BuildParams>,
+    positions: &Buf<f32>,
+    indices: &Buf<u32>,
     level: &Buf<u32>,
     active: &Buf<UVec4>,
     chunks: &Buf<u32>,
-    refs: &Buf<u32>,
+    refs: &mut Buf<u32>,
     boxes: &Buf<Vec4>,
     planes: &Buf<UVec2>,
     sides: &mut Buf<UVec2>,
 ) {
     if group.id < level.at(LEVEL_CHUNKS) {
-        let (node, _, start, number) = chunk_of(group.id, chunks, active);
+        let (node, item, start, number) = chunk_of(group.id, chunks, active);
         let plane = plane_of(planes, node);
+        let clips = (params.at(0).rule & rule::CLIP) != 0;
+        let (hi_below, lo_above) = cut(item.lo, item.hi, plane);
         lanes!(group, |lane| {
             if lane < 2 {
                 sums.put(lane, 0);
@@ -34,7 +44,16 @@ pub fn count(
             let (mut below, mut above) = (0, 0);
             let mut i = lane;
             while i < number {
-                let s = side(boxes, refs.at(start + i), plane);
+                let id = refs.at(start + i);
+                let mut s = side(boxes, id, plane);
+                if clips && s == 3 {
+                    let a = vertex(positions, indices, id, 0);
+                    let b = vertex(positions, indices, id, 1);
+                    let c = vertex(positions, indices, id, 2);
+                    s = overlaps(a, b, c, item.lo, hi_below) as u32
+                        | ((overlaps(a, b, c, lo_above, item.hi) as u32) << 1);
+                }
+                refs.put(start + i, id | (s << 30));
                 below += s & 1;
                 above += s >> 1;
                 i += LANES;
@@ -55,7 +74,8 @@ pub fn count(
 kernel! {
     /// [`count`] over all chunks of a level.
     group COUNT = count, threads 128, shared [sums: 2], {
-        0 level: read u32, 1 active: read UVec4, 2 chunks: read u32, 3 refs: read u32, 4 boxes: read Vec4,
-        5 planes: read UVec2, 6 sides: write UVec2,
+        0 params: read BuildParams, 1 positions: read f32, 2 indices: read u32, 3 level: read u32,
+        4 active: read UVec4, 5 chunks: read u32, 6 refs: write u32, 7 boxes: read Vec4, 8 planes: read UVec2,
+        9 sides: write UVec2,
     }
 }

@@ -8,8 +8,10 @@
 pub mod alloc;
 pub mod bin;
 pub mod boxes;
+pub mod clip;
 pub mod count;
 pub mod emit;
+pub mod overlap;
 pub mod place;
 mod scan;
 pub mod scatter;
@@ -162,6 +164,24 @@ pub fn is_below(lo: f32, hi: f32, at: f32) -> bool {
 #[inline(always)]
 pub fn is_above(hi: f32, at: f32) -> bool {
     hi > at
+}
+
+/// A node's box cut by a plane: the boxes of the children.
+#[inline(always)]
+pub fn cut(lo: Vec3, hi: Vec3, plane: Plane) -> (Vec3, Vec3) {
+    (with(hi, plane.axis, plane.at), with(lo, plane.axis, plane.at))
+}
+
+/// The vector with another component on `axis`.
+#[inline(always)]
+fn with(v: Vec3, axis: u32, value: f32) -> Vec3 {
+    if axis == 0 {
+        Vec3::new(value, v.y, v.z)
+    } else if axis == 1 {
+        Vec3::new(v.x, value, v.z)
+    } else {
+        Vec3::new(v.x, v.y, value)
+    }
 }
 
 /// Which children reference `id` goes to: bit 0 below, bit 1 above. A leaf keeps all its references below.

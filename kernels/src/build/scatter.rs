@@ -1,9 +1,9 @@
 //! Moves the references of a chunk to the children's lists, in order.
 
-use super::{LEVEL_CHUNKS, STATE_STATUS, alloc::TO_TREELET, chunk_of, plane_of, side};
+use super::{LEVEL_CHUNKS, STATE_STATUS, alloc::TO_TREELET, chunk_of, count::TRIANGLE};
 use crate::{
     Group,
-    glam::{UVec2, UVec4, Vec4},
+    glam::{UVec2, UVec4},
     mem::{Buf, Slots},
 };
 use raykd_shared::limits::CHUNK;
@@ -23,16 +23,13 @@ pub fn scatter(
     active: &Buf<UVec4>,
     chunks: &Buf<u32>,
     refs: &Buf<u32>,
-    boxes: &Buf<Vec4>,
-    planes: &Buf<UVec2>,
     targets: &Buf<UVec2>,
     state: &Buf<u32>,
     next: &mut Buf<u32>,
     treelet_refs: &mut Buf<u32>,
 ) {
     if group.id < level.at(LEVEL_CHUNKS) && state.at(STATE_STATUS) == 0 {
-        let (node, _, start, number) = chunk_of(group.id, chunks, active);
-        let plane = plane_of(planes, node);
+        let (_, _, start, number) = chunk_of(group.id, chunks, active);
         let run = number.div_ceil(LANES);
         lanes!(group, |lane| {
             let (mut bits, mut sum) = (0, 0);
@@ -40,7 +37,7 @@ pub fn scatter(
             while i < run {
                 let at = lane * run + i;
                 if at < number {
-                    let s = side(boxes, refs.at(start + at), plane);
+                    let s = refs.at(start + at) >> 30;
                     bits |= s << (2 * i);
                     sum += (s & 1) | ((s >> 1) << 16);
                 }
@@ -66,7 +63,7 @@ pub fn scatter(
                     let at = lane * run + i;
                     let s = bits >> (2 * i);
                     if at < number && (s & 3) != 0 {
-                        let id = refs.at(start + at);
+                        let id = refs.at(start + at) & TRIANGLE;
                         if (s & 1) != 0 {
                             if (target.x & TO_TREELET) != 0 {
                                 treelet_refs.put(below, id);
@@ -94,8 +91,7 @@ pub fn scatter(
 kernel! {
     /// [`scatter`] over all chunks of a level.
     group SCATTER = scatter, threads 128, shared [kept: WIDTH, sums: WIDTH], {
-        0 level: read u32, 1 active: read UVec4, 2 chunks: read u32, 3 refs: read u32, 4 boxes: read Vec4,
-        5 planes: read UVec2, 6 targets: read UVec2, 7 state: read u32, 8 next: write u32,
-        9 treelet_refs: write u32,
+        0 level: read u32, 1 active: read UVec4, 2 chunks: read u32, 3 refs: read u32, 4 targets: read UVec2,
+        5 state: read u32, 6 next: write u32, 7 treelet_refs: write u32,
     }
 }

@@ -3,13 +3,14 @@
 use super::{Item, LEVEL_ACTIVE, LEVEL_DEPTH, Sah, bin::HIST_WORDS};
 use crate::{
     Group,
-    glam::{UVec2, UVec4},
+    glam::{UVec2, UVec4, Vec3},
     mem::{Buf, Slots},
     trace::frame::component,
 };
 use raykd_shared::{
     BuildParams, Node,
     limits::{BINS, CHUNK},
+    rule,
 };
 
 const WORDS: usize = HIST_WORDS as usize;
@@ -19,6 +20,34 @@ const LANES: usize = BINS as usize;
 #[inline(always)]
 fn border(lo: f32, hi: f32, i: u32) -> f32 {
     lo + (hi - lo) * const { 1.0 / BINS as f32 } * i as f32
+}
+
+/// Number of the longest axis.
+#[inline(always)]
+fn longest(d: Vec3) -> u32 {
+    if d.x >= d.y && d.x >= d.z {
+        0
+    } else if d.y >= d.z {
+        1
+    } else {
+        2
+    }
+}
+
+/// Without the surface area heuristic (Zhou et al. 2008, section 3.2): cut off empty space where that is at least a
+/// quarter of an axis, the more the better, else take the middle of the longest axis.
+#[inline(always)]
+fn median_cost(border: u32, below: u32, above: u32, longest: bool) -> f32 {
+    let below_empty = if below == 0 { border } else { 0 };
+    let above_empty = if above == 0 { BINS - border } else { 0 };
+    let empty = if below_empty > above_empty { below_empty } else { above_empty };
+    if empty >= BINS / 4 {
+        (BINS - empty) as f32
+    } else if longest && border == BINS / 2 {
+        BINS as f32
+    } else {
+        f32::INFINITY
+    }
 }
 
 /// Chooses the plane of active node `group.id`: one lane a bin border, ties to the lowest border, then axis.
@@ -57,6 +86,8 @@ pub fn split(
             }
         });
         let sah = Sah::new(item.lo, item.hi, &params);
+        let median = (params.rule & rule::MEDIAN) != 0;
+        let longest = longest(item.hi - item.lo);
         lanes!(group, |lane| {
             let mut best = f32::INFINITY;
             let mut best_axis = Node::LEAF;
@@ -72,8 +103,15 @@ pub fn split(
                     }
                     b += 1;
                 }
-                let at = border(component(item.lo, axis), component(item.hi, axis), lane);
-                let cost = sah.cut(axis, at, below, above);
+                let (lo, hi) = (component(item.lo, axis), component(item.hi, axis));
+                let at = border(lo, hi, lane);
+                let cost = if !median {
+                    sah.cut(axis, at, below, above)
+                } else if lo < at && at < hi {
+                    median_cost(lane, below, above, axis == longest)
+                } else {
+                    f32::INFINITY
+                };
                 if cost < best {
                     best = cost;
                     best_axis = axis;
@@ -85,7 +123,7 @@ pub fn split(
         });
         lanes!(group, |lane| {
             if lane == 0 {
-                let mut best = sah.leaf(item.count);
+                let mut best = if median { f32::INFINITY } else { sah.leaf(item.count) };
                 let mut plane = UVec2::new(Node::LEAF, 0);
                 if level.at(LEVEL_DEPTH) < params.max_depth {
                     let mut b = 0;

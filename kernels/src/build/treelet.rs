@@ -3,7 +3,9 @@
 //! Exact SAH over the box faces of the references (Zhou et al. 2008, section 3.3): which references lie on
 //! either side of each face is found once, as masks; after that counting is a population count.
 
-use super::{Item, STATE_STATUS, STATE_TREELETS, Sah, extent, is_above, is_below};
+use super::{
+    Item, Plane, STATE_STATUS, STATE_TREELETS, Sah, boxes::vertex, cut, is_above, is_below, overlap::overlaps,
+};
 use crate::{
     Group,
     glam::{UVec2, UVec4, Vec3, Vec4},
@@ -12,6 +14,7 @@ use crate::{
 use raykd_shared::{
     BuildParams, Node,
     limits::{MAX_DEPTH, TREELET, treelet_nodes},
+    rule,
 };
 
 const LANES: usize = TREELET as usize;
@@ -30,7 +33,12 @@ const REFS: u32 = 2;
 const DEPTH: u32 = 3;
 const COST: u32 = 4;
 const PICK: u32 = 5;
-const OWN: usize = 6;
+// References that do not reach into the children, though their boxes do.
+const DROP_BELOW: u32 = 6;
+const DROP_ABOVE: u32 = 7;
+const OWN: usize = 8;
+/// Coordinates of a triangle.
+const CORNERS: usize = LANES * 9;
 
 /// No candidate: the node becomes a leaf.
 const NONE: u32 = u32::MAX;
@@ -52,6 +60,27 @@ fn push(stack: &mut [u32; ENTRIES], at: u32, mask: u32, lo: Vec3, hi: Vec3, dept
     stack.put(at + 6, hi.z.to_bits());
     stack.put(at + 7, depth);
     stack.put(at + 8, slot);
+}
+
+#[inline(always)]
+fn put_face(faces: &mut [u32; CANDIDATES], lane: u32, axis: u32, lo: f32, hi: f32) {
+    faces.put((axis * 2) * TREELET + lane, lo.to_bits());
+    faces.put((axis * 2 + 1) * TREELET + lane, hi.to_bits());
+}
+
+/// Stores a vertex of a lane's triangle.
+#[inline(always)]
+fn keep(corners: &mut [u32; CORNERS], lane: u32, corner: u32, v: Vec3) {
+    let at = corner * 3 * TREELET + lane;
+    corners.put(at, v.x.to_bits());
+    corners.put(at + TREELET, v.y.to_bits());
+    corners.put(at + 2 * TREELET, v.z.to_bits());
+}
+
+#[inline(always)]
+fn kept(corners: &[u32; CORNERS], lane: u32, corner: u32) -> Vec3 {
+    let f = move |corners: &[u32; CORNERS], i: u32| f32::from_bits(corners.at(corner * 3 * TREELET + lane + i));
+    Vec3::new(f(corners, 0), f(corners, TREELET), f(corners, 2 * TREELET))
 }
 
 /// A mask of the lowest `n` bits, `n <= 32`.
@@ -79,8 +108,11 @@ pub fn treelet(
     costs: &mut [u32; LANES],
     picks: &mut [u32; LANES],
     members: &mut [u32; LANES],
+    corners: &mut [u32; CORNERS],
     own: &mut [u32; OWN],
     params: &Buf<BuildParams>,
+    positions: &Buf<f32>,
+    indices: &Buf<u32>,
     state: &Buf<u32>,
     treelets: &Buf<UVec4>,
     refs: &Buf<u32>,
@@ -94,16 +126,22 @@ pub fn treelet(
         let base = scratch_base(item.first, group.id);
         // A large leaf of the level loop has nothing to build.
         let small = item.count <= TREELET;
+        let clips = (params.rule & rule::CLIP) != 0;
         lanes!(group, |lane| {
             if lane < item.count && small {
                 let id = refs.at(item.first + lane);
-                let mut axis = 0;
-                while axis < 3 {
-                    let (lo, hi) = extent(boxes, id, axis);
-                    faces.put((axis * 2) * TREELET + lane, lo.to_bits());
-                    faces.put((axis * 2 + 1) * TREELET + lane, hi.to_bits());
-                    axis += 1;
+                let (held_lo, held_hi) = (boxes.at(2 * id), boxes.at(2 * id + 1));
+                if clips {
+                    let a = vertex(positions, indices, id, 0);
+                    let b = vertex(positions, indices, id, 1);
+                    let c = vertex(positions, indices, id, 2);
+                    keep(corners, lane, 0, a);
+                    keep(corners, lane, 1, b);
+                    keep(corners, lane, 2, c);
                 }
+                put_face(faces, lane, 0, held_lo.x, held_hi.x);
+                put_face(faces, lane, 1, held_lo.y, held_hi.y);
+                put_face(faces, lane, 2, held_lo.z, held_hi.z);
             }
             if lane == 0 {
                 push(stack, 0, ones(item.count), item.lo, item.hi, item.extra, 0);
@@ -144,7 +182,7 @@ pub fn treelet(
             let as_leaf = sah.leaf(number);
             let nodes = own.at(NODES);
             // A cut costs a step in any case; with few references it cannot pay, whatever the plane.
-            let may_pay = as_leaf > sah.step_cost();
+            let may_pay = as_leaf > sah.step_cost() && (params.rule & rule::LEAVES) == 0;
             if may_pay && depth < params.max_depth && nodes + 2 <= treelet_nodes(item.count) {
                 lanes!(group, |lane| {
                     if (mask >> lane) & 1 == 1 {
@@ -154,6 +192,8 @@ pub fn treelet(
                         // Just below: only what is cheaper counts.
                         own.put(COST, as_leaf.to_bits() - 1);
                         own.put(PICK, NONE);
+                        own.put(DROP_BELOW, 0);
+                        own.put(DROP_ABOVE, 0);
                     }
                 });
                 // Several faces side by side: as many as members fit the group's width.
@@ -188,6 +228,25 @@ pub fn treelet(
                         own.lower(PICK, picks.at(lane));
                     }
                 });
+                if clips && own.at(PICK) != NONE {
+                    lanes!(group, |lane| {
+                        let pick = own.at(PICK);
+                        let both = belows.at(pick) & aboves.at(pick) & mask;
+                        if (both >> lane) & 1 == 1 {
+                            let plane =
+                                Plane { axis: pick / (2 * TREELET), at: f32::from_bits(faces.at(pick)) };
+                            let (hi_below, lo_above) = cut(lo, hi, plane);
+                            let (a, b, c) =
+                                (kept(corners, lane, 0), kept(corners, lane, 1), kept(corners, lane, 2));
+                            if !overlaps(a, b, c, lo, hi_below) {
+                                own.or(DROP_BELOW, 1 << lane);
+                            }
+                            if !overlaps(a, b, c, lo_above, hi) {
+                                own.or(DROP_ABOVE, 1 << lane);
+                            }
+                        }
+                    });
+                }
             } else {
                 lanes!(group, |lane| {
                     if lane == 0 {
@@ -211,7 +270,8 @@ pub fn treelet(
                         let child = nodes + 1;
                         let (word0, word1) = Node::inner(axis, plane, child).words();
                         scratch.put(base + slot, UVec2::new(word0, word1));
-                        let (below, above) = (belows.at(pick) & mask, aboves.at(pick) & mask);
+                        let below = belows.at(pick) & mask & !own.at(DROP_BELOW);
+                        let above = aboves.at(pick) & mask & !own.at(DROP_ABOVE);
                         // The entry itself becomes the child above, cut off below; the child below comes next.
                         push(stack, at + ENTRY, below, lo, hi, depth + 1, child);
                         stack.put(at + ENTRY + 4 + axis, plane.to_bits());
@@ -237,8 +297,9 @@ kernel! {
     /// [`treelet`] over all treelets.
     group TREELETS = treelet, threads 32,
         shared [faces: CANDIDATES, belows: CANDIDATES, aboves: CANDIDATES, stack: ENTRIES, costs: LANES,
-                picks: LANES, members: LANES, own: OWN], {
-        0 params: read BuildParams, 1 state: read u32, 2 treelets: read UVec4, 3 refs: read u32,
-        4 boxes: read Vec4, 5 scratch: write UVec2, 6 sizes: write UVec4,
+                picks: LANES, members: LANES, corners: CORNERS, own: OWN], {
+        0 params: read BuildParams, 1 positions: read f32, 2 indices: read u32, 3 state: read u32,
+        4 treelets: read UVec4, 5 refs: read u32, 6 boxes: read Vec4, 7 scratch: write UVec2,
+        8 sizes: write UVec4,
     }
 }
