@@ -2,6 +2,7 @@
 //! name the first thing that differs.
 
 pub mod dispatches;
+pub mod exact;
 pub mod meshes;
 pub mod rays;
 pub mod trees;
