@@ -14,6 +14,7 @@ use raykd_kernels::{
     glam::Vec3,
 };
 use raykd_shared::{Node, TreeHeader, limits::MAX_DEPTH};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// What becomes of a triangle's box where a plane cuts it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -92,7 +93,8 @@ impl List {
     /// Makes room for `n` events.
     fn reserve(&mut self, n: usize) {
         if self.room.len() < n {
-            self.room.resize(n, 0);
+            // Fresh pages are zero without being written.
+            self.room = vec![0; n + n / 4];
         }
     }
 
@@ -226,11 +228,11 @@ struct Branch {
 }
 
 impl Branch {
-    fn leaf(&mut self, set: &Set, depth: u32) -> Node {
+    fn leaf(&mut self, triangles: &[u32], depth: u32) -> Node {
         let first = self.refs.len() as u32;
-        self.refs.extend_from_slice(&set.triangles);
+        self.refs.extend_from_slice(triangles);
         self.depth = self.depth.max(depth);
-        Node::leaf(first, set.triangles.len() as u32)
+        Node::leaf(first, triangles.len() as u32)
     }
 }
 
@@ -242,6 +244,17 @@ enum Part {
 }
 
 impl Part {
+    /// Numbers of nodes, the root not counted, and of references.
+    fn size(&self) -> (usize, usize) {
+        match self {
+            Self::Cut(_, halves) => {
+                let [(n, r), (m, s)] = halves.each_ref().map(Self::size);
+                (n + m + 2, r + s)
+            }
+            Self::Grown(_, branch) => (branch.nodes.len(), branch.refs.len()),
+        }
+    }
+
     /// Appends it to the tree; the root is the caller's to place.
     fn place(self, tree: &mut Branch) -> Node {
         match self {
@@ -276,13 +289,14 @@ struct Builder<'m> {
     test: f32,
     max_depth: u32,
     options: &'m ExactOptions,
+    pool: Pool,
 }
 
 /// Where a reference goes: its number among the child's and one of these, or neither if it is clipped.
 const BELOW: u32 = 1 << 30;
 const ABOVE: u32 = 1 << 31;
 
-/// Memory that is used again and again.
+/// Memory that is used again and again: new pages cost more than what is done with them.
 #[derive(Debug, Default)]
 struct Spare {
     targets: Vec<u32>,
@@ -293,6 +307,18 @@ impl Spare {
     fn set(&mut self) -> Set {
         self.sets.pop().unwrap_or_default()
     }
+}
+
+/// The same for what threads pass on to each other.
+#[derive(Debug, Default)]
+struct Pool {
+    spares: Mutex<Vec<Spare>>,
+    large: Mutex<Vec<Set>>,
+}
+
+/// Takes a lock; a thread that panicked left nothing half done in a list.
+fn locked<T>(list: &Mutex<T>) -> MutexGuard<'_, T> {
+    list.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Builder<'_> {
@@ -384,7 +410,11 @@ impl Builder<'_> {
         targets: &mut Vec<u32>,
         parallel: bool,
     ) {
-        halves.iter_mut().for_each(Set::clear);
+        for half in halves.iter_mut() {
+            half.clear();
+            half.triangles.reserve(set.triangles.len());
+            half.boxes.reserve(set.boxes.len());
+        }
         targets.clear();
         let [low, high] = halves;
         for (&triangle, bounds) in set.triangles.iter().zip(&set.boxes) {
@@ -455,33 +485,33 @@ impl Builder<'_> {
     }
 
     /// Builds a node and all below it; returns its words and its cost.
-    fn grow(&self, set: Set, mut cell: Cell, tree: &mut Branch, spare: &mut Spare) -> (Node, f32) {
+    fn grow(&self, set: &Set, mut cell: Cell, tree: &mut Branch, spare: &mut Spare) -> (Node, f32) {
         let area = half_area(&cell.bounds);
         let as_leaf = area * self.test * set.triangles.len() as f32;
-        let grown = if let Some(plane) = self.choose(&set, &mut cell, false) {
-            let (slot, refs) = (tree.nodes.len(), tree.refs.len());
+        if let Some(plane) = self.choose(set, &mut cell, false) {
+            let (slot, refs, depth) = (tree.nodes.len(), tree.refs.len(), tree.depth);
             tree.nodes.extend([Node::PADDING; 2]);
             let cells = cell.cut(&plane);
             let mut halves = [spare.set(), spare.set()];
-            self.split(&set, &plane, &cells, &mut halves, &mut spare.targets, false);
+            self.split(set, &plane, &cells, &mut halves, &mut spare.targets, false);
             let mut cost = area * self.step;
-            for (i, (half, cell)) in halves.into_iter().zip(cells).enumerate() {
+            for (i, (half, cell)) in halves.iter().zip(cells).enumerate() {
                 let (node, its) = self.grow(half, cell, tree, spare);
                 tree.nodes[slot + i] = node;
                 cost += its;
             }
+            spare.sets.extend(halves);
             if cost < as_leaf {
                 (Node::inner(plane.axis as u32, plane.at, slot as u32), cost)
             } else {
                 tree.nodes.truncate(slot);
                 tree.refs.truncate(refs);
-                (tree.leaf(&set, cell.depth), as_leaf)
+                tree.depth = depth;
+                (tree.leaf(&set.triangles, cell.depth), as_leaf)
             }
         } else {
-            (tree.leaf(&set, cell.depth), as_leaf)
-        };
-        spare.sets.push(set);
-        grown
+            (tree.leaf(&set.triangles, cell.depth), as_leaf)
+        }
     }
 
     /// The same by several threads.
@@ -492,9 +522,13 @@ impl Builder<'_> {
             && let Some(plane) = self.choose(&set, &mut cell, true)
         {
             let cells = cell.cut(&plane);
-            let mut halves = <[Set; 2]>::default();
-            self.split(&set, &plane, &cells, &mut halves, &mut Vec::new(), true);
-            (set.boxes, set.axes) = Default::default();
+            let mut spare = locked(&self.pool.spares).pop().unwrap_or_default();
+            let mut halves = [(); 2].map(|()| locked(&self.pool.large).pop().unwrap_or_default());
+            self.split(&set, &plane, &cells, &mut halves, &mut spare.targets, true);
+            locked(&self.pool.spares).push(spare);
+            // What a leaf in this place would need; the rest is of use elsewhere.
+            let triangles = std::mem::take(&mut set.triangles);
+            locked(&self.pool.large).push(set);
             let [low, high] = halves;
             let ((below, cost_below), (above, cost_above)) =
                 rayon::join(|| self.branch(low, cells[0]), || self.branch(high, cells[1]));
@@ -503,11 +537,17 @@ impl Builder<'_> {
                 return (Part::Cut(plane, Box::new([below, above])), cost);
             }
             let mut tree = Branch::default();
-            let root = tree.leaf(&set, cell.depth);
+            let root = tree.leaf(&triangles, cell.depth);
             return (Part::Grown(root, tree), as_leaf);
         }
-        let mut tree = Branch::default();
-        let (root, cost) = self.grow(set, cell, &mut tree, &mut Spare::default());
+        // About what surface meshes need.
+        let n = set.triangles.len();
+        let (nodes, refs) = (Vec::with_capacity(5 * n), Vec::with_capacity(5 * n));
+        let mut tree = Branch { nodes, refs, depth: 0 };
+        let mut spare = locked(&self.pool.spares).pop().unwrap_or_default();
+        let (root, cost) = self.grow(&set, cell, &mut tree, &mut spare);
+        locked(&self.pool.spares).push(spare);
+        locked(&self.pool.large).push(set);
         (Part::Grown(root, tree), cost)
     }
 }
@@ -524,9 +564,13 @@ pub fn build(mesh: &Mesh, options: &BuildOptions, exact: &ExactOptions) -> KdTre
         test: options.cost_test,
         max_depth: options.max_depth.min(MAX_DEPTH),
         options: exact,
+        pool: Pool::default(),
     };
     let bounds = Bounds { lo: Vec3::from_array(lo), hi: Vec3::from_array(hi) };
     let mut set = Set::default();
+    set.triangles.reserve(mesh.kept().len());
+    set.boxes.reserve(mesh.kept().len());
+    set.axes.iter_mut().for_each(|axis| axis.fresh.reserve(2 * mesh.kept().len()));
     for &triangle in mesh.kept() {
         let [a, b, c] = builder.corners(triangle);
         set.add(triangle, Bounds::of(a, b, c), &bounds);
@@ -538,7 +582,9 @@ pub fn build(mesh: &Mesh, options: &BuildOptions, exact: &ExactOptions) -> KdTre
     };
     set.axes.iter_mut().for_each(sort);
     let (part, _) = builder.branch(set, Cell { bounds, depth: 0, bad: 0 });
-    let mut tree = Branch { nodes: vec![Node::PADDING; 2], ..Branch::default() };
+    let (nodes, refs) = part.size();
+    let mut tree = Branch { nodes: Vec::with_capacity(nodes + 2), refs: Vec::with_capacity(refs), depth: 0 };
+    tree.nodes.extend([Node::PADDING; 2]);
     tree.nodes[0] = part.place(&mut tree);
     let header = TreeHeader {
         lo,
