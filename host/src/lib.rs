@@ -4,6 +4,7 @@ mod build;
 #[cfg(feature = "cli")]
 pub mod cli;
 mod error;
+pub mod exact;
 pub mod exec;
 pub mod mesh;
 pub mod output;

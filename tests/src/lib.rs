@@ -1,6 +1,7 @@
 //! What the tests share: devices to compare, meshes and rays that have broken ray tracers, and checks that
 //! name the first thing that differs.
 
+pub mod covers;
 pub mod dispatches;
 pub mod exact;
 pub mod meshes;

@@ -1,0 +1,602 @@
+//! The best tree a greedy builder finds: every face of every reference's box is a candidate, in O(N log N)
+//! (Wald & Havran 2006, section 4.2), and references that straddle a plane are clipped (section 4.3).
+//!
+//! A node keeps its references' box faces, *events*, in order along each axis. One pass over them counts
+//! references on either side of each face. A split moves the events of references that lie on one side in
+//! order to that child; only those of clipped references are new, sorted and merged. So sorting happens once.
+//!
+//! An event is one word: position, kind, reference; comparing events is comparing integers, no two are equal, and
+//! the tree does not depend on how many threads build it.
+
+use crate::{BuildOptions, KdTree, mesh::Mesh};
+use raykd_kernels::{
+    build::clip::{Bounds, clip, clip_plane},
+    glam::Vec3,
+};
+use raykd_shared::{Node, TreeHeader, limits::MAX_DEPTH};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// What becomes of a triangle's box where a plane cuts it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Clipping {
+    /// It is cut.
+    Off,
+    /// It shrinks to the half triangle's, within what it was.
+    #[default]
+    Plane,
+    /// It shrinks to that of the triangle within the node: Wald & Havran's perfect split.
+    Cell,
+}
+
+/// What only this builder may be told.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ExactOptions {
+    /// How straddling triangles are split.
+    pub clipping: Clipping,
+    /// Factor on the cost of planes that cut off empty space; 1 for none.
+    pub empty_bonus: f32,
+    /// How many splits on a way down need not pay by themselves; what does not pay in the end is undone.
+    pub bad_splits: u32,
+}
+
+impl Default for ExactOptions {
+    fn default() -> Self {
+        Self { clipping: Clipping::default(), empty_bonus: 1.0, bad_splits: 0 }
+    }
+}
+
+/// Nodes of more references are built by several threads.
+const GRAIN: usize = 4096;
+
+/// Smaller extents count as flat, as in the kernels.
+const FLAT: f32 = raykd_kernels::math::exp2(-60);
+
+/// A face of a reference's box: position (ordered as an integer), kind, reference.
+type Event = u64;
+
+/// The low bits: which of the node's references.
+const REFERENCE: u64 = (1 << 30) - 1;
+/// What ends at a plane lies below it, what starts there lies above, so ends come first.
+const END: u64 = 0;
+/// A box that is flat on this axis.
+const PLANAR: u64 = 1 << 30;
+const START: u64 = 2 << 30;
+const KIND: u64 = 3 << 30;
+
+/// A number as an integer of the same order; there is no -0.
+fn ordered(x: f32) -> u32 {
+    let bits = x.to_bits();
+    if bits >> 31 == 0 { bits | 1 << 31 } else { !bits }
+}
+
+fn position(event: Event) -> f32 {
+    let bits = (event >> 32) as u32;
+    f32::from_bits(if bits >> 31 == 1 { bits & !(1 << 31) } else { !bits })
+}
+
+fn event(at: f32, kind: u64, reference: u32) -> Event {
+    u64::from(ordered(at)) << 32 | kind | u64::from(reference)
+}
+
+/// A list that is written from the front without being cleared.
+#[derive(Debug, Default)]
+struct List {
+    room: Vec<Event>,
+    len: usize,
+}
+
+impl List {
+    fn events(&self) -> &[Event] {
+        &self.room[..self.len]
+    }
+
+    /// Makes room for `n` events.
+    fn reserve(&mut self, n: usize) {
+        if self.room.len() < n {
+            // Fresh pages are zero without being written.
+            self.room = vec![0; n + n / 4];
+        }
+    }
+
+    /// Merges new events in, for which there is room.
+    fn merge(&mut self, fresh: &mut [Event]) {
+        fresh.sort_unstable();
+        let (mut old, mut new) = (self.len, fresh.len());
+        self.len += new;
+        let mut to = self.len;
+        while new > 0 {
+            to -= 1;
+            if old > 0 && self.room[old - 1] > fresh[new - 1] {
+                old -= 1;
+                self.room[to] = self.room[old];
+            } else {
+                new -= 1;
+                self.room[to] = fresh[new];
+            }
+        }
+    }
+}
+
+/// The references of a node along one axis.
+#[derive(Debug, Default)]
+struct Axis {
+    events: List,
+    /// References that start at the node's lower face: they have no event there.
+    open: u32,
+    /// New events.
+    fresh: Vec<Event>,
+}
+
+impl Axis {
+    /// Takes in a reference; faces on those of the node are no candidates and need no event.
+    fn add(&mut self, reference: u32, (lo, hi): (f32, f32), node: (f32, f32)) {
+        if lo <= node.0 {
+            self.open += 1;
+        }
+        if lo == hi {
+            if lo > node.0 && hi < node.1 {
+                self.fresh.push(event(lo, PLANAR, reference));
+            }
+            return;
+        }
+        if lo > node.0 {
+            self.fresh.push(event(lo, START, reference));
+        }
+        if hi < node.1 {
+            self.fresh.push(event(hi, END, reference));
+        }
+    }
+}
+
+/// The references of a node.
+#[derive(Debug, Default)]
+struct Set {
+    /// Triangle numbers, rising.
+    triangles: Vec<u32>,
+    /// Boxes of what the node holds of them.
+    boxes: Vec<Bounds>,
+    axes: [Axis; 3],
+}
+
+impl Set {
+    fn clear(&mut self) {
+        self.triangles.clear();
+        self.boxes.clear();
+        for axis in &mut self.axes {
+            axis.events.len = 0;
+            axis.open = 0;
+            axis.fresh.clear();
+        }
+    }
+
+    /// Takes in a reference whose faces are new.
+    fn add(&mut self, triangle: u32, bounds: Bounds, node: &Bounds) {
+        let reference = self.triangles.len() as u32;
+        self.triangles.push(triangle);
+        self.boxes.push(bounds);
+        for (i, axis) in self.axes.iter_mut().enumerate() {
+            axis.add(reference, (bounds.lo[i], bounds.hi[i]), (node.lo[i], node.hi[i]));
+        }
+    }
+}
+
+/// A plane that cuts a node.
+#[derive(Clone, Copy, Debug)]
+struct Plane {
+    axis: usize,
+    at: f32,
+    /// On which side references that lie in it go.
+    planar_above: bool,
+    cost: f32,
+}
+
+fn flat(d: f32) -> f32 {
+    if d < FLAT { 0.0 } else { d }
+}
+
+fn half_area(b: &Bounds) -> f32 {
+    let d = b.hi - b.lo;
+    let (x, y, z) = (flat(d.x), flat(d.y), flat(d.z));
+    x * y + y * z + z * x
+}
+
+/// A node to be built.
+#[derive(Clone, Copy, Debug)]
+struct Cell {
+    bounds: Bounds,
+    depth: u32,
+    /// Splits on the way here that did not pay by themselves.
+    bad: u32,
+}
+
+impl Cell {
+    /// The cells below and above a plane.
+    fn cut(&self, plane: &Plane) -> [Self; 2] {
+        let mut halves = [Self { depth: self.depth + 1, ..*self }; 2];
+        halves[0].bounds.hi[plane.axis] = plane.at;
+        halves[1].bounds.lo[plane.axis] = plane.at;
+        halves
+    }
+}
+
+/// Nodes and references of a part of the tree; children are numbered within it.
+#[derive(Debug, Default)]
+struct Branch {
+    nodes: Vec<Node>,
+    refs: Vec<u32>,
+    depth: u32,
+}
+
+impl Branch {
+    fn leaf(&mut self, triangles: &[u32], depth: u32) -> Node {
+        let first = self.refs.len() as u32;
+        self.refs.extend_from_slice(triangles);
+        self.depth = self.depth.max(depth);
+        Node::leaf(first, triangles.len() as u32)
+    }
+}
+
+/// A part of the tree as threads leave it.
+#[derive(Debug)]
+enum Part {
+    Grown(Node, Branch),
+    Cut(Plane, Box<[Part; 2]>),
+}
+
+impl Part {
+    /// Numbers of nodes, the root not counted, and of references.
+    fn size(&self) -> (usize, usize) {
+        match self {
+            Self::Cut(_, halves) => {
+                let [(n, r), (m, s)] = halves.each_ref().map(Self::size);
+                (n + m + 2, r + s)
+            }
+            Self::Grown(_, branch) => (branch.nodes.len(), branch.refs.len()),
+        }
+    }
+
+    /// Appends it to the tree; the root is the caller's to place.
+    fn place(self, tree: &mut Branch) -> Node {
+        match self {
+            Self::Cut(plane, halves) => {
+                let slot = tree.nodes.len();
+                tree.nodes.extend([Node::PADDING; 2]);
+                for (i, half) in halves.into_iter().enumerate() {
+                    tree.nodes[slot + i] = half.place(tree);
+                }
+                Node::inner(plane.axis as u32, plane.at, slot as u32)
+            }
+            Self::Grown(root, branch) => {
+                let (nodes, refs) = (tree.nodes.len() as u32, tree.refs.len() as u32);
+                let shift = |node: Node| match node.is_leaf() {
+                    true => Node::leaf(node.first() + refs, node.count()),
+                    false => Node::inner(node.axis(), node.split(), node.below() + nodes),
+                };
+                tree.nodes.extend(branch.nodes.into_iter().map(shift));
+                tree.refs.extend_from_slice(&branch.refs);
+                tree.depth = tree.depth.max(branch.depth);
+                shift(root)
+            }
+        }
+    }
+}
+
+/// What every node needs to know.
+struct Builder<'m> {
+    positions: &'m [f32],
+    triangles: &'m [[u32; 3]],
+    step: f32,
+    test: f32,
+    max_depth: u32,
+    options: &'m ExactOptions,
+    pool: Pool,
+}
+
+/// Where a reference goes: its number among the child's and one of these, or neither if it is clipped.
+const BELOW: u32 = 1 << 30;
+const ABOVE: u32 = 1 << 31;
+
+/// Memory that is used again and again: new pages cost more than what is done with them.
+#[derive(Debug, Default)]
+struct Spare {
+    targets: Vec<u32>,
+    sets: Vec<Set>,
+}
+
+impl Spare {
+    fn set(&mut self) -> Set {
+        self.sets.pop().unwrap_or_default()
+    }
+}
+
+/// The same for what threads pass on to each other.
+#[derive(Debug, Default)]
+struct Pool {
+    spares: Mutex<Vec<Spare>>,
+    large: Mutex<Vec<Set>>,
+}
+
+/// Takes a lock; a thread that panicked left nothing half done in a list.
+fn locked<T>(list: &Mutex<T>) -> MutexGuard<'_, T> {
+    list.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Builder<'_> {
+    fn corners(&self, triangle: u32) -> [Vec3; 3] {
+        self.triangles[triangle as usize].map(|v| Vec3::from_slice(&self.positions[3 * v as usize..]))
+    }
+
+    /// The cheapest plane across an axis.
+    fn sweep(&self, set: &Set, node: &Bounds, axis: usize, area: f32) -> Plane {
+        let (lo, hi) = (node.lo[axis], node.hi[axis]);
+        let d = node.hi - node.lo;
+        let (b, c) = (flat(d[(axis + 1) % 3]), flat(d[(axis + 2) % 3]));
+        let (girth, cap) = ((b + c) * self.test, b * c * self.test);
+        let (step, bonus) = (self.step * area, self.options.empty_bonus);
+        let mut best = Plane { axis, at: lo, planar_above: false, cost: f32::INFINITY };
+        if hi - lo < FLAT {
+            return best;
+        }
+        let (mut below, mut above) = (set.axes[axis].open, set.triangles.len() as u32);
+        let mut consider = |at: f32, below: u32, above: u32, planar_above: bool| {
+            let cost_below = (flat(at - lo) * girth + cap) * below as f32;
+            let cost_above = (flat(hi - at) * girth + cap) * above as f32;
+            let factor = if below == 0 || above == 0 { bonus } else { 1.0 };
+            let cost = (step + (cost_below + cost_above)) * factor;
+            if cost < best.cost && lo < at && at < hi {
+                best = Plane { axis, at, planar_above, cost };
+            }
+        };
+        // Before the last end and after the first start at a position this counts some references too often;
+        // the right count comes at the same position and costs no more.
+        for &event in set.axes[axis].events.events() {
+            let at = position(event);
+            let kind = event & KIND;
+            above -= u32::from(kind == END);
+            consider(at, below, above, true);
+            if kind == PLANAR {
+                below += 1;
+                above -= 1;
+                consider(at, below, above, false);
+            }
+            below += u32::from(kind == START);
+        }
+        best
+    }
+
+    /// The plane that cuts the node, or none if it becomes a leaf.
+    fn choose(&self, set: &Set, cell: &mut Cell, parallel: bool) -> Option<Plane> {
+        let area = half_area(&cell.bounds);
+        let as_leaf = area * self.test * set.triangles.len() as f32;
+        if cell.depth >= self.max_depth || as_leaf <= area * self.step {
+            return None;
+        }
+        let sweep = |axis| self.sweep(set, &cell.bounds, axis, area);
+        let planes = if parallel {
+            let (x, (y, z)) = rayon::join(|| sweep(0), || rayon::join(|| sweep(1), || sweep(2)));
+            [x, y, z]
+        } else {
+            [0, 1, 2].map(sweep)
+        };
+        let best = planes.into_iter().reduce(|a, b| if b.cost < a.cost { b } else { a })?;
+        if best.cost >= as_leaf {
+            cell.bad += 1;
+        }
+        (best.cost < f32::INFINITY && cell.bad <= self.options.bad_splits).then_some(best)
+    }
+
+    /// The boxes of what lies of a straddling reference below and above a plane.
+    fn clip(&self, triangle: u32, bounds: &Bounds, plane: &Plane, cells: &[Cell; 2]) -> [Bounds; 2] {
+        match self.options.clipping {
+            Clipping::Off => cells.map(|cell| bounds.and(&cell.bounds)),
+            Clipping::Plane => {
+                let [a, b, c] = self.corners(triangle);
+                clip_plane(a, b, c, bounds, plane.axis as u32, plane.at).into()
+            }
+            Clipping::Cell => {
+                let [a, b, c] = self.corners(triangle);
+                cells.map(|cell| clip(a, b, c, &cell.bounds).and(bounds))
+            }
+        }
+    }
+
+    /// Distributes the references of a node to its children.
+    fn split(
+        &self,
+        set: &Set,
+        plane: &Plane,
+        cells: &[Cell; 2],
+        halves: &mut [Set; 2],
+        targets: &mut Vec<u32>,
+        parallel: bool,
+    ) {
+        for half in halves.iter_mut() {
+            half.clear();
+            half.triangles.reserve(set.triangles.len());
+            half.boxes.reserve(set.boxes.len());
+        }
+        targets.clear();
+        let [low, high] = halves;
+        for (&triangle, bounds) in set.triangles.iter().zip(&set.boxes) {
+            let (lo, hi) = (bounds.lo[plane.axis], bounds.hi[plane.axis]);
+            // What touches the plane from one side is on that side only.
+            let planar = lo == plane.at && hi == plane.at;
+            let below = lo < plane.at || (planar && !plane.planar_above);
+            let above = hi > plane.at || (planar && plane.planar_above);
+            let target = if below && above {
+                let [under, over] = self.clip(triangle, bounds, plane, cells);
+                if !under.is_empty() {
+                    low.add(triangle, under, &cells[0].bounds);
+                }
+                if !over.is_empty() {
+                    high.add(triangle, over, &cells[1].bounds);
+                }
+                0
+            } else {
+                let (half, side) = if below { (&mut *low, BELOW) } else { (&mut *high, ABOVE) };
+                half.triangles.push(triangle);
+                half.boxes.push(*bounds);
+                side | (half.triangles.len() as u32 - 1)
+            };
+            targets.push(target);
+        }
+        let node = cells[0].bounds.lo;
+        let move_events = |axis: usize, low: &mut Axis, high: &mut Axis| {
+            let from = &set.axes[axis];
+            let events = from.events.events();
+            for half in [&mut *low, &mut *high] {
+                half.events.reserve(events.len() + half.fresh.len() + 1);
+            }
+            let (mut b, mut a) = (0, 0);
+            let (to_low, to_high) = (&mut low.events.room[..], &mut high.events.room[..]);
+            // Written to both and kept in one: no branch to predict.
+            for &event in events {
+                let target = targets[(event & REFERENCE) as usize];
+                let moved = event & !REFERENCE | u64::from(target) & REFERENCE;
+                to_low[b] = moved;
+                b += (target >> 30 & 1) as usize;
+                to_high[a] = moved;
+                a += (target >> 31) as usize;
+            }
+            (low.events.len, high.events.len) = (b, a);
+            low.events.merge(&mut low.fresh);
+            high.events.merge(&mut high.fresh);
+        };
+        // References that were open and stay whole: count them by their boxes.
+        for (&target, bounds) in targets.iter().zip(&set.boxes) {
+            for axis in 0..3 {
+                let open = u32::from(bounds.lo[axis] <= node[axis]);
+                low.axes[axis].open += open & (target >> 30);
+                high.axes[axis].open += open & (target >> 31);
+            }
+        }
+        let [low_x, low_y, low_z] = &mut low.axes;
+        let [high_x, high_y, high_z] = &mut high.axes;
+        if parallel {
+            rayon::join(
+                || move_events(0, low_x, high_x),
+                || rayon::join(|| move_events(1, low_y, high_y), || move_events(2, low_z, high_z)),
+            );
+        } else {
+            move_events(0, low_x, high_x);
+            move_events(1, low_y, high_y);
+            move_events(2, low_z, high_z);
+        }
+    }
+
+    /// Builds a node and all below it; returns its words and its cost.
+    fn grow(&self, set: &Set, mut cell: Cell, tree: &mut Branch, spare: &mut Spare) -> (Node, f32) {
+        let area = half_area(&cell.bounds);
+        let as_leaf = area * self.test * set.triangles.len() as f32;
+        if let Some(plane) = self.choose(set, &mut cell, false) {
+            let (slot, refs, depth) = (tree.nodes.len(), tree.refs.len(), tree.depth);
+            tree.nodes.extend([Node::PADDING; 2]);
+            let cells = cell.cut(&plane);
+            let mut halves = [spare.set(), spare.set()];
+            self.split(set, &plane, &cells, &mut halves, &mut spare.targets, false);
+            let mut cost = area * self.step;
+            for (i, (half, cell)) in halves.iter().zip(cells).enumerate() {
+                let (node, its) = self.grow(half, cell, tree, spare);
+                tree.nodes[slot + i] = node;
+                cost += its;
+            }
+            spare.sets.extend(halves);
+            if cost < as_leaf {
+                (Node::inner(plane.axis as u32, plane.at, slot as u32), cost)
+            } else {
+                tree.nodes.truncate(slot);
+                tree.refs.truncate(refs);
+                tree.depth = depth;
+                (tree.leaf(&set.triangles, cell.depth), as_leaf)
+            }
+        } else {
+            (tree.leaf(&set.triangles, cell.depth), as_leaf)
+        }
+    }
+
+    /// The same by several threads.
+    fn branch(&self, mut set: Set, mut cell: Cell) -> (Part, f32) {
+        let area = half_area(&cell.bounds);
+        let as_leaf = area * self.test * set.triangles.len() as f32;
+        if set.triangles.len() > GRAIN
+            && let Some(plane) = self.choose(&set, &mut cell, true)
+        {
+            let cells = cell.cut(&plane);
+            let mut spare = locked(&self.pool.spares).pop().unwrap_or_default();
+            let mut halves = [(); 2].map(|()| locked(&self.pool.large).pop().unwrap_or_default());
+            self.split(&set, &plane, &cells, &mut halves, &mut spare.targets, true);
+            locked(&self.pool.spares).push(spare);
+            // What a leaf in this place would need; the rest is of use elsewhere.
+            let triangles = std::mem::take(&mut set.triangles);
+            locked(&self.pool.large).push(set);
+            let [low, high] = halves;
+            let ((below, cost_below), (above, cost_above)) =
+                rayon::join(|| self.branch(low, cells[0]), || self.branch(high, cells[1]));
+            let cost = area * self.step + cost_below + cost_above;
+            if cost < as_leaf {
+                return (Part::Cut(plane, Box::new([below, above])), cost);
+            }
+            let mut tree = Branch::default();
+            let root = tree.leaf(&triangles, cell.depth);
+            return (Part::Grown(root, tree), as_leaf);
+        }
+        // About what surface meshes need.
+        let n = set.triangles.len();
+        let (nodes, refs) = (Vec::with_capacity(5 * n), Vec::with_capacity(5 * n));
+        let mut tree = Branch { nodes, refs, depth: 0 };
+        let mut spare = locked(&self.pool.spares).pop().unwrap_or_default();
+        let (root, cost) = self.grow(&set, cell, &mut tree, &mut spare);
+        locked(&self.pool.spares).push(spare);
+        locked(&self.pool.large).push(set);
+        (Part::Grown(root, tree), cost)
+    }
+}
+
+/// Builds the tree of `mesh` on the CPU, by the threads of the current rayon pool. The same mesh and options give
+/// the same bytes.
+pub fn build(mesh: &Mesh, options: &BuildOptions, exact: &ExactOptions) -> KdTree {
+    let positions = mesh.scaled_positions();
+    let (lo, hi) = mesh.scaled_bounds();
+    let builder = Builder {
+        positions: &positions,
+        triangles: mesh.triangles(),
+        step: options.cost_step,
+        test: options.cost_test,
+        max_depth: options.max_depth.min(MAX_DEPTH),
+        options: exact,
+        pool: Pool::default(),
+    };
+    let bounds = Bounds { lo: Vec3::from_array(lo), hi: Vec3::from_array(hi) };
+    let mut set = Set::default();
+    set.triangles.reserve(mesh.kept().len());
+    set.boxes.reserve(mesh.kept().len());
+    set.axes.iter_mut().for_each(|axis| axis.fresh.reserve(2 * mesh.kept().len()));
+    for &triangle in mesh.kept() {
+        let [a, b, c] = builder.corners(triangle);
+        set.add(triangle, Bounds::of(a, b, c), &bounds);
+    }
+    let sort = |axis: &mut Axis| {
+        use rayon::prelude::*;
+        axis.fresh.par_sort_unstable();
+        axis.events = List { len: axis.fresh.len(), room: std::mem::take(&mut axis.fresh) };
+    };
+    set.axes.iter_mut().for_each(sort);
+    let (part, _) = builder.branch(set, Cell { bounds, depth: 0, bad: 0 });
+    let (nodes, refs) = part.size();
+    let mut tree = Branch { nodes: Vec::with_capacity(nodes + 2), refs: Vec::with_capacity(refs), depth: 0 };
+    tree.nodes.extend([Node::PADDING; 2]);
+    tree.nodes[0] = part.place(&mut tree);
+    let header = TreeHeader {
+        lo,
+        nodes: tree.nodes.len() as u32,
+        hi,
+        refs: tree.refs.len() as u32,
+        triangles: mesh.triangles().len() as u32,
+        depth: tree.depth,
+        scale: mesh.scale(),
+        cost_step: options.cost_step,
+        cost_test: options.cost_test,
+        reserved: [0; 3],
+    };
+    KdTree { header, nodes: tree.nodes, refs: tree.refs }
+}
