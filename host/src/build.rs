@@ -30,13 +30,16 @@ pub enum Builder {
     Binned,
     /// Large nodes as in `Median`, small ones as in `Binned` (Zhou, Hou, Wang & Guo 2008).
     Zhou,
+    /// The surface area heuristic over all box faces of all references (Wald & Havran 2006), on the CPU only:
+    /// [`crate::exact`].
+    Exact,
 }
 
 impl Builder {
     fn rule(self) -> u32 {
         match self {
             Self::Median => rule::MEDIAN | rule::LEAVES,
-            Self::Binned => 0,
+            Self::Binned | Self::Exact => 0,
             Self::Zhou => rule::MEDIAN,
         }
     }
@@ -106,6 +109,11 @@ pub(crate) struct Built {
 
 /// References a scene may make per triangle before the build is repeated with half the depth.
 const MOST_REFS_PER_TRIANGLE: u32 = 48;
+
+/// Most references a tree of so many triangles may have, even if more depth were allowed.
+pub(crate) fn most_refs(triangles: u32) -> u32 {
+    triangles.saturating_mul(MOST_REFS_PER_TRIANGLE).saturating_add(1 << 16).min(1 << 29)
+}
 
 /// Allocates, and keeps count.
 struct Arena<'d> {
@@ -212,7 +220,7 @@ pub(crate) fn build(
     let references = mesh.kept().len() as u32;
     let mut room = Room::first_guess(references, options.builder.small());
     let mut max_depth = options.max_depth.min(MAX_DEPTH);
-    let most_refs = references.saturating_mul(MOST_REFS_PER_TRIANGLE).saturating_add(1 << 16).min(1 << 29);
+    let most_refs = most_refs(references);
     let mut retries = 0;
     loop {
         let mut attempt = Arena { device, bytes: mesh_bytes };

@@ -8,13 +8,16 @@
 //! An event is one word: position, kind, reference; comparing events is comparing integers, no two are equal, and
 //! the tree does not depend on how many threads build it.
 
-use crate::{BuildOptions, KdTree, mesh::Mesh};
-use raykd_kernels::{
-    build::clip::{Bounds, clip, clip_plane},
-    glam::Vec3,
-};
+pub mod clip;
+
+use crate::{BuildOptions, KdTree, build::most_refs, mesh::Mesh};
+use clip::{Bounds, clip, clip_plane};
+use raykd_kernels::glam::Vec3;
 use raykd_shared::{Node, TreeHeader, limits::MAX_DEPTH};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{
+    Mutex, MutexGuard, PoisonError,
+    atomic::{AtomicUsize, Ordering::Relaxed},
+};
 
 /// What becomes of a triangle's box where a plane cuts it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -42,6 +45,14 @@ pub struct ExactOptions {
 impl Default for ExactOptions {
     fn default() -> Self {
         Self { clipping: Clipping::default(), empty_bonus: 1.0, bad_splits: 0 }
+    }
+}
+
+impl ExactOptions {
+    /// What goes with options that all builders share.
+    pub fn of(options: &BuildOptions) -> Self {
+        let clipping = if options.clip { Clipping::Plane } else { Clipping::Off };
+        Self { clipping, ..Self::default() }
     }
 }
 
@@ -290,6 +301,9 @@ struct Builder<'m> {
     max_depth: u32,
     options: &'m ExactOptions,
     pool: Pool,
+    /// References of the leaves so far, and how many there may be.
+    listed: AtomicUsize,
+    most: usize,
 }
 
 /// Where a reference goes: its number among the child's and one of these, or neither if it is clipped.
@@ -368,7 +382,8 @@ impl Builder<'_> {
     fn choose(&self, set: &Set, cell: &mut Cell, parallel: bool) -> Option<Plane> {
         let area = half_area(&cell.bounds);
         let as_leaf = area * self.test * set.triangles.len() as f32;
-        if cell.depth >= self.max_depth || as_leaf <= area * self.step {
+        let full = self.listed.load(Relaxed) > self.most;
+        if cell.depth >= self.max_depth || as_leaf <= area * self.step || full {
             return None;
         }
         let sweep = |axis| self.sweep(set, &cell.bounds, axis, area);
@@ -507,11 +522,16 @@ impl Builder<'_> {
                 tree.nodes.truncate(slot);
                 tree.refs.truncate(refs);
                 tree.depth = depth;
-                (tree.leaf(&set.triangles, cell.depth), as_leaf)
+                (self.leaf(tree, &set.triangles, cell.depth), as_leaf)
             }
         } else {
-            (tree.leaf(&set.triangles, cell.depth), as_leaf)
+            (self.leaf(tree, &set.triangles, cell.depth), as_leaf)
         }
+    }
+
+    fn leaf(&self, tree: &mut Branch, triangles: &[u32], depth: u32) -> Node {
+        self.listed.fetch_add(triangles.len(), Relaxed);
+        tree.leaf(triangles, depth)
     }
 
     /// The same by several threads.
@@ -537,7 +557,7 @@ impl Builder<'_> {
                 return (Part::Cut(plane, Box::new([below, above])), cost);
             }
             let mut tree = Branch::default();
-            let root = tree.leaf(&triangles, cell.depth);
+            let root = self.leaf(&mut tree, &triangles, cell.depth);
             return (Part::Grown(root, tree), as_leaf);
         }
         // About what surface meshes need.
@@ -553,8 +573,20 @@ impl Builder<'_> {
 }
 
 /// Builds the tree of `mesh` on the CPU, by the threads of the current rayon pool. The same mesh and options give
-/// the same bytes.
+/// the same bytes. Where splitting does not separate the triangles, the depth is halved until memory suffices.
 pub fn build(mesh: &Mesh, options: &BuildOptions, exact: &ExactOptions) -> KdTree {
+    let mut depth = options.max_depth.min(MAX_DEPTH);
+    loop {
+        // A single leaf always fits.
+        match attempt(mesh, &BuildOptions { max_depth: depth, ..options.clone() }, exact) {
+            Some(tree) => return tree,
+            None => depth /= 2,
+        }
+    }
+}
+
+/// Gives up, at whatever point, if the leaves get too long in all.
+fn attempt(mesh: &Mesh, options: &BuildOptions, exact: &ExactOptions) -> Option<KdTree> {
     let positions = mesh.scaled_positions();
     let (lo, hi) = mesh.scaled_bounds();
     let builder = Builder {
@@ -562,9 +594,11 @@ pub fn build(mesh: &Mesh, options: &BuildOptions, exact: &ExactOptions) -> KdTre
         triangles: mesh.triangles(),
         step: options.cost_step,
         test: options.cost_test,
-        max_depth: options.max_depth.min(MAX_DEPTH),
+        max_depth: options.max_depth,
         options: exact,
         pool: Pool::default(),
+        listed: AtomicUsize::new(0),
+        most: most_refs(mesh.kept().len() as u32) as usize,
     };
     let bounds = Bounds { lo: Vec3::from_array(lo), hi: Vec3::from_array(hi) };
     let mut set = Set::default();
@@ -582,6 +616,9 @@ pub fn build(mesh: &Mesh, options: &BuildOptions, exact: &ExactOptions) -> KdTre
     };
     set.axes.iter_mut().for_each(sort);
     let (part, _) = builder.branch(set, Cell { bounds, depth: 0, bad: 0 });
+    if builder.listed.load(Relaxed) > builder.most {
+        return None;
+    }
     let (nodes, refs) = part.size();
     let mut tree = Branch { nodes: Vec::with_capacity(nodes + 2), refs: Vec::with_capacity(refs), depth: 0 };
     tree.nodes.extend([Node::PADDING; 2]);
@@ -598,5 +635,5 @@ pub fn build(mesh: &Mesh, options: &BuildOptions, exact: &ExactOptions) -> KdTre
         cost_test: options.cost_test,
         reserved: [0; 3],
     };
-    KdTree { header, nodes: tree.nodes, refs: tree.refs }
+    Some(KdTree { header, nodes: tree.nodes, refs: tree.refs })
 }

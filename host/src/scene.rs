@@ -1,8 +1,9 @@
 //! A mesh with its tree on a device, ready to trace.
 
 use crate::{
-    BuildOptions, BuildTimes, Error, KdTree,
+    BuildOptions, BuildTimes, Builder, Error, KdTree,
     build::{Built, MeshBuffers, build, upload},
+    exact::ExactOptions,
     exec::{Buffer, Device, Step, Timing},
     mesh::Mesh,
 };
@@ -77,6 +78,14 @@ impl<'d> Scene<'d> {
     /// # Errors
     /// The mesh does not fit the device, or the device failed.
     pub fn build(device: &'d Device, mesh: &Mesh, options: &BuildOptions) -> Result<Self, Error> {
+        if options.builder == Builder::Exact {
+            let start = Instant::now();
+            let tree = device.install(|| crate::exact::build(mesh, options, &ExactOptions::of(options)));
+            let build = start.elapsed();
+            let mut scene = Self::place(device, mesh, &tree)?;
+            scene.times.build = build;
+            return Ok(scene);
+        }
         let (on_device, built) = build(device, mesh, options)?;
         Self::assemble(device, mesh, on_device, built)
     }
@@ -97,6 +106,12 @@ impl<'d> Scene<'d> {
                 header.triangles
             )));
         }
+        Self::place(device, mesh, tree)
+    }
+
+    /// The same without looking at the tree.
+    fn place(device: &'d Device, mesh: &Mesh, tree: &KdTree) -> Result<Self, Error> {
+        let header = tree.header;
         let start = Instant::now();
         let nodes = device.alloc("nodes", tree.nodes.len() as u64 * 8)?;
         let refs = device.alloc("refs", tree.refs.len() as u64 * 4)?;

@@ -3,10 +3,8 @@
 use num_rational::BigRational;
 use proptest::prelude::*;
 use raykd::{
-    kernels::{
-        build::clip::{Bounds, clip, clip_plane},
-        glam::Vec3,
-    },
+    exact::clip::{Bounds, clip, clip_plane},
+    kernels::glam::Vec3,
     rays::Random,
 };
 use raykd_tests::{Failure, cases, exact};

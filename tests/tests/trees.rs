@@ -65,7 +65,8 @@ fn every_family_builds_at_sizes_where_something_changes() {
             let recipe = Recipe { family, size, seed: 7 };
             let mesh = recipe.mesh();
             let tree = build_everywhere(&mesh, &BuildOptions::default());
-            tree.and_then(|tree| check(&mesh, tree.view(), true)).unwrap_or_else(|e| panic!("{recipe:?}: {e}"));
+            tree.and_then(|tree| check(&mesh, tree.view(), true))
+                .unwrap_or_else(|e| panic!("{recipe:?}: {e}"));
         }
     }
 }

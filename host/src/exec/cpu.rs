@@ -77,9 +77,13 @@ impl Cpu {
     }
 
     pub(super) fn run(&self, steps: &[Step<'_>], profile: bool) -> Timing {
+        self.install(|| self.run_here(steps, profile))
+    }
+
+    pub(super) fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
         match &self.pool {
-            Some(pool) => pool.install(|| self.run_here(steps, profile)),
-            None => self.run_here(steps, profile),
+            Some(pool) => pool.install(work),
+            None => work(),
         }
     }
 

@@ -131,6 +131,15 @@ impl Device {
         Self::cpu()
     }
 
+    /// Runs work of the host with the device's threads; a GPU has those of the machine.
+    pub(crate) fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
+        match self {
+            Self::Cpu(cpu) => cpu.install(work),
+            #[cfg(feature = "gpu")]
+            Self::Gpu(_) => work(),
+        }
+    }
+
     /// `cpu` or `gpu`.
     pub const fn kind(&self) -> &'static str {
         match self {

@@ -8,7 +8,6 @@
 pub mod alloc;
 pub mod bin;
 pub mod boxes;
-pub mod clip;
 pub mod count;
 pub mod emit;
 pub mod overlap;

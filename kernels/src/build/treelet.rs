@@ -79,7 +79,8 @@ fn keep(corners: &mut [u32; CORNERS], lane: u32, corner: u32, v: Vec3) {
 
 #[inline(always)]
 fn kept(corners: &[u32; CORNERS], lane: u32, corner: u32) -> Vec3 {
-    let f = move |corners: &[u32; CORNERS], i: u32| f32::from_bits(corners.at(corner * 3 * TREELET + lane + i));
+    let f =
+        move |corners: &[u32; CORNERS], i: u32| f32::from_bits(corners.at(corner * 3 * TREELET + lane + i));
     Vec3::new(f(corners, 0), f(corners, TREELET), f(corners, 2 * TREELET))
 }
 

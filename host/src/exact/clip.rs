@@ -21,7 +21,7 @@
 //! Coordinates are 0 or at least [`DUST`] in size, and so are the results; nothing else is subnormal, or it is
 //! flushed, and pads are at least four times what that may lose.
 
-use crate::{
+use raykd_kernels::{
     glam::Vec3,
     math::{abs, exp2, high, low},
     trace::frame::cycle,
@@ -130,11 +130,7 @@ fn pad(on: Span) -> f32 {
 #[inline(always)]
 fn meet(a: f32, b: f32, at: f32) -> f32 {
     let (part, whole) = (at - a, b - a);
-    // The same bits: both round correctly, and what is not normal ends as dust.
-    #[cfg(not(target_arch = "spirv"))]
-    return part / whole;
-    #[cfg(target_arch = "spirv")]
-    crate::math::div(part, whole)
+    part / whole
 }
 
 /// The coordinate at `t` on the way from `a` to `b`.
