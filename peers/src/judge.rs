@@ -4,7 +4,7 @@ use crate::peers::Answer;
 use raykd::{Mesh, Ray};
 
 /// How far, relative to `t`, an answer may lie from the exact one: grazing rays reach 5e-3 in f32.
-const NEAR: f64 = 5.0e-3;
+pub const NEAR: f32 = 5.0e-3;
 /// Barycentric weights closer to 0 than this are left to f32's rounding.
 const EDGE: f64 = 1.0e-4;
 
@@ -17,18 +17,19 @@ pub struct Verdict {
 
 /// Whether each of two answers is wrong beyond doubt.
 pub fn judge(mesh: &Mesh, ray: &Ray, x: Answer, y: Answer) -> [bool; 2] {
+    let near = f64::from(NEAR);
     if x.agrees(y) {
         return [false; 2];
     }
     let [sx, sy] = [x, y].map(|answer| answer.is_hit().then(|| sight(mesh, ray, answer.triangle)));
     let wrong = |one: Answer, own: Option<Sight>, other: Option<Sight>| {
         let invented = own.is_some_and(|s| {
-            s.margin < -EDGE || (s.margin > EDGE && (s.t - f64::from(one.t)).abs() > NEAR * s.t.abs())
+            s.margin < -EDGE || (s.margin > EDGE && (s.t - f64::from(one.t)).abs() > near * s.t.abs())
         });
         let (t_min, t_max) = (f64::from(ray.t_min), f64::from(ray.t_max));
         let missed = other.is_some_and(|s| {
-            let seen = s.margin > EDGE && s.t > t_min + NEAR * s.t && s.t < t_max - NEAR * s.t;
-            seen && (!one.is_hit() || f64::from(one.t) > s.t * (1.0 + NEAR))
+            let seen = s.margin > EDGE && s.t > t_min + near * s.t && s.t < t_max - near * s.t;
+            seen && (!one.is_hit() || f64::from(one.t) > s.t * (1.0 + near))
         });
         invented || missed
     };
