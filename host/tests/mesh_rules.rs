@@ -68,7 +68,7 @@ fn minus_zero_reaches_no_kernel() {
 
 #[test]
 fn dust_becomes_zero() {
-    let limit = 2f32.powi(-90);
+    let limit = 2f32.powi(-60);
     let below = f32::from_bits(limit.to_bits() - 1);
     let mesh = soup(&[[[-below, 1e-40, limit], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]]).unwrap();
     assert_eq!(mesh.repairs().flushed, 2);
@@ -77,7 +77,7 @@ fn dust_becomes_zero() {
     assert_eq!(mesh.positions()[0][1], 1e-40, "what was given stays as it was");
 
     // A triangle that is nothing but dust next to the others.
-    let mesh = soup(&[UNIT, times(1e-30), times(1e-20)]).unwrap();
+    let mesh = soup(&[UNIT, times(1e-30), times(1e-15)]).unwrap();
     assert_eq!(mesh.kept(), [0, 2]);
     assert_eq!((mesh.repairs().flushed, mesh.repairs().zero_area), (4, 1));
 
@@ -191,7 +191,7 @@ proptest! {
                     tight.1[axis] = tight.1[axis].max(x);
                     // Exact, but for dust.
                     let given = f64::from(mesh.positions()[v as usize][axis]) * f64::from(mesh.scale());
-                    prop_assert!(f64::from(x) == given || x == 0.0 && given.abs() < 2f64.powi(-67));
+                    prop_assert!(f64::from(x) == given || x == 0.0 && given.abs() < 2f64.powi(-37));
                 }
             }
         }

@@ -116,90 +116,57 @@ pub fn div(a: f32, b: f32) -> f32 {
     }
 }
 
-/// The product of two 24-bit integers as `(high, low)` words of 24 bits.
+/// The upper half of a number's 24 digits; what it leaves is the lower half.
 #[inline(always)]
-fn wide(a: u32, b: u32) -> (u32, u32) {
-    let (ah, al, bh, bl) = (a >> 12, a & 0xFFF, b >> 12, b & 0xFFF);
-    let middle = ah * bl + al * bh;
-    let low = al * bl + ((middle & 0xFFF) << 12);
-    (ah * bh + (middle >> 12) + (low >> 24), low & 0x00FF_FFFF)
+fn head(a: f32) -> f32 {
+    f32::from_bits(a.to_bits() & 0xFFFF_F000)
 }
 
-/// How far a 48-bit number, not 0, must go up until its top bit is set.
+/// `a * b`, and exactly what rounding took from it (Dekker 1971, with halves cut instead of rounded), for products
+/// that are 0 by a factor or at least `2^-78` in size.
 #[inline(always)]
-fn lift(high: u32, low: u32) -> u32 {
-    if high != 0 { high.leading_zeros() - 8 } else { 24 + (low | 1).leading_zeros() - 8 }
+pub fn two_product(a: f32, b: f32) -> (f32, f32) {
+    let product = a * b;
+    let (ah, bh) = (head(a), head(b));
+    let (al, bl) = (a - ah, b - bh);
+    (product, al * bl - (((product - ah * bh) - al * bh) - ah * bl))
 }
 
-/// A 48-bit number times `2^by`, `by < 48`.
-#[inline(always)]
-fn shift(high: u32, low: u32, by: u32) -> (u32, u32) {
-    let (high, low, by) = if by >= 24 { (low, 0, by - 24) } else { (high, low, by) };
-    ((high << by) | (low >> (24 - by)), (low << by) & 0x00FF_FFFF)
-}
-
-/// A number as an integer of 24 bits times `2^(e - 150)`.
-#[inline(always)]
-fn parts(a: f32) -> (u32, i32) {
-    let field = (a.to_bits() >> 23) & 0xFF;
-    let mant = a.to_bits() & 0x007F_FFFF;
-    if field == 0 { (mant, 1) } else { (mant | 0x0080_0000, field as i32) }
-}
-
-/// `a * b - c * d` where the rounded products are equal: the sign is exact, the size within a factor of
-/// `1 +- 2^-22`, but never below `floor`, a power of two. Zero only if the exact difference is.
+/// `a * b - c * d` within `2^-22` of its size, with an exact sign, 0 only if it is; for products as in
+/// [`two_product`].
 ///
-/// Rounding is monotonic, so unequal rounded products already tell the sign; this settles the rest.
-#[inline]
-pub fn product_difference(a: f32, b: f32, c: f32, d: f32, floor: f32) -> f32 {
-    let ((ma, ea), (mb, eb)) = (parts(a), parts(b));
-    let ((mc, ec), (md, ed)) = (parts(c), parts(d));
-    let (mut ph, mut pl) = wide(ma, mb);
-    let (mut qh, mut ql) = wide(mc, md);
-    let p_zero = (ph | pl) == 0;
-    let q_zero = (qh | ql) == 0;
-    let p_negative = ((a.to_bits() ^ b.to_bits()) >> 31) != 0;
-    let q_negative = ((c.to_bits() ^ d.to_bits()) >> 31) != 0;
-    // Bring both to one exponent. Equal rounded products are within a binade of each other unless they
-    // underflow, and then only the sign matters; so a long shift may lose low bits.
-    let (p_up, q_up) = (lift(ph, pl), lift(qh, ql));
-    let (mut pe, mut qe) = (ea + eb - p_up as i32, ec + ed - q_up as i32);
-    (ph, pl) = shift(ph, pl, p_up);
-    (qh, ql) = shift(qh, ql, q_up);
-    // One binade apart: double the larger one (25 bits in its high word are fine).
-    if !p_zero && !q_zero && pe == qe + 1 {
-        ph = (ph << 1) | (pl >> 23);
-        pl = (pl << 1) & 0x00FF_FFFF;
-        pe = qe;
-    } else if !p_zero && !q_zero && qe == pe + 1 {
-        qh = (qh << 1) | (ql >> 23);
-        ql = (ql << 1) & 0x00FF_FFFF;
-        qe = pe;
-    }
-    let p_greater = !p_zero && (q_zero || pe > qe || (pe == qe && (ph > qh || (ph == qh && pl > ql))));
-    let equal = (p_zero && q_zero) || (!p_zero && !q_zero && pe == qe && ph == qh && pl == ql);
-    let mut negative = if p_greater { p_negative } else { !q_negative };
-    let mut size = floor;
-    if p_negative == q_negative || p_zero || q_zero {
-        if pe == qe && !p_zero && !q_zero {
-            // Both fit: subtract the smaller from the larger, 24 bits a word.
-            let (gh, gl) = if p_greater { (ph, pl) } else { (qh, ql) };
-            let (sh, sl) = if p_greater { (qh, ql) } else { (ph, pl) };
-            let borrow = (gl < sl) as u32;
-            let low_word = (gl + (borrow << 24)) - sl;
-            let high_word = gh - sh - borrow;
-            let value = high_word as f32 * 16_777_216.0 + low_word as f32;
-            size = high(ldexp(value, pe - 300), floor);
-        }
-    } else {
-        // Opposite signs: both products underflowed.
-        negative = p_negative;
-    }
-    if equal && (p_negative == q_negative || p_zero) {
-        0.0
-    } else if negative {
-        -size
-    } else {
-        size
-    }
+/// If the rounded products are within a factor of two, their difference is exact (Sterbenz), and so is that of the
+/// two rounding errors, which share a grid of 24 bits; else nothing cancels.
+#[inline(always)]
+pub fn product_difference(a: f32, b: f32, c: f32, d: f32) -> f32 {
+    let ((p, p_error), (q, q_error)) = (two_product(a, b), two_product(c, d));
+    (p - q) + (p_error - q_error)
+}
+
+/// A number as one of size 1 to 2 times a power of two. Subnormals count as 0.
+#[inline(always)]
+fn parts(a: f32) -> (f32, i32) {
+    let e = exponent(a);
+    if e == -127 { (0.0, NOTHING) } else { (f32::from_bits((a.to_bits() & 0x807F_FFFF) | 0x3F80_0000), e) }
+}
+
+/// Exponent that goes with 0: less than any sum of two others.
+const NOTHING: i32 = -1000;
+
+/// [`product_difference`] for all normal numbers: the result is the first times two to the second.
+#[inline(always)]
+pub fn product_difference_wide(a: f32, b: f32, c: f32, d: f32) -> (f32, i32) {
+    let ((a, ea), (b, eb), (c, ec), (d, ed)) = (parts(a), parts(b), parts(c), parts(d));
+    let ((p, p_error), (q, q_error)) = (two_product(a, b), two_product(c, d));
+    let (ep, eq) = (ea + eb, ec + ed);
+    let top = if ep > eq { ep } else { eq };
+    // So much smaller than the other product, it changes neither sign nor size by what counts.
+    let (x, y) = (power(ep - top), power(eq - top));
+    ((p * x - q * y) + (p_error * x - q_error * y), top)
+}
+
+/// `2^e`, or 0 below `2^-60`.
+#[inline(always)]
+fn power(e: i32) -> f32 {
+    if e < -60 { 0.0 } else { exp2(e) }
 }

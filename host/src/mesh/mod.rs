@@ -9,7 +9,7 @@
 //!   counted. The test is exact, not a threshold.
 //! - **Duplicates**, with the same three positions in the same order as an earlier triangle, stay in the tree,
 //!   and are counted; of equal hits the lowest number wins.
-//! - **Dust**: coordinates that are smaller in size than 2⁻⁹⁰ of the mesh's largest extent (rounded down to a
+//! - **Dust**: coordinates that are smaller in size than 2⁻⁶⁰ of the mesh's largest extent (rounded down to a
 //!   power of two) are 0 for the kernels, and counted. They are there because somebody's arithmetic left
 //!   them, and a GPU may or may not flush them. A triangle without area after that counts as zero-area.
 //! - **Errors**: coordinates that are not finite, indices out of range, damaged, truncated or empty files, a

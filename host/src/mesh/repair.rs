@@ -113,7 +113,7 @@ pub(super) fn survey(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Result<S
             .fold(|| Measure::NOTHING, |m, &t| corners(t).into_iter().fold(m, Measure::with))
             .reduce(|| Measure::NOTHING, |a, b| a.and(&b));
         let extent = measure.extent();
-        let dust = power_of_two(exponent(extent) - 90);
+        let dust = power_of_two(exponent(extent) - 60);
         if f64::from(measure.smallest) < dust {
             let before = kept.len();
             kept.retain(|&t| has_area(corners(t).map(|p| p.map(|x| settle(x, dust)))));

@@ -1,13 +1,15 @@
 //! One ray made ready: scaled, with exact reciprocals, and with the pad that makes traversal conservative.
 //!
 //! # Why nothing is missed
-//! The triangle test works on vertices that were translated and sheared in `f32`. Their rounding moves each
-//! vertex by at most `8 * 2^-24 * M` in the plane across the ray, with `M` the largest distance along an axis
-//! from the origin to a corner of the scene. So a hit lies within that of its triangle, and it is accepted only
-//! at a `t` at which the ray is within [`CLAUSE`] `* M` of the triangle's box (clamping moves `t` there).
-//! Traversal widens every interval by [`PAD`] `* M`, twice as much, which also covers the rounding of
-//! `(split - origin) * inverse`. Hence each accepted hit lies in the interval of some leaf that lists its
-//! triangle, whatever the tree looks like: traversal and brute force give the same bytes.
+//! Let `e = 2^-24` and `M` the largest distance along an axis from the origin to a corner of the scene. The triangle
+//! test works on vertices that were translated and sheared in `f32`, which moves each by at most `8 e M` across the
+//! ray and `3 e M` along it. For these vertices it decides exactly, and it finds their mean depth `t` within `10 e M`.
+//! The same mean of the true vertices is a point of the triangle, so: at `t` the ray is within `21 e M`, on every
+//! axis, of a point `q` of the triangle. Some leaf whose cell contains `q` lists the triangle, also if references
+//! were clipped. Traversal counts every plane as [`PAD`] `* M = 32 e M` thick on either side, which covers this and
+//! the rounding of `(split - origin) * inverse` and what follows (`6 e M`). Hence each accepted hit lies in the
+//! interval of some leaf that lists its triangle, whatever the tree looks like: traversal and brute force give the
+//! same bytes.
 
 use crate::{
     glam::{Vec3, Vec4},
@@ -18,15 +20,18 @@ use raykd_shared::TreeHeader;
 /// Half width, in units of `M`, of what a splitting plane counts as.
 pub const PAD: f32 = exp2(-19);
 
-/// How far outside its triangle's box, in units of `M`, a hit may lie.
-pub const CLAUSE: f32 = exp2(-20);
-
 /// Direction components smaller than this fraction of the largest are taken as this fraction: over the
 /// scene's length the ray then strays less than `PAD` by far.
 const STEEPEST: i32 = 40;
 
 /// Origins are accepted up to this power of two (in scaled units, where scenes are at most `2^20` wide).
 const FARTHEST: i32 = 30;
+
+/// What is smaller counts as 0, for origins (in scaled units, where scenes are at least `2^-10` wide) and for the
+/// shear: with coordinates of at least `2^-60` of the scene's width no sheared vertex is subnormal, and a ray strays
+/// by a small fraction of what rounding does.
+const DUST: f32 = exp2(-70);
+const NO_SHEAR: f32 = exp2(-30);
 
 /// A ray in the form traversal and triangle test need.
 #[derive(Clone, Copy, Debug)]
@@ -84,6 +89,12 @@ pub fn cycle(v: Vec3, axis: u32) -> Vec3 {
     }
 }
 
+/// The number, or 0 if it is smaller than `floor` in size.
+#[inline(always)]
+pub fn flush(a: f32, floor: f32) -> f32 {
+    if abs(a) < floor { 0.0 } else { a }
+}
+
 /// The reciprocal of a direction component of size at most 2, kept finite.
 #[inline(always)]
 fn reciprocal(d: f32) -> f32 {
@@ -95,7 +106,7 @@ fn reciprocal(d: f32) -> f32 {
 /// The part of `enter..exit` in which the ray is in the slab `lo..hi`, widened by `slack` in space; empty, with
 /// its ends in the wrong order, if there is none.
 #[inline(always)]
-pub fn slab(lo: f32, hi: f32, origin: f32, inverse: f32, slack: f32, enter: f32, exit: f32) -> (f32, f32) {
+fn slab(lo: f32, hi: f32, origin: f32, inverse: f32, slack: f32, enter: f32, exit: f32) -> (f32, f32) {
     let to_lo = (lo - origin) * inverse;
     let to_hi = (hi - origin) * inverse;
     let wide = slack * abs(inverse);
@@ -123,7 +134,8 @@ impl Frame {
         top = if dz > top { dz } else { top };
         let scale = exponent(header.scale);
         let d = Vec3::new(ldexp(direction.x, -top), ldexp(direction.y, -top), ldexp(direction.z, -top));
-        let origin = Vec3::new(ldexp(first.x, scale), ldexp(first.y, scale), ldexp(first.z, scale));
+        let place = move |x: f32| flush(ldexp(x, scale), DUST);
+        let origin = Vec3::new(place(first.x), place(first.y), place(first.z));
         let (ox, oy, oz) = (exponent(origin.x), exponent(origin.y), exponent(origin.z));
         let number = !is_nan(second.z) && !is_nan(second.w);
         let valid = top > -127 && top < 128 && number && ox < FARTHEST && oy < FARTHEST && oz < FARTHEST;
@@ -159,8 +171,8 @@ impl Frame {
             inverse,
             pad,
             main,
-            shear_x: turned.x * along,
-            shear_y: turned.y * along,
+            shear_x: flush(turned.x * along, NO_SHEAR),
+            shear_y: flush(turned.y * along, NO_SHEAR),
             enter,
             exit,
             t_min,

@@ -2,20 +2,22 @@
 //!
 //! Vertices are translated to the ray's origin and sheared so that the ray runs along one axis; in the plane
 //! across it, the origin is inside the triangle if the three edge functions have one sign. Each is a difference
-//! of two products. Rounding is monotonic, so the rounded products compare as the exact ones do unless they are
-//! equal, and then [`product_difference`] decides. The sheared vertices are the same numbers in every triangle
-//! that shares them, so a closed mesh has no gaps, at edges and at vertices (the paper falls back to doubles here).
+//! of two products, whose rounding errors are found exactly: it has the right sign and is accurate to its last
+//! digits. The sheared vertices are the same numbers in every triangle that shares them, so a closed mesh has no
+//! gaps, at edges and at vertices (the paper falls back to doubles here); and since the edge functions are accurate,
+//! so is `t`, their mean of the vertices' depths, even where the ray grazes the triangle (see frame.rs).
 
-use super::frame::{CLAUSE, Frame, PAD, component, cycle, slab};
+use super::frame::{Frame, component, cycle, flush};
 use crate::{
     glam::Vec3,
-    math::{abs, div, exp2, high, low, product_difference},
+    math::{div, exp2, exponent, product_difference, product_difference_wide},
 };
 
-/// Edge functions are kept at least this large when they are not zero, far from subnormals.
-const EDGE_FLOOR: f32 = exp2(-80);
-/// Depths smaller than this count as zero, so that an edge function times a depth is a normal number.
+/// Depths smaller than this count as zero, and so do weights below [`WEIGHT_FLOOR`]: their products stay normal.
 const DEPTH_FLOOR: f32 = exp2(-46);
+const WEIGHT_FLOOR: f32 = exp2(-40);
+/// Products of numbers at least this large have exact rounding errors.
+const SMALL: f32 = exp2(-39);
 
 /// The best hit of a ray so far. `u` and `v` stay undivided until the end.
 #[derive(Clone, Copy, Debug)]
@@ -30,25 +32,6 @@ pub struct Best {
     pub v: f32,
     /// Sum of the three weights.
     pub det: f32,
-}
-
-/// `a * b - c * d` with an exact sign, away from subnormals.
-#[inline(always)]
-fn edge(a: f32, b: f32, c: f32, d: f32) -> f32 {
-    let (p, q) = (a * b, c * d);
-    let rough = p - q;
-    if p == q {
-        product_difference(a, b, c, d, EDGE_FLOOR)
-    } else if abs(rough) < EDGE_FLOOR {
-        if p < q { -EDGE_FLOOR } else { EDGE_FLOOR }
-    } else {
-        rough
-    }
-}
-
-#[inline(always)]
-fn flush(depth: f32) -> f32 {
-    if abs(depth) < DEPTH_FLOOR { 0.0 } else { depth }
 }
 
 /// A triangle's vertices seen from a ray: moved to its origin, sheared along it.
@@ -95,31 +78,65 @@ pub fn may_hit(ray: &Frame, a: Vec3, b: Vec3, c: Vec3) -> bool {
     !(negative & positive)
 }
 
+/// The three edge functions, up to a common power of two: exact signs, sizes within `2^-22`.
+#[inline(always)]
+fn edges(s: &Sheared) -> (f32, f32, f32) {
+    let small =
+        is_small(s.ax) | is_small(s.ay) | is_small(s.bx) | is_small(s.by) | is_small(s.cx) | is_small(s.cy);
+    if small {
+        let (u, eu) = product_difference_wide(s.cx, s.by, s.cy, s.bx);
+        let (v, ev) = product_difference_wide(s.ax, s.cy, s.ay, s.cx);
+        let (w, ew) = product_difference_wide(s.bx, s.ay, s.by, s.ax);
+        let top = if eu > ev { eu } else { ev };
+        let top = if ew > top { ew } else { top };
+        (lower(u, eu - top), lower(v, ev - top), lower(w, ew - top))
+    } else {
+        (
+            product_difference(s.cx, s.by, s.cy, s.bx),
+            product_difference(s.ax, s.cy, s.ay, s.cx),
+            product_difference(s.bx, s.ay, s.by, s.ax),
+        )
+    }
+}
+
+/// Not 0, but too small for [`product_difference`].
+#[inline(always)]
+fn is_small(a: f32) -> bool {
+    let doubled = a.to_bits() << 1;
+    doubled.wrapping_sub(1) < const { (SMALL.to_bits() << 1) - 1 }
+}
+
+/// `a * 2^e` for `e <= 0`, keeping the sign of what is too small to matter.
+#[inline(always)]
+fn lower(a: f32, e: i32) -> f32 {
+    let least = f32::from_bits((a.to_bits() & 0x8000_0000) | exp2(-100).to_bits());
+    if a == 0.0 {
+        0.0
+    } else if e < -50 {
+        least
+    } else {
+        a * exp2(e)
+    }
+}
+
 /// The whole test of triangle `id`: keeps the better of it and `best`. Smaller `t` wins, then the smaller id.
 #[inline(always)]
 pub fn test(ray: &Frame, id: u32, a: Vec3, b: Vec3, c: Vec3, best: &mut Best) {
     let s = shear(ray, a, b, c);
-    let u = edge(s.cx, s.by, s.cy, s.bx);
-    let v = edge(s.ax, s.cy, s.ay, s.cx);
-    let w = edge(s.bx, s.ay, s.by, s.ax);
+    let (u, v, w) = edges(&s);
     let negative = u < 0.0 || v < 0.0 || w < 0.0;
     let positive = u > 0.0 || v > 0.0 || w > 0.0;
     // Both: outside. Neither: the ray lies in the triangle's plane, a miss by contract.
     if negative != positive {
+        let unit = exp2(-exponent(u + v + w));
+        let (u, v, w) = (u * unit, v * unit, w * unit);
         let det = u + v + w;
         let along = component(ray.inverse, ray.main);
-        let depth = u * flush(along * s.az) + v * flush(along * s.bz) + w * flush(along * s.cz);
+        let depth = flush(u, WEIGHT_FLOOR) * flush(along * s.az, DEPTH_FLOOR)
+            + flush(v, WEIGHT_FLOOR) * flush(along * s.bz, DEPTH_FLOOR)
+            + flush(w, WEIGHT_FLOOR) * flush(along * s.cz, DEPTH_FLOOR);
         let t = div(depth, det);
-        // The box clause; see frame.rs.
-        let slack = ray.pad * const { CLAUSE / PAD };
-        let (o, i) = (ray.origin, ray.inverse);
-        let lo = Vec3::new(low(low(a.x, b.x), c.x), low(low(a.y, b.y), c.y), low(low(a.z, b.z), c.z));
-        let hi = Vec3::new(high(high(a.x, b.x), c.x), high(high(a.y, b.y), c.y), high(high(a.z, b.z), c.z));
-        let (enter, exit) = slab(lo.x, hi.x, o.x, i.x, slack, ray.t_min, ray.t_max);
-        let (enter, exit) = slab(lo.y, hi.y, o.y, i.y, slack, enter, exit);
-        let (enter, exit) = slab(lo.z, hi.z, o.z, i.z, slack, enter, exit);
-        let inside = t >= ray.t_min && t <= ray.t_max && enter <= exit;
-        let t = low(high(t, enter), exit);
+        let inside = t >= ray.t_min && t <= ray.t_max;
         let better = t < best.t || (t == best.t && id < best.triangle);
         if inside && better {
             *best = Best { t, triangle: id, u: v, v: w, det };
