@@ -2,6 +2,8 @@
 //!
 //! All are made by `+ - * / sqrt` from a fixed seed, so they are the same on every machine.
 
+pub mod sets;
+
 use crate::{Hit, Mesh, Ray};
 use std::ops::Range;
 

@@ -14,7 +14,7 @@ use std::{
 use tempfile::TempDir;
 
 /// Keys of `raykd bench --json` that other things rely on.
-const BENCH_KEYS: [&str; 20] = [
+const BENCH_KEYS: [&str; 26] = [
     "scene",
     "triangles",
     "device",
@@ -35,6 +35,12 @@ const BENCH_KEYS: [&str; 20] = [
     "sah_cost",
     "digest",
     "hits_digest",
+    "mrays_a",
+    "mrays_b",
+    "mrays_c",
+    "mrays_d",
+    "mrays_d_any",
+    "sets_digest",
 ];
 
 fn command(line: &[&str]) -> Command {
@@ -150,7 +156,10 @@ fn help_has_examples() {
         has(&help, &["Usage: raykd", "Examples:", &format!("raykd {name}")]);
         assert_eq!(name == "devices", !help.contains("--adapter"));
     }
-    has(&good(&["bench", "--help"]), &["--rays", "50000", "both", "--json", "--profile", "--threads"]);
+    has(
+        &good(&["bench", "--help"]),
+        &["--rays", "50000", "both", "--json", "--profile", "--threads", "ball light"],
+    );
     has(&good(&["trace", "--help"]), &["0xFFFFFFFF", "little-endian", "file order", "--any", "--tree"]);
     has(&good(&["render", "--help"]), &["normal", "depth", "heat", "id", "1024x1024", "--eye"]);
     has(&good(&["--version"]), &["raykd 0."]);
@@ -245,7 +254,8 @@ fn bench_compares_both_devices() {
         assert_eq!(row["identical"], true);
     }
     assert_eq!((&rows[0]["device"], &rows[1]["device"]), (&"cpu".into(), &"gpu".into()));
-    for key in ["digest", "hits_digest", "nodes", "leaves", "depth", "tree_bytes", "sah_cost"] {
+    for key in ["digest", "hits_digest", "sets_digest", "nodes", "leaves", "depth", "tree_bytes", "sah_cost"]
+    {
         assert_eq!(rows[0][key], rows[1][key], "{key}");
     }
 

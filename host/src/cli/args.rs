@@ -18,6 +18,12 @@ dragon_res2, dragon_res3, dragon_res4, sponza (`cargo xtask scenes` gets all but
 Exit code: 0 success, 1 an error or a difference between devices, 2 wrong usage.";
 
 const BENCH_EXAMPLES: &str = "\
+Sets of rays, the same on every machine, by which raykd is compared with others:
+  a      50,000 from the sphere around the box to uniform points of the box
+  b      a picture of 1024 x 1024, pixel centres; teapot, dragons and sponza have cameras of their own
+  c      a cosine-distributed bounce from every hit of b
+  d      from the same points to a ball light: its closest hit, and whether there is any
+
 Examples:
   raykd bench                                   the teapot on both devices
   raykd bench teapot:30 dragon --rays 1000000   two scenes, a million rays

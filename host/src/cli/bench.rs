@@ -9,7 +9,8 @@ use super::{
     write_json,
 };
 use crate::{
-    BuildOptions, Device, Error, Query, Ray, hits_digest, rays,
+    BuildOptions, Device, Error, Query, Ray, hits_digest,
+    rays::{self, sets::Sets},
     report::{Table, bytes, count, three},
 };
 use std::{
@@ -57,6 +58,15 @@ struct Row {
     ray_upload_ms: f64,
     /// Rays of a picture, millions a second.
     primary_mrays: f64,
+    /// The peers' sets of rays, see [`Sets`], millions a second.
+    mrays_a: f64,
+    mrays_b: f64,
+    mrays_c: f64,
+    mrays_d: f64,
+    /// Set d, any hit.
+    mrays_d_any: f64,
+    /// Of the closest hits of sets a to d.
+    sets_digest: String,
     /// Random rays that hit something.
     hits: usize,
     /// Triangles that take part.
@@ -105,7 +115,7 @@ pub(super) fn run(args: &BenchArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
 /// Notes whether both devices gave the same for a scene.
 fn compare(rows: &mut [Row]) {
     if let [a, b] = rows {
-        let same = a.digest == b.digest && a.hits_digest == b.hits_digest;
+        let same = [&a.digest, &a.hits_digest, &a.sets_digest] == [&b.digest, &b.hits_digest, &b.sets_digest];
         (a.identical, b.identical) = (Some(same), Some(same));
     }
 }
@@ -132,7 +142,17 @@ fn bench(
     stage("tracing random rays");
     let traced = measure::trace(&built.scene, Query::Closest, random)?;
     stage("tracing a picture");
-    let primary = measure::time(&built.scene, picture)?;
+    let primary = measure::time(&built.scene, Query::Closest, picture)?;
+    stage("tracing the peers' rays");
+    let sets = Sets::new(name, mesh, |rays| built.scene.closest(rays))?;
+    let Sets { a, b, c, d } = &sets;
+    let mut rates = [0.0; 5];
+    let closest = [a, b, c, d].map(|rays| (Query::Closest, rays));
+    for (rate, (query, rays)) in rates.iter_mut().zip(closest.into_iter().chain([(Query::Any, d)])) {
+        *rate = mrays(rays.len(), measure::time(&built.scene, query, rays)?);
+    }
+    let all: Vec<Ray> = [a, b, c, d].into_iter().flatten().copied().collect();
+    let sets_digest = hits_digest(&built.scene.closest(&all)?);
     let header = *built.scene.header();
     Ok(Row {
         scene: name.clone(),
@@ -158,6 +178,12 @@ fn bench(
         layout_ms: ms(built.layout),
         ray_upload_ms: ms(traced.upload),
         primary_mrays: mrays(picture.len(), primary),
+        mrays_a: rates[0],
+        mrays_b: rates[1],
+        mrays_c: rates[2],
+        mrays_d: rates[3],
+        mrays_d_any: rates[4],
+        sets_digest,
         hits: traced.hits.iter().filter(|hit| hit.is_hit()).count(),
         kept: mesh.kept().len(),
         repairs: mesh.repairs().into(),
@@ -175,6 +201,7 @@ fn print(rows: &[Row], machines: &Machines, out: &mut impl Write) -> anyhow::Res
     writeln!(out, "Times are medians on the device's clock; transfers are not part of them.\n")?;
     writeln!(out, "{}", build_table(rows))?;
     writeln!(out, "{}", travel_table(rows))?;
+    writeln!(out, "{}", sets_table(rows))?;
     writeln!(out, "{}", tree_table(rows))?;
     for row in rows.iter().filter(|row| !row.kernels.is_empty()) {
         writeln!(
@@ -196,9 +223,11 @@ fn print(rows: &[Row], machines: &Machines, out: &mut impl Write) -> anyhow::Res
             Both { cpu: Some(cpu), gpu: Some(gpu) } => {
                 let mark = |same| if same { "same     " } else { "DIFFERENT" };
                 writeln!(out, "{}: CPU AND GPU DIFFER", cpu.scene)?;
-                for (what, a, b) in
-                    [("tree", &cpu.digest, &gpu.digest), ("hits", &cpu.hits_digest, &gpu.hits_digest)]
-                {
+                for (what, a, b) in [
+                    ("tree", &cpu.digest, &gpu.digest),
+                    ("hits", &cpu.hits_digest, &gpu.hits_digest),
+                    ("sets", &cpu.sets_digest, &gpu.sets_digest),
+                ] {
                     writeln!(out, "  {what} {}  CPU {a}\n                  GPU {b}", mark(a == b))?;
                 }
             }
@@ -273,6 +302,16 @@ fn travel_table(rows: &[Row]) -> Table {
         let [cpu_rate, gpu_rate, _] = scene.compare(|row| row.primary_mrays);
         let rays = format!("{PICTURE}x{PICTURE} picture");
         table.row([String::new(), rays, cpu, gpu, ratio, cpu_rate, gpu_rate]);
+    }
+    table
+}
+
+/// Millions of rays a second; what the sets are is told by `--help`.
+fn sets_table(rows: &[Row]) -> Table {
+    let mut table = Table::new(["Mray/s", "device", "a", "b", "c", "d", "d any"]);
+    for row in rows {
+        let rates = [row.mrays_a, row.mrays_b, row.mrays_c, row.mrays_d, row.mrays_d_any];
+        table.row([row.scene.clone(), row.device.to_uppercase()].into_iter().chain(rates.map(three)));
     }
     table
 }

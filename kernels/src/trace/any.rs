@@ -1,9 +1,6 @@
 //! Any hit by stack traversal, for shadows.
 
-use super::{
-    JOB_RAYS, OUTCOME_STATUS, load, record,
-    stack::{Steps, walk},
-};
+use super::{JOB_RAYS, OUTCOME_STATUS, Steps, leaf::After, load, record, stack::walk};
 use crate::{
     glam::{UVec4, Vec4},
     mem::{Atomics, Buf, Slots},
@@ -25,7 +22,7 @@ pub fn any(
     if i < job.at(JOB_RAYS) {
         let ray = load(i, rays, &header.at(0), outcome);
         let mut steps = Steps::default();
-        let best = walk::<true, false>(&ray, pairs, corners, &mut steps);
+        let best = walk::<true, false, false>(&ray, pairs, corners, After::NOTHING, &mut steps);
         hits.put(i, record(&ray, &best));
         if steps.status != 0 {
             outcome.or(OUTCOME_STATUS, steps.status);

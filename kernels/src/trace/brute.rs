@@ -52,7 +52,7 @@ pub fn brute(
             test(&ray, id, a, b, c, &mut best);
             r += 1;
         }
-        // Not `<`: see stack.rs.
+        // Not `<`: see leaf.rs.
         if r != end {
             outcome.or(OUTCOME_STATUS, status::CUT_SHORT);
         }

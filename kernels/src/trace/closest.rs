@@ -1,9 +1,6 @@
 //! Closest hit by stack traversal.
 
-use super::{
-    JOB_RAYS, OUTCOME_STATUS, load, record,
-    stack::{Steps, walk},
-};
+use super::{JOB_RAYS, OUTCOME_STATUS, Steps, leaf::After, load, record, stack::walk};
 use crate::{
     glam::{UVec4, Vec4},
     mem::{Atomics, Buf, Slots},
@@ -25,7 +22,7 @@ pub fn closest(
     if i < job.at(JOB_RAYS) {
         let ray = load(i, rays, &header.at(0), outcome);
         let mut steps = Steps::default();
-        let best = walk::<false, false>(&ray, pairs, corners, &mut steps);
+        let best = walk::<false, false, false>(&ray, pairs, corners, After::NOTHING, &mut steps);
         hits.put(i, record(&ray, &best));
         if steps.status != 0 {
             outcome.or(OUTCOME_STATUS, steps.status);

@@ -5,6 +5,7 @@ pub mod brute;
 pub mod closest;
 pub mod corners;
 pub mod frame;
+pub mod leaf;
 pub mod stack;
 pub mod steps;
 pub mod triangle;
@@ -33,6 +34,19 @@ pub const OUTCOME_STATUS: u32 = 0;
 pub const OUTCOME_INVALID: u32 = 1;
 /// Words of the outcome record.
 pub const OUTCOME_WORDS: u32 = 4;
+
+/// What a ray did on its way.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Steps {
+    /// Inner nodes passed.
+    pub inner: u32,
+    /// Leaves visited.
+    pub leaves: u32,
+    /// Triangles tested.
+    pub tests: u32,
+    /// Status bits raised on the way.
+    pub status: u32,
+}
 
 /// No hit yet.
 pub const NOTHING: Best = Best { t: f32::INFINITY, triangle: MISS, u: 0.0, v: 0.0, det: 1.0 };

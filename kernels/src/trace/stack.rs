@@ -7,9 +7,10 @@
 //! equal `t` finds the lowest id.
 
 use super::{
-    NOTHING,
+    NOTHING, Steps,
     frame::{Frame, component},
-    triangle::{Best, may_hit, test},
+    leaf::{self, After},
+    triangle::Best,
 };
 use crate::{
     glam::{UVec4, Vec4},
@@ -18,26 +19,14 @@ use crate::{
 };
 use raykd_shared::{MISS, Node, limits::MAX_DEPTH, status};
 
-/// What a ray did on its way.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Steps {
-    /// Inner nodes passed.
-    pub inner: u32,
-    /// Leaves visited.
-    pub leaves: u32,
-    /// Triangles tested.
-    pub tests: u32,
-    /// Status bits raised on the way.
-    pub status: u32,
-}
-
-/// Finds the closest hit of a ray, or with `ANY` the best one in the first leaf that has one. With `COUNT`,
-/// says what it did.
+/// Finds the closest hit of a ray, or with `ANY` the best one in the first leaf that has one; with `AFTER` only
+/// among the hits that come after that one. With `COUNT`, says what it did.
 #[inline(always)]
-pub fn walk<const ANY: bool, const COUNT: bool>(
+pub fn walk<const ANY: bool, const AFTER: bool, const COUNT: bool>(
     ray: &Frame,
     pairs: &Buf<UVec4>,
     corners: &Buf<Vec4>,
+    after: After,
     steps: &mut Steps,
 ) -> Best {
     let mut best = NOTHING;
@@ -87,24 +76,7 @@ pub fn walk<const ANY: bool, const COUNT: bool>(
             steps.leaves += 1;
             steps.tests += node.count();
         }
-        // Some software drivers leave a loop after so many rounds whatever its condition says. Compilers take
-        // the condition's opposite for granted after a loop, so what is checked here must not look like it.
-        let mut cut = (node.words().1 | !Node::LEAF) != u32::MAX;
-        let mut r = node.first();
-        let end = if cut { r } else { r + node.count() };
-        while r < end {
-            let mut found = false;
-            while r < end && !found {
-                let (a, b, c) = corners.three(3 * r);
-                found = may_hit(ray, a.truncate(), b.truncate(), c.truncate());
-                r += 1;
-            }
-            if found {
-                let (a, b, c) = corners.three(3 * (r - 1));
-                test(ray, a.w.to_bits(), a.truncate(), b.truncate(), c.truncate(), &mut best);
-            }
-        }
-        cut |= r != end;
+        let whole = leaf::visit::<AFTER>(ray, node, corners, after, &mut best);
         running = !(ANY && best.triangle != MISS);
         let mut searching = running;
         while searching {
@@ -123,7 +95,7 @@ pub fn walk<const ANY: bool, const COUNT: bool>(
                 searching = enter > best.t;
             }
         }
-        if cut {
+        if !whole {
             steps.status |= status::CUT_SHORT;
         }
     }

@@ -1,9 +1,6 @@
 //! Closest hit by stack traversal, with what it cost.
 
-use super::{
-    JOB_RAYS, OUTCOME_STATUS, load, record,
-    stack::{Steps, walk},
-};
+use super::{JOB_RAYS, OUTCOME_STATUS, Steps, leaf::After, load, record, stack::walk};
 use crate::{
     glam::{UVec4, Vec4},
     mem::{Atomics, Buf, Slots},
@@ -26,7 +23,7 @@ pub fn steps(
     if i < job.at(JOB_RAYS) {
         let ray = load(i, rays, &header.at(0), outcome);
         let mut steps = Steps::default();
-        let best = walk::<false, true>(&ray, pairs, corners, &mut steps);
+        let best = walk::<false, false, true>(&ray, pairs, corners, After::NOTHING, &mut steps);
         hits.put(i, record(&ray, &best));
         counts.put(i, UVec4::new(steps.inner, steps.leaves, steps.tests, 0));
         if steps.status != 0 {
