@@ -13,6 +13,7 @@ mod render;
 #[cfg(feature = "cli")]
 mod report;
 mod scene;
+mod traversal;
 mod tree;
 
 pub use build::{BuildOptions, BuildTimes};
@@ -22,5 +23,8 @@ pub use mesh::Mesh;
 pub use raykd_kernels as kernels;
 pub use raykd_shared as shared;
 pub use raykd_shared::{Hit, Ray};
-pub use scene::{Query, RaySteps, Resident, Scene, Traced};
+pub use scene::{AllHits, Query, RaySteps, Resident, Scene, Traced};
+pub use traversal::Traversal;
+#[cfg(feature = "cli")]
+use tree::digest_of;
 pub use tree::{KdTree, hits_digest};

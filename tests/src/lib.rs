@@ -3,6 +3,7 @@
 
 pub mod dispatches;
 pub mod meshes;
+pub mod oracle;
 pub mod rays;
 pub mod trees;
 

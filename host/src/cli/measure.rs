@@ -140,9 +140,9 @@ pub(super) fn trace(scene: &Scene<'_>, query: Query, rays: &[Ray]) -> Result<Tra
 }
 
 /// Median time to trace rays, less often if it takes long: for large pictures.
-pub(super) fn time(scene: &Scene<'_>, rays: &[Ray]) -> Result<Duration, Error> {
+pub(super) fn time(scene: &Scene<'_>, query: Query, rays: &[Ray]) -> Result<Duration, Error> {
     let parts = rays.chunks(batch(scene)).map(|part| scene.resident(part)).collect::<Result<Vec<_>, _>>()?;
-    let all = || parts.iter().map(|part: &Resident<'_>| part.trace(Query::Closest)).sum::<Result<_, _>>();
+    let all = || parts.iter().map(|part: &Resident<'_>| part.trace(query)).sum::<Result<_, _>>();
     wake(scene)?;
     let first: Duration = all()?;
     let mut times = Vec::new();
@@ -202,6 +202,6 @@ mod tests {
         let traced = trace(&measured.scene, Query::Closest, &rays).unwrap();
         assert_eq!(traced.hits, measured.scene.closest(&rays).unwrap());
         assert_eq!(traced.invalid, 1);
-        assert!(time(&measured.scene, &rays).unwrap() > Duration::ZERO);
+        assert!(time(&measured.scene, Query::Closest, &rays).unwrap() > Duration::ZERO);
     }
 }
