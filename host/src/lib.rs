@@ -14,6 +14,7 @@ mod render;
 #[cfg(feature = "cli")]
 mod report;
 mod scene;
+mod traversal;
 mod tree;
 
 pub use build::{BuildOptions, BuildTimes, Builder};
@@ -23,5 +24,8 @@ pub use mesh::Mesh;
 pub use raykd_kernels as kernels;
 pub use raykd_shared as shared;
 pub use raykd_shared::{Hit, Ray};
-pub use scene::{Query, RaySteps, Resident, Scene, Traced};
+pub use scene::{AllHits, Query, RaySteps, Resident, Scene, Traced};
+pub use traversal::Traversal;
+#[cfg(feature = "cli")]
+use tree::digest_of;
 pub use tree::{KdTree, hits_digest};

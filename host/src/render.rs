@@ -5,7 +5,7 @@ mod legend;
 
 use crate::{
     Error, Hit, Mesh, Ray, Scene,
-    rays::{Camera, Random, facing_normal},
+    rays::{Camera, Random, bounces, facing_normal},
 };
 use colour::{Rgb, add, encode, heat, mix, scale};
 
@@ -25,6 +25,8 @@ pub(crate) enum Shading {
     Heat,
     /// A colour per triangle.
     Id,
+    /// How much of the sky each point sees.
+    Ao,
 }
 
 /// A picture.
@@ -60,6 +62,10 @@ pub(crate) fn render(
             let (hits, steps) = scene.steps(&rays)?;
             let seen = steps.iter().map(|s| [(s.inner + s.leaves + s.tests) as f32; 3]).collect();
             (hits, seen)
+        } else if shading == Shading::Ao {
+            let hits = scene.closest(&rays)?;
+            let seen = sky(scene, mesh, &rays, &hits, band.start)?;
+            (hits, seen)
         } else {
             let hits = scene.closest(&rays)?;
             let row = |i: usize| band.start + (i / across as usize) as u32;
@@ -78,6 +84,29 @@ pub(crate) fn render(
         pixels.iter().flat_map(|&pixel| encode(pixel)).collect()
     };
     Ok(Picture { rgb, rays: u64::from(across) * u64::from(down), hits: hit })
+}
+
+/// Rays of ambient occlusion from every point seen.
+const SKY_RAYS: u64 = 16;
+/// Their length, in diagonals of the mesh: what is farther off does not darken.
+const SKY_REACH: f64 = 0.2;
+
+/// The share of rays around each point's normal that get away.
+fn sky(scene: &Scene<'_>, mesh: &Mesh, rays: &[Ray], hits: &[Hit], seed: u32) -> Result<Vec<Rgb>, Error> {
+    let (lo, hi) = mesh.bounds();
+    let across = minus(hi.map(f64::from), lo.map(f64::from));
+    let reach = (along(across, across).sqrt() * SKY_REACH) as f32;
+    let mut open = vec![0.0; hits.iter().filter(|hit| hit.is_hit()).count()];
+    for round in 0..SKY_RAYS {
+        let mut around = bounces(mesh, rays, hits, u64::from(seed) * SKY_RAYS + round);
+        around.iter_mut().for_each(|ray| ray.t_max = reach);
+        for (open, hit) in open.iter_mut().zip(scene.any(&around)?) {
+            *open += if hit.is_hit() { 0.0 } else { 1.0 / SKY_RAYS as f32 };
+        }
+    }
+    let mut open = open.into_iter();
+    let mut paint = |hit: &Hit| if hit.is_hit() { open.next().map(|share| [share * 0.9; 3]) } else { None };
+    Ok(hits.iter().map(|hit| paint(hit).unwrap_or(NOTHING)).collect())
 }
 
 /// The corners of the triangles that can be seen.
@@ -140,7 +169,7 @@ impl<'a> Artist<'a> {
                 let share = ((depth - near) / (far - near).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
                 [(0.03 + 0.97 * (1.0 - share).powi(3)) as f32; 3]
             }
-            Shading::Id | Shading::Heat => {
+            Shading::Id | Shading::Heat | Shading::Ao => {
                 let mut random = Random::new(hit.triangle.into());
                 [(); 3].map(|()| (0.04 + 0.9 * random.unit() * random.unit()) as f32)
             }
@@ -212,6 +241,21 @@ mod tests {
         let picture = render(&scene, &mesh, &camera, [64, 64], 1, Shading::Id).unwrap();
         let colours: std::collections::BTreeSet<&[u8]> = picture.rgb.chunks(3).collect();
         assert_eq!(colours.len(), 3, "the two triangles and nothing");
+    }
+
+    #[test]
+    fn a_corner_sees_less_sky_than_an_open_square() {
+        let (device, open) = (Device::cpu(), square());
+        let mut points = open.positions().to_vec();
+        points.extend([[-1.0, -1.0, 2.0], [1.0, -1.0, 2.0]]);
+        let corner = Mesh::new(points, vec![[0, 1, 2], [0, 2, 3], [0, 1, 5], [0, 5, 4]]).unwrap();
+        let camera = Camera { eye: [0.0, 0.0, 1.9], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov: 60.0 };
+        let [open, corner] = [open, corner].map(|mesh| {
+            let scene = Scene::build(&device, &mesh, &BuildOptions::default()).unwrap();
+            let picture = render(&scene, &mesh, &camera, [32, 32], 1, Shading::Ao).unwrap();
+            picture.rgb.iter().map(|&x| u64::from(x)).sum::<u64>()
+        });
+        assert!(corner < open, "{corner} {open}");
     }
 
     #[test]

@@ -4,15 +4,14 @@ use crate::{
     BuildOptions, BuildTimes, Builder, Error, KdTree,
     build::{Built, MeshBuffers, build, upload},
     exact::ExactOptions,
-    exec::{Buffer, Device, Step, Timing},
+    exec::{Buffer, Device, Step},
     mesh::Mesh,
+    traversal::{Needs, Traversal},
 };
-use raykd_kernels::{
-    Kernel,
-    trace::{
-        JOB_WORDS, OUTCOME_INVALID, OUTCOME_STATUS, OUTCOME_WORDS, any::ANY, brute::BRUTE, closest::CLOSEST,
-        corners::CORNERS, steps::STEPS,
-    },
+use raykd_kernels::trace::{
+    JOB_WORDS, OUTCOME_INVALID, OUTCOME_STATUS, OUTCOME_WORDS, all::ALL, any::ANY, brute::BRUTE,
+    closest::CLOSEST, corners::CORNERS, node_boxes::NODE_BOXES, parents::PARENTS, rope_links::ROPE_LINKS,
+    steps::STEPS,
 };
 use raykd_shared::{Hit, Ray, TreeHeader, status};
 use std::time::{Duration, Instant};
@@ -37,7 +36,19 @@ pub struct RaySteps {
     pub leaves: u32,
     /// Triangles tested.
     pub tests: u32,
-    reserved: u32,
+    /// Restarts, climbs or ropes followed; 0 with a full stack.
+    pub turns: u32,
+}
+
+/// All hits of some rays: see [`Scene::all`].
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct AllHits {
+    /// The first hits of every ray, by rising (`t`, triangle): as many a ray as asked for, the rest misses.
+    pub hits: Vec<Hit>,
+    /// How many hits every ray has, written or not.
+    pub totals: Vec<u32>,
+    /// The kernel, on the device's clock.
+    pub trace: Duration,
 }
 
 /// Hits and what they took.
@@ -70,6 +81,17 @@ pub struct Scene<'d> {
     corners: Buffer,
     kept: Vec<u32>,
     times: BuildTimes,
+    traversal: Traversal,
+    extras: Extras,
+}
+
+/// What some traversals need beside the tree.
+#[derive(Debug, Default)]
+struct Extras {
+    parents: Option<Buffer>,
+    boxes: Option<Buffer>,
+    /// As they are, and optimised.
+    ropes: [Option<Buffer>; 2],
 }
 
 impl<'d> Scene<'d> {
@@ -143,6 +165,8 @@ impl<'d> Scene<'d> {
             corners,
             kept: mesh.kept().to_vec(),
             times: built.times,
+            traversal: Traversal::default(),
+            extras: Extras::default(),
         })
     }
 
@@ -173,6 +197,58 @@ impl<'d> Scene<'d> {
         })
     }
 
+    /// How rays find their way through the tree.
+    pub const fn traversal(&self) -> Traversal {
+        self.traversal
+    }
+
+    /// Chooses how rays find their way through the tree from now on, except for [`Scene::all`]; the hits stay the
+    /// same. Makes what the traversal needs beside the tree, once.
+    ///
+    /// # Errors
+    /// That does not fit the device, or the device failed.
+    pub fn traverse_by(&mut self, traversal: Traversal) -> Result<(), Error> {
+        let (device, header, nodes, count) =
+            (self.device, &self.header_buffer, &self.nodes, self.header.nodes);
+        let needs = traversal.needs();
+        if needs != Needs::Nothing {
+            let extras = &mut self.extras;
+            let parents = match extras.parents.take() {
+                Some(parents) => parents,
+                None => {
+                    let parents = device.alloc("parents", u64::from(count / 2) * 4)?;
+                    device.run(&[Step::over(&PARENTS, count, vec![header, nodes, &parents])], false)?;
+                    parents
+                }
+            };
+            if needs == Needs::Boxes && extras.boxes.is_none() {
+                let boxes = device.alloc("node boxes", u64::from(count) * 32)?;
+                let buffers = vec![header, nodes, &parents, &boxes];
+                device.run(&[Step::over(&NODE_BOXES, count, buffers)], false)?;
+                extras.boxes = Some(boxes);
+            }
+            if let Needs::Ropes { optimised } = needs
+                && extras.ropes[usize::from(optimised)].is_none()
+            {
+                let job = device.alloc("job", 16)?;
+                device.write(&job, 0, bytemuck::cast_slice(&[u32::from(optimised), 0, 0, 0]))?;
+                let ropes = device.alloc("ropes", u64::from(count) * 48)?;
+                let buffers = vec![&job, header, nodes, &parents, &ropes];
+                device.run(&[Step::over(&ROPE_LINKS, count, buffers)], false)?;
+                extras.ropes[usize::from(optimised)] = Some(ropes);
+            }
+            extras.parents = Some(parents);
+        }
+        self.traversal = traversal;
+        Ok(())
+    }
+
+    /// Bytes of the tree on the device as its traversal uses it: nodes, references, and parents, boxes or ropes.
+    pub fn tree_bytes(&self) -> u64 {
+        let more: u64 = self.more().iter().map(|buffer| buffer.bytes()).sum();
+        u64::from(self.header.nodes) * 8 + u64::from(self.header.refs) * 4 + more
+    }
+
     /// The closest hit of every ray.
     ///
     /// # Errors
@@ -194,16 +270,12 @@ impl<'d> Scene<'d> {
     /// # Errors
     /// The device failed.
     pub fn trace(&self, query: Query, rays: &[Ray]) -> Result<Traced, Error> {
-        let kernel = match query {
-            Query::Closest => &CLOSEST,
-            Query::Any => &ANY,
-        };
         let mut traced = Traced::default();
         for part in rays.chunks(self.batch_limit()) {
             let start = Instant::now();
             let batch = Batch::new(self.device, part)?;
             traced.upload += start.elapsed();
-            traced.trace += batch.run(self, kernel)?.total;
+            traced.trace += self.run(&batch, self.traversal, query)?;
             let start = Instant::now();
             traced.invalid += batch.outcome(self.device)?;
             traced.hits.extend(batch.hits(self.device)?);
@@ -217,45 +289,36 @@ impl<'d> Scene<'d> {
     /// # Errors
     /// The device failed.
     pub fn brute(&self, rays: &[Ray]) -> Result<Vec<Hit>, Error> {
-        let kept = self.device.alloc("kept", self.kept.len() as u64 * 4)?;
-        self.device.write(&kept, 0, bytemuck::cast_slice(&self.kept))?;
         let mut hits = Vec::with_capacity(rays.len());
-        for part in rays.chunks(self.batch_limit() / 4) {
+        for part in rays.chunks(self.batch_limit()) {
             let batch = Batch::new(self.device, part)?;
-            let bests = self.device.alloc("best hits", part.len() as u64 * 32)?;
-            let count = self.kept.len() as u32;
-            let slices = (0..count.div_ceil(BRUTE_SLICE)).map(|slice| {
-                let job = self.device.alloc("job", u64::from(JOB_WORDS) * 4)?;
-                let from = slice * BRUTE_SLICE;
-                let words = [batch.count, from, count.min(from + BRUTE_SLICE), 0];
-                self.device.write(&job, 0, bytemuck::cast_slice(&words))?;
-                Ok(job)
-            });
-            let slices: Vec<Buffer> = slices.collect::<Result<_, Error>>()?;
-            let step = |job| {
-                let (mesh, header) = (&self.mesh, &self.header_buffer);
-                let buffers = vec![
-                    job,
-                    header,
-                    &kept,
-                    &mesh.positions,
-                    &mesh.indices,
-                    &batch.rays,
-                    &batch.hits,
-                    &batch.outcome,
-                    &bests,
-                ];
-                Step::over(&BRUTE, batch.count, buffers)
-            };
-            // Without triangles one empty slice still writes the misses.
-            let steps: Vec<Step<'_>> =
-                if slices.is_empty() { vec![step(&batch.job)] } else { slices.iter().map(step).collect() };
-            batch.clear(self.device)?;
-            self.device.run(&steps, false)?;
+            self.run(&batch, Traversal::Brute, Query::Closest)?;
             batch.outcome(self.device)?;
             hits.extend(batch.hits(self.device)?);
         }
         Ok(hits)
+    }
+
+    /// All hits of every ray, each triangle once: the first `limit` of them, and how many there are. With a limit
+    /// of 0 hits are only counted. Uses the full stack, once more than the ray has hits.
+    ///
+    /// # Errors
+    /// The device failed, or the hits of one ray do not fit it.
+    pub fn all(&self, rays: &[Ray], limit: u32) -> Result<AllHits, Error> {
+        let mut all = AllHits::default();
+        let room = (self.device.limit().bytes / 16 / u64::from(limit.max(1))) as usize;
+        for part in rays.chunks(self.batch_limit().min(room).max(1)) {
+            let batch = Batch::with_room(self.device, part, limit)?;
+            let totals = self.device.alloc("totals", part.len() as u64 * 4)?;
+            let mut buffers = batch.buffers(self);
+            buffers.push(&totals);
+            batch.begin(self.device, limit)?;
+            all.trace += self.device.run(&[Step::over(&ALL, batch.count, buffers)], false)?.total;
+            batch.outcome(self.device)?;
+            all.hits.extend(self.device.read::<Hit>(&batch.hits, 0, part.len() * limit as usize)?);
+            all.totals.extend(self.device.read::<u32>(&totals, 0, part.len())?);
+        }
+        Ok(all)
     }
 
     /// The closest hit of every ray, and what finding it cost.
@@ -263,19 +326,92 @@ impl<'d> Scene<'d> {
     /// # Errors
     /// The device failed.
     pub fn steps(&self, rays: &[Ray]) -> Result<(Vec<Hit>, Vec<RaySteps>), Error> {
+        if self.traversal == Traversal::Brute {
+            let tests = RaySteps { tests: self.kept.len() as u32, ..RaySteps::default() };
+            return Ok((self.brute(rays)?, vec![tests; rays.len()]));
+        }
         let (mut hits, mut steps) = (Vec::new(), Vec::new());
         for part in rays.chunks(self.batch_limit()) {
             let batch = Batch::new(self.device, part)?;
-            let counts = self.device.alloc("steps", part.len() as u64 * 16)?;
             let mut buffers = batch.buffers(self);
-            buffers.push(&counts);
-            batch.clear(self.device)?;
-            self.device.run(&[Step::over(&STEPS, batch.count, buffers)], false)?;
+            buffers.push(&batch.counts);
+            buffers.extend(self.more());
+            let kernel = self.traversal.kernel().unwrap_or(&STEPS);
+            batch.begin(self.device, 0)?;
+            self.device.run(&[Step::over(kernel, batch.count, buffers)], false)?;
             batch.outcome(self.device)?;
             hits.extend(batch.hits(self.device)?);
-            steps.extend(self.device.read::<RaySteps>(&counts, 0, part.len())?);
+            steps.extend(self.device.read::<RaySteps>(&batch.counts, 0, part.len())?);
         }
         Ok((hits, steps))
+    }
+
+    /// Traces a batch once and says how long the kernels took.
+    fn run(&self, batch: &Batch, traversal: Traversal, query: Query) -> Result<Duration, Error> {
+        if traversal == Traversal::Brute {
+            return self.run_brute(batch);
+        }
+        let mut buffers = batch.buffers(self);
+        let kernel = match (traversal.kernel(), query) {
+            (Some(kernel), _) => {
+                buffers.push(&batch.counts);
+                buffers.extend(self.more());
+                kernel
+            }
+            (None, Query::Closest) => &CLOSEST,
+            (None, Query::Any) => &ANY,
+        };
+        batch.begin(self.device, u32::from(query == Query::Any))?;
+        Ok(self.device.run(&[Step::over(kernel, batch.count, buffers)], false)?.total)
+    }
+
+    /// Buffers that only the scene's traversal binds.
+    fn more(&self) -> Vec<&Buffer> {
+        let extras = &self.extras;
+        let [first, second] = match self.traversal.needs() {
+            Needs::Nothing => [None, None],
+            Needs::Boxes => [extras.boxes.as_ref(), None],
+            Needs::Ropes { optimised } => {
+                [extras.parents.as_ref(), extras.ropes[usize::from(optimised)].as_ref()]
+            }
+        };
+        first.into_iter().chain(second).collect()
+    }
+
+    /// Finds the closest hits of a batch by testing every triangle.
+    fn run_brute(&self, batch: &Batch) -> Result<Duration, Error> {
+        let kept = self.device.alloc("kept", self.kept.len() as u64 * 4)?;
+        self.device.write(&kept, 0, bytemuck::cast_slice(&self.kept))?;
+        let bests = self.device.alloc("best hits", u64::from(batch.count) * 32)?;
+        let count = self.kept.len() as u32;
+        let slices = (0..count.div_ceil(BRUTE_SLICE)).map(|slice| {
+            let job = self.device.alloc("job", u64::from(JOB_WORDS) * 4)?;
+            let from = slice * BRUTE_SLICE;
+            let words = [batch.count, from, count.min(from + BRUTE_SLICE), 0];
+            self.device.write(&job, 0, bytemuck::cast_slice(&words))?;
+            Ok(job)
+        });
+        let slices: Vec<Buffer> = slices.collect::<Result<_, Error>>()?;
+        let step = |job| {
+            let (mesh, header) = (&self.mesh, &self.header_buffer);
+            let buffers = vec![
+                job,
+                header,
+                &kept,
+                &mesh.positions,
+                &mesh.indices,
+                &batch.rays,
+                &batch.hits,
+                &batch.outcome,
+                &bests,
+            ];
+            Step::over(&BRUTE, batch.count, buffers)
+        };
+        // Without triangles one empty slice still writes the misses.
+        let steps: Vec<Step<'_>> =
+            if slices.is_empty() { vec![step(&batch.job)] } else { slices.iter().map(step).collect() };
+        batch.begin(self.device, 0)?;
+        Ok(self.device.run(&steps, false)?.total)
     }
 
     /// Puts rays on the device, to trace them as often as one likes.
@@ -305,11 +441,7 @@ impl Resident<'_> {
     /// # Errors
     /// The device failed.
     pub fn trace(&self, query: Query) -> Result<Duration, Error> {
-        let kernel = match query {
-            Query::Closest => &CLOSEST,
-            Query::Any => &ANY,
-        };
-        Ok(self.batch.run(self.scene, kernel)?.total)
+        self.scene.run(&self.batch, self.scene.traversal, query)
     }
 
     /// The hits of the last trace.
@@ -338,20 +470,25 @@ struct Batch {
     rays: Buffer,
     hits: Buffer,
     outcome: Buffer,
+    counts: Buffer,
 }
 
 impl Batch {
     fn new(device: &Device, rays: &[Ray]) -> Result<Self, Error> {
-        let count = u32::try_from(rays.len()).unwrap_or(u32::MAX);
+        Self::with_room(device, rays, 1)
+    }
+
+    /// With room for so many hits a ray.
+    fn with_room(device: &Device, rays: &[Ray], room: u32) -> Result<Self, Error> {
         let batch = Self {
-            count,
+            count: u32::try_from(rays.len()).unwrap_or(u32::MAX),
             job: device.alloc("job", u64::from(JOB_WORDS) * 4)?,
             rays: device.alloc("rays", size_of_val(rays) as u64)?,
-            hits: device.alloc("hits", rays.len() as u64 * 16)?,
+            hits: device.alloc("hits", rays.len() as u64 * 16 * u64::from(room))?,
             outcome: device.alloc("outcome", u64::from(OUTCOME_WORDS) * 4)?,
+            counts: device.alloc("steps", rays.len() as u64 * 16)?,
         };
         device.write(&batch.rays, 0, bytemuck::cast_slice(rays))?;
-        device.write(&batch.job, 0, bytemuck::cast_slice(&[count, 0, 0, 0]))?;
         Ok(batch)
     }
 
@@ -367,13 +504,9 @@ impl Batch {
         ]
     }
 
-    fn run(&self, scene: &Scene<'_>, kernel: &'static Kernel) -> Result<Timing, Error> {
-        self.clear(scene.device)?;
-        scene.device.run(&[Step::over(kernel, self.count, self.buffers(scene))], false)
-    }
-
-    /// Forgets what earlier kernels reported.
-    fn clear(&self, device: &Device) -> Result<(), Error> {
+    /// Forgets what earlier kernels reported, and sets the word of the job that some read.
+    fn begin(&self, device: &Device, option: u32) -> Result<(), Error> {
+        device.write(&self.job, 0, bytemuck::cast_slice(&[self.count, 0, 0, option]))?;
         device.write(&self.outcome, 0, &[0; OUTCOME_WORDS as usize * 4])
     }
 

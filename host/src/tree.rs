@@ -139,5 +139,10 @@ pub(crate) fn hex(bytes: &[u8]) -> String {
 
 /// SHA-256 of hits as their file would hold them, in hexadecimal.
 pub fn hits_digest(hits: &[raykd_shared::Hit]) -> String {
-    hex(&Sha256::digest(bytemuck::cast_slice::<_, u8>(hits)))
+    digest_of(bytemuck::cast_slice(hits))
+}
+
+/// SHA-256 of bytes, in hexadecimal.
+pub(crate) fn digest_of(bytes: &[u8]) -> String {
+    hex(&Sha256::digest(bytes))
 }

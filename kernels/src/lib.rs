@@ -51,7 +51,21 @@ pub const ALL: &[&Kernel] = &[
     &trace::closest::CLOSEST,
     &trace::any::ANY,
     &trace::steps::STEPS,
+    &trace::all::ALL,
     &trace::brute::BRUTE,
+    &trace::parents::PARENTS,
+    &trace::node_boxes::NODE_BOXES,
+    &trace::rope_links::ROPE_LINKS,
+    &trace::restart::RESTART,
+    &trace::pushdown::PUSHDOWN,
+    &trace::shortstack::shortstack1::SHORTSTACK1,
+    &trace::shortstack::shortstack2::SHORTSTACK2,
+    &trace::shortstack::shortstack4::SHORTSTACK4,
+    &trace::shortstack::shortstack8::SHORTSTACK8,
+    &trace::backtrack::BACKTRACK,
+    &trace::ropes::ROPES,
+    &trace::optimised_ropes::OPTIMISED_ROPES,
+    &trace::sequential::SEQUENTIAL,
 ];
 
 /// All kernels as one SPIR-V module, made by `cargo xtask kernels`; its entry points are

@@ -2,7 +2,7 @@
 
 use crate::{Failure, rays::rays, same};
 use raykd::{
-    BuildOptions, Device, Error, Mesh, Scene,
+    BuildOptions, Device, Error, Mesh, Scene, Traversal,
     exec::{Step, watch::watching},
     kernels::Access,
 };
@@ -33,12 +33,16 @@ struct Dispatch {
 
 impl Job<'_> {
     fn run(&self, device: &Device) -> Result<(), Error> {
-        let scene = Scene::build(device, self.mesh, self.options)?;
+        let mut scene = Scene::build(device, self.mesh, self.options)?;
         let rays = rays(self.mesh, scene.tree()?.view(), 100, self.seed);
         scene.closest(&rays)?;
         scene.any(&rays)?;
         scene.steps(&rays)?;
-        scene.brute(&rays)?;
+        scene.all(&rays, 3)?;
+        for traversal in Traversal::ALL {
+            scene.traverse_by(traversal)?;
+            scene.closest(&rays)?;
+        }
         Ok(())
     }
 

@@ -7,24 +7,41 @@ use raykd::{
 };
 
 /// Rays at a mesh: at corners, edges and insides of triangles, along axes and diagonals, from corners,
-/// surfaces and splitting planes, of any length, with any range of `t`; a few that are no rays at all.
+/// surfaces, splitting planes and corners of leaves, of any length, with any range of `t`; a few that are no rays at all.
 pub fn rays(mesh: &Mesh, tree: TreeView<'_>, count: usize, seed: u64) -> Vec<Ray> {
-    let mut aim = Aim { mesh, planes: planes(tree), random: Random::new(seed) };
+    let (planes, cells) = cells(tree);
+    let mut aim = Aim { mesh, planes, cells, random: Random::new(seed) };
     (0..count).map(|_| aim.ray()).collect()
 }
 
-/// Axis and position of every splitting plane, in the mesh's units.
-fn planes(tree: TreeView<'_>) -> Vec<(usize, f32)> {
-    let plane = |content| match content {
-        Content::Inner { axis, split, .. } => Some((axis as usize, split / tree.header.scale)),
-        Content::Leaf { .. } => None,
-    };
-    tree.nodes.iter().filter_map(|node| plane(node.content())).collect()
+/// A box: lower and upper corner.
+type Cell = [[f32; 3]; 2];
+
+/// Axis and position of every splitting plane, and the box of every leaf, in the mesh's units.
+fn cells(tree: TreeView<'_>) -> (Vec<(usize, f32)>, Vec<Cell>) {
+    let own = |x: f32| x / tree.header.scale;
+    let (mut planes, mut cells) = (Vec::new(), Vec::new());
+    let mut waiting = vec![(0, [tree.header.lo.map(own), tree.header.hi.map(own)])];
+    while let Some((number, cell)) = waiting.pop() {
+        match tree.nodes[number as usize].content() {
+            Content::Inner { axis, split, below } => {
+                let axis = axis as usize;
+                planes.push((axis, own(split)));
+                let mut halves = [cell; 2];
+                halves[0][1][axis] = own(split);
+                halves[1][0][axis] = own(split);
+                waiting.extend([(below, halves[0]), (below + 1, halves[1])]);
+            }
+            Content::Leaf { .. } => cells.push(cell),
+        }
+    }
+    (planes, cells)
 }
 
 struct Aim<'a> {
     mesh: &'a Mesh,
     planes: Vec<(usize, f32)>,
+    cells: Vec<Cell>,
     random: Random,
 }
 
@@ -58,6 +75,19 @@ impl Aim<'_> {
         [0, 1, 2].map(|i| a[i] * (1.0 - s - t) + b[i] * s + c[i] * t)
     }
 
+    /// A corner of a leaf's box, or a point of one of its edges.
+    fn on_cell(&mut self) -> [f32; 3] {
+        let i = self.below(self.cells.len());
+        let cell = self.cells[i];
+        let mut point = [0, 1, 2].map(|axis| cell[self.below(2)][axis]);
+        if self.below(3) == 0 {
+            let axis = self.below(3);
+            let s = self.unit();
+            point[axis] = cell[0][axis] * (1.0 - s) + cell[1][axis] * s;
+        }
+        point
+    }
+
     /// A point of the box around the mesh, made larger.
     fn in_box(&mut self, larger: f32) -> [f32; 3] {
         let (lo, hi) = self.mesh.bounds();
@@ -73,8 +103,9 @@ impl Aim<'_> {
     }
 
     fn ray(&mut self) -> Ray {
-        let target = self.on_surface();
-        let mut origin = match self.below(8) {
+        let target = if self.below(6) == 0 { self.on_cell() } else { self.on_surface() };
+        let mut origin = match self.below(9) {
+            8 => self.on_cell(),
             0 => self.on_surface(),
             1 => self.in_box(1.0),
             2 => self.in_box(300.0),

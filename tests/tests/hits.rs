@@ -1,34 +1,14 @@
 //! The whole trace: the same bytes on every device, and what brute force finds.
 
 use proptest::prelude::*;
-use raykd::{
-    BuildOptions, Builder, Hit, Mesh, Query, Ray, Scene,
-    kernels::{
-        glam::{Vec3, Vec4},
-        math::ldexp,
-        trace::{NOTHING, frame::Frame, triangle::test},
-    },
-    shared::TreeHeader,
-};
+use raykd::{BuildOptions, Builder, Hit, Mesh, Query, Scene, kernels::math::ldexp};
 use raykd_tests::{
     Failure, cases, cpu, devices, gpu,
     meshes::{Family, Recipe, traceable_mesh},
+    oracle::Oracle,
     rays::rays,
     same,
 };
-
-/// Tests one triangle alone: its `t`, if the ray hits it.
-fn alone(mesh: &Mesh, header: &TreeHeader, ray: &Ray, triangle: u32) -> Option<f32> {
-    let [ox, oy, oz] = ray.origin;
-    let [dx, dy, dz] = ray.direction;
-    let frame = Frame::new(Vec4::new(ox, oy, oz, dx), Vec4::new(dy, dz, ray.t_min, ray.t_max), header);
-    let positions = mesh.scaled_positions();
-    let [a, b, c] =
-        mesh.triangles()[triangle as usize].map(|v| Vec3::from_slice(&positions[3 * v as usize..]));
-    let mut best = NOTHING;
-    test(&frame, triangle, a, b, c, &mut best);
-    (best.triangle == triangle).then(|| ldexp(best.t, -frame.stretch))
-}
 
 /// Traces on every device and compares with brute force.
 fn trace_everywhere(mesh: &Mesh, options: &BuildOptions, seed: u64, count: usize) -> Result<(), Failure> {
@@ -54,6 +34,7 @@ fn trace_everywhere(mesh: &Mesh, options: &BuildOptions, seed: u64, count: usize
     let brute = Scene::build(gpu(), mesh, options)?.brute(&rays)?;
     same(&name("brute force", "GPU", &brute), &expected, &brute)?;
 
+    let oracle = Oracle::new(mesh, reference.header());
     for ((ray, closest), any) in rays.iter().zip(&expected).zip(any_hits.iter().flatten()) {
         let fail =
             |what: &str| Err(Failure(format!("{what}: {any:?}, the closest being {closest:?}, for {ray:?}")));
@@ -63,7 +44,7 @@ fn trace_everywhere(mesh: &Mesh, options: &BuildOptions, seed: u64, count: usize
         if !any.is_hit() {
             continue;
         }
-        if alone(mesh, reference.header(), ray, any.triangle) != Some(any.t) {
+        if oracle.alone(ray, any.triangle) != Some(*any) {
             return fail("any hit is no hit of its triangle");
         }
         // Subnormal limits count as zero.

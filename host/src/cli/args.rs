@@ -1,5 +1,6 @@
 //! What the program can be told.
 
+use crate::Traversal;
 use clap::{CommandFactory as _, Parser, Subcommand, ValueEnum, error::ErrorKind};
 use std::path::PathBuf;
 
@@ -41,11 +42,14 @@ const TRACE_EXAMPLES: &str = "\
 Rays: records of 8 little-endian f32: origin x y z, direction x y z, t_min, t_max (may be
 infinite). Hits: records of u32 triangle (0xFFFFFFFF: none), f32 t, f32 u, f32 v, one a ray, in
 the order of the rays. Triangles are numbered from 0 in file order. Rays that are none (NaN, zero
-direction) miss and are counted.
+direction) miss and are counted. --query all writes LIMIT records a ray, by rising t, the rest of
+them misses; --query count writes one u32 a ray.
 
 Examples:
   raykd trace mesh.ply --rays rays.bin --hits hits.bin
   raykd trace mesh.ply --rays rays.bin --hits hits.bin --any --device cpu --threads 1
+  raykd trace mesh.ply --rays rays.bin --hits hits.bin --query all --limit 4
+  raykd trace --compare dragon                  every traversal on CPU and GPU, in a table
   raykd trace mesh.ply --tree mesh.kd --rays rays.bin --hits hits.bin --json";
 
 const RENDER_EXAMPLES: &str = "\
@@ -94,6 +98,9 @@ pub(super) struct BenchArgs {
     /// Random rays to trace
     #[arg(long, value_name = "N", default_value_t = 50_000, value_parser = clap::value_parser!(u32).range(1..=1 << 28))]
     pub rays: u32,
+    /// The way through the tree, see docs/traversals.md; hits do not depend on it
+    #[arg(long, value_enum, value_name = "NAME", default_value_t = Traversal::Stack)]
+    pub traversal: Traversal,
     /// Left out: both if there is any Vulkan adapter, a software one too, else the CPU
     #[arg(long, value_enum)]
     pub device: Option<Which>,
@@ -135,26 +142,39 @@ pub(super) struct BuildArgs {
     pub profile: bool,
 }
 
-/// Trace a file of rays, and write a file of hits.
+/// Trace a file of rays, and write a file of hits; or compare all traversals.
 ///
-/// Times are medians of 5 traces, on the device's clock, transfers apart.
+/// Times are medians of 5 traces, on the device's clock, transfers apart. --compare takes a picture's rays, or
+/// those of a file, one diffuse bounce from each hit, and one shadow ray; exit code 1 if any hits differ.
 #[derive(Debug, Parser)]
 #[command(after_help = TRACE_EXAMPLES)]
 pub(super) struct TraceArgs {
     /// Scene name or mesh file
     pub mesh: String,
     /// File of rays
-    #[arg(long, value_name = "FILE")]
-    pub rays: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "compare")]
+    pub rays: Option<PathBuf>,
     /// File of hits to write
-    #[arg(long, value_name = "FILE")]
-    pub hits: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "compare")]
+    pub hits: Option<PathBuf>,
     /// Use this tree, saved by raykd build -o, rather than building one
     #[arg(long, value_name = "FILE")]
     pub tree: Option<PathBuf>,
-    /// Any hit will do, not the closest
-    #[arg(long)]
+    /// What to ask of each ray
+    #[arg(long, value_enum, default_value_t = Ask::Closest)]
+    pub query: Ask,
+    /// Short for --query any
+    #[arg(long, conflicts_with = "query")]
     pub any: bool,
+    /// Hits a ray to write with --query all
+    #[arg(long, value_name = "K", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=65536))]
+    pub limit: u32,
+    /// The way through the tree, see docs/traversals.md; hits do not depend on it
+    #[arg(long, value_enum, value_name = "NAME", default_value_t = Traversal::Stack)]
+    pub traversal: Traversal,
+    /// Compare all traversals on CPU and GPU, rather than write hits
+    #[arg(long, conflicts_with_all = ["hits", "tree", "query", "any", "limit", "traversal"])]
+    pub compare: bool,
     /// Left out: a real GPU if there is one, else the CPU
     #[arg(long, value_enum)]
     pub device: Option<One>,
@@ -180,6 +200,9 @@ pub(super) struct RenderArgs {
     /// What colours show
     #[arg(long, value_enum, default_value_t = Shading::Normal)]
     pub shading: Shading,
+    /// The way through the tree, see docs/traversals.md; only heat depends on it
+    #[arg(long, value_enum, value_name = "NAME", default_value_t = Traversal::Stack)]
+    pub traversal: Traversal,
     /// Rays per pixel are the square of this; left out: 2 for normal, else 1
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=8))]
     pub samples: Option<u32>,
@@ -222,6 +245,19 @@ pub(super) struct MachineArgs {
     pub threads: Option<u16>,
 }
 
+/// What is asked of each ray.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum Ask {
+    /// The hit with the smallest t, the lowest triangle of several
+    Closest,
+    /// Some hit
+    Any,
+    /// How many hits there are
+    Count,
+    /// The first hits, up to a limit
+    All,
+}
+
 /// One device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum One {
@@ -253,6 +289,8 @@ pub(super) enum Shading {
     Heat,
     /// A colour per triangle
     Id,
+    /// Ambient occlusion: how much of the sky each point sees
+    Ao,
 }
 
 impl Args {

@@ -88,7 +88,7 @@ pub(super) fn run(args: &BenchArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
         let random = rays::random(input.mesh.bounds(), args.rays as usize, SEED);
         let picture = rays::Camera::framing(input.mesh.bounds()).rays(PICTURE, PICTURE);
         let first = rows.len();
-        let measure = |device| bench(device, &input, &random, &picture, args.profile, &notes);
+        let measure = |device| bench(device, &input, &random, &picture, args, &notes);
         if let Some(cpu) = &machines.cpu {
             rows.push(measure(cpu)?);
         }
@@ -131,14 +131,16 @@ fn bench(
     input: &Input,
     random: &[Ray],
     picture: &[Ray],
-    profile: bool,
+    args: &BenchArgs,
     notes: &Notes,
 ) -> Result<Row, Error> {
     let (name, mesh) = (&input.name, &input.mesh);
     let stage =
         |what: &str| notes.stage(format_args!("{name}: {what} on the {}", device.kind().to_uppercase()));
     stage("building");
-    let built = measure::build(device, mesh, &BuildOptions { profile, ..BuildOptions::default() })?;
+    let options = BuildOptions { profile: args.profile, ..BuildOptions::default() };
+    let mut built = measure::build(device, mesh, &options)?;
+    built.scene.traverse_by(args.traversal)?;
     stage("tracing random rays");
     let traced = measure::trace(&built.scene, Query::Closest, random)?;
     stage("tracing a picture");

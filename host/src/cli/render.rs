@@ -31,11 +31,13 @@ pub(super) fn run(args: &RenderArgs, out: &mut StdoutLock<'_>) -> anyhow::Result
         Wish::Depth => Shading::Depth,
         Wish::Heat => Shading::Heat,
         Wish::Id => Shading::Id,
+        Wish::Ao => Shading::Ao,
     };
     let samples = args.samples.unwrap_or(if shading == Shading::Normal { 2 } else { 1 });
     let draw = |device: &Device| -> Result<(Picture, String), Error> {
         notes.stage(format_args!("{}: building", input.name));
-        let scene = Scene::build(device, &input.mesh, &BuildOptions::default())?;
+        let mut scene = Scene::build(device, &input.mesh, &BuildOptions::default())?;
+        scene.traverse_by(args.traversal)?;
         notes.stage(format_args!("{}: tracing", input.name));
         let picture = render(&scene, &input.mesh, &camera, args.size, samples, shading)?;
         Ok((picture, format!("{}, {}", device.kind().to_uppercase(), device.name())))

@@ -1,7 +1,8 @@
 //! `raykd trace`: a file of rays to a file of hits.
 
 use super::{
-    args::TraceArgs,
+    args::{Ask, TraceArgs},
+    compare,
     input::Input,
     machine::Machine,
     measure::{self, mrays, ms},
@@ -9,13 +10,14 @@ use super::{
     write_json,
 };
 use crate::{
-    BuildOptions, Device, Error, Hit, KdTree, Query, Ray, Scene, hits_digest, output,
+    BuildOptions, Device, Error, KdTree, Query, Ray, Scene, digest_of, hits_digest, output,
     report::{count, three},
 };
 use anyhow::bail;
 use std::{
     io::{StdoutLock, Write as _},
     path::Path,
+    process::ExitCode,
     time::{Duration, Instant},
 };
 
@@ -27,6 +29,7 @@ struct Told {
     device: &'static str,
     adapter: String,
     query: &'static str,
+    traversal: &'static str,
     /// Reading the mesh, and the tree if it was saved.
     load_ms: f64,
     /// 0 for a tree that was saved.
@@ -37,7 +40,11 @@ struct Told {
     download_ms: f64,
     mrays: f64,
     rays: usize,
+    /// Rays that hit something.
     hits: usize,
+    /// All hits, if all were asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    total_hits: Option<u64>,
     /// Rays that were none.
     invalid: u32,
     /// Of the tree.
@@ -45,22 +52,29 @@ struct Told {
     hits_digest: String,
 }
 
-pub(super) fn run(args: &TraceArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
+pub(super) fn run(args: &TraceArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
     let notes = Notes::new(args.json);
-    output::check(&args.hits)?;
-    let rays = read_rays(&args.rays)?;
+    let rays = args.rays.as_deref().map(read_rays).transpose()?;
+    let (Some(rays), Some(hits)) = (&rays, &args.hits) else {
+        return compare::run(args, rays.as_deref(), &notes, out);
+    };
+    output::check(hits)?;
     let mut input = Input::load(&args.mesh, &notes)?;
     let start = Instant::now();
     let tree = args.tree.as_deref().map(KdTree::load).transpose()?;
     input.load += start.elapsed();
     let machine = Machine::choose(args.device, &args.machine, &notes)?;
-    let query = if args.any { Query::Any } else { Query::Closest };
-    let (told, hits) =
-        machine.run(&notes, |device| trace(device, &input, tree.as_ref(), query, &rays, &notes))?;
-    notes.stage(format_args!("writing {}", args.hits.display()));
-    output::write_whole(&args.hits, |file| file.write_all(bytemuck::cast_slice(&hits)))?;
+    let work = |device: &Device| trace(device, &input, tree.as_ref(), args, rays, &notes);
+    let (told, bytes) = machine.run(&notes, work)?;
+    notes.stage(format_args!("writing {}", hits.display()));
+    output::write_whole(hits, |file| file.write_all(&bytes))?;
     notes.clear();
-    if args.json { write_json(out, &told) } else { print(&told, &args.hits, out) }
+    if args.json {
+        write_json(out, &told)?
+    } else {
+        print(&told, hits, out)?
+    }
+    Ok(ExitCode::SUCCESS)
 }
 
 /// Reads records of 8 little-endian `f32`.
@@ -79,16 +93,17 @@ fn read_rays(path: &Path) -> anyhow::Result<Vec<Ray>> {
     Ok(bytemuck::pod_collect_to_vec(&bytes))
 }
 
+/// Traces, and says what that took and what to write.
 fn trace(
     device: &Device,
     input: &Input,
     tree: Option<&KdTree>,
-    query: Query,
+    args: &TraceArgs,
     rays: &[Ray],
     notes: &Notes,
-) -> Result<(Told, Vec<Hit>), Error> {
+) -> Result<(Told, Vec<u8>), Error> {
     let mesh = &input.mesh;
-    let scene;
+    let mut scene;
     let (build, upload, digest);
     if let Some(tree) = tree {
         scene = Scene::with_tree(device, mesh, tree)?;
@@ -99,17 +114,23 @@ fn trace(
         (build, upload, digest) = (built.build, built.upload, built.tree.digest());
         scene = built.scene;
     }
+    scene.traverse_by(args.traversal)?;
     notes.stage(format_args!("{}: tracing {} rays", input.name, count(rays.len() as u64)));
+    let ask = if args.any { Ask::Any } else { args.query };
+    let query = if ask == Ask::Any { Query::Any } else { Query::Closest };
     let traced = measure::trace(&scene, query, rays)?;
-    let told = Told {
+    let mut told = Told {
         scene: input.name.clone(),
         triangles: mesh.triangles().len(),
         device: device.kind(),
         adapter: device.name().to_owned(),
-        query: match query {
-            Query::Closest => "closest",
-            Query::Any => "any",
+        query: match ask {
+            Ask::Closest => "closest",
+            Ask::Any => "any",
+            Ask::Count => "count",
+            Ask::All => "all",
         },
+        traversal: args.traversal.name(),
         load_ms: ms(input.load),
         build_ms: ms(build),
         upload_ms: ms(upload + traced.upload),
@@ -118,11 +139,21 @@ fn trace(
         mrays: mrays(rays.len(), traced.trace),
         rays: rays.len(),
         hits: traced.hits.iter().filter(|hit| hit.is_hit()).count(),
+        total_hits: None,
         invalid: traced.invalid,
         digest,
         hits_digest: hits_digest(&traced.hits),
     };
-    Ok((told, traced.hits))
+    if matches!(ask, Ask::Closest | Ask::Any) {
+        return Ok((told, bytemuck::cast_slice(&traced.hits).to_vec()));
+    }
+    let all = scene.all(rays, if ask == Ask::All { args.limit } else { 0 })?;
+    (told.trace_ms, told.mrays) = (ms(all.trace), mrays(rays.len(), all.trace));
+    told.total_hits = Some(all.totals.iter().map(|&n| u64::from(n)).sum());
+    let bytes: &[u8] =
+        if ask == Ask::All { bytemuck::cast_slice(&all.hits) } else { bytemuck::cast_slice(&all.totals) };
+    told.hits_digest = digest_of(bytes);
+    Ok((told, bytes.to_vec()))
 }
 
 fn print(t: &Told, hits: &Path, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
@@ -143,13 +174,17 @@ fn print(t: &Told, hits: &Path, out: &mut StdoutLock<'_>) -> anyhow::Result<()> 
     line(
         "rays",
         format!(
-            "{} ({} hit), {} Mray/s, {} query",
+            "{} ({} hit), {} Mray/s, {} query, {}",
             count(t.rays as u64),
             count(t.hits as u64),
             three(t.mrays),
-            t.query
+            t.query,
+            t.traversal
         ),
     )?;
+    if let Some(total) = t.total_hits {
+        line("all", format!("{} hits", count(total)))?;
+    }
     if t.invalid > 0 {
         let why = "with NaN, infinite or zero directions, or origins out of range";
         line("invalid", format!("{} ({why}): they hit nothing", count(t.invalid.into())))?;

@@ -106,7 +106,7 @@ fn reciprocal(d: f32) -> f32 {
 /// The part of `enter..exit` in which the ray is in the slab `lo..hi`, widened by `slack` in space; empty, with
 /// its ends in the wrong order, if there is none.
 #[inline(always)]
-fn slab(lo: f32, hi: f32, origin: f32, inverse: f32, slack: f32, enter: f32, exit: f32) -> (f32, f32) {
+pub fn slab(lo: f32, hi: f32, origin: f32, inverse: f32, slack: f32, enter: f32, exit: f32) -> (f32, f32) {
     let to_lo = (lo - origin) * inverse;
     let to_hi = (hi - origin) * inverse;
     let wide = slack * abs(inverse);

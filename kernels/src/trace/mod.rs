@@ -1,13 +1,73 @@
 //! Tracing rays: one ray an invocation.
+//!
+//! `stack` is what raykd uses; the other traversals are the literature's, made exact. All visit the leaves that a
+//! ray meets in the same order, near before far at every node, so all find the same hits.
 
+/// Declares the kernel of a traversal: its walk for ray `i`, and buffers that only it binds.
+macro_rules! traversal {
+    ($(#[$doc:meta])* $name:ident = |$ray:ident, $pairs:ident, $corners:ident, $any:ident, $steps:ident| $walk:expr,
+     { $($b:tt $more:ident: $t:ty),* $(,)? }) => {
+        /// Answers ray `i`, and says what that took: inner nodes, leaves, tests, turns.
+        #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+        pub fn answer(
+            i: u32,
+            job: &$crate::mem::Buf<u32>,
+            header: &$crate::mem::Buf<raykd_shared::TreeHeader>,
+            $pairs: &$crate::mem::Buf<$crate::glam::UVec4>,
+            $corners: &$crate::mem::Buf<$crate::glam::Vec4>,
+            rays: &$crate::mem::Buf<$crate::glam::Vec4>,
+            hits: &mut $crate::mem::Buf<$crate::glam::UVec4>,
+            outcome: &mut $crate::mem::Buf<u32>,
+            counts: &mut $crate::mem::Buf<$crate::glam::UVec4>,
+            $($more: &$crate::mem::Buf<$t>),*
+        ) {
+            use $crate::{mem::{Atomics as _, Slots as _}, trace};
+            if i < job.at(trace::JOB_RAYS) {
+                let $ray = &trace::load(i, rays, &header.at(0), outcome);
+                let $any = job.at(trace::JOB_ANY) != 0;
+                let $steps = &mut trace::Steps::default();
+                let best = $walk;
+                hits.put(i, trace::record($ray, &best));
+                counts.put(i, $steps.words());
+                if $steps.status != 0 {
+                    outcome.or(trace::OUTCOME_STATUS, $steps.status);
+                }
+            }
+        }
+
+        kernel! {
+            $(#[$doc])*
+            map $name = answer, threads 64, {
+                0 job: read u32, 1 header: read raykd_shared::TreeHeader, 2 $pairs: read $crate::glam::UVec4,
+                3 $corners: read $crate::glam::Vec4, 4 rays: read $crate::glam::Vec4,
+                5 hits: write $crate::glam::UVec4, 6 outcome: write u32, 7 counts: write $crate::glam::UVec4,
+                $($b $more: read $t),*
+            }
+        }
+    };
+}
+
+pub mod all;
 pub mod any;
+pub mod backtrack;
 pub mod brute;
 pub mod closest;
 pub mod corners;
+pub mod crossing;
 pub mod frame;
 pub mod leaf;
+pub mod node_boxes;
+pub mod optimised_ropes;
+pub mod parents;
+pub mod pushdown;
+pub mod restart;
+pub mod rope_links;
+pub mod ropes;
+pub mod sequential;
+pub mod shortstack;
 pub mod stack;
 pub mod steps;
+pub mod trail;
 pub mod triangle;
 
 use crate::{
@@ -16,7 +76,7 @@ use crate::{
     mem::{Atomics, Buf, Slots},
 };
 use frame::Frame;
-use raykd_shared::{MISS, TreeHeader};
+use raykd_shared::{MISS, Node, TreeHeader};
 use triangle::Best;
 
 /// Words of the job record: how many rays this dispatch has.
@@ -25,6 +85,10 @@ pub const JOB_RAYS: u32 = 0;
 pub const JOB_FROM: u32 = 1;
 /// Brute force: where it ends.
 pub const JOB_TO: u32 = 2;
+/// Traversals other than `stack`: 1 if any hit will do, 0 for the closest.
+pub const JOB_ANY: u32 = 3;
+/// All hits: how many of a ray to write at most.
+pub const JOB_LIMIT: u32 = 3;
 /// Words of the job record.
 pub const JOB_WORDS: u32 = 4;
 
@@ -44,8 +108,25 @@ pub struct Steps {
     pub leaves: u32,
     /// Triangles tested.
     pub tests: u32,
+    /// How often a traversal without a full stack had to find its way: restarts, climbs, ropes followed.
+    pub turns: u32,
     /// Status bits raised on the way.
     pub status: u32,
+}
+
+impl Steps {
+    /// Counts the visit of a leaf.
+    #[inline(always)]
+    fn visit(&mut self, leaf: Node) {
+        self.leaves += 1;
+        self.tests += leaf.count();
+    }
+
+    /// As counts are stored.
+    #[inline(always)]
+    fn words(&self) -> UVec4 {
+        UVec4::new(self.inner, self.leaves, self.tests, self.turns)
+    }
 }
 
 /// No hit yet.

@@ -73,8 +73,7 @@ pub fn walk<const ANY: bool, const AFTER: bool, const COUNT: bool>(
             }
         }
         if COUNT {
-            steps.leaves += 1;
-            steps.tests += node.count();
+            steps.visit(node);
         }
         let whole = leaf::visit::<AFTER>(ray, node, corners, after, &mut best);
         running = !(ANY && best.triangle != MISS);

@@ -25,7 +25,7 @@ pub fn steps(
         let mut steps = Steps::default();
         let best = walk::<false, false, true>(&ray, pairs, corners, After::NOTHING, &mut steps);
         hits.put(i, record(&ray, &best));
-        counts.put(i, UVec4::new(steps.inner, steps.leaves, steps.tests, 0));
+        counts.put(i, steps.words());
         if steps.status != 0 {
             outcome.or(OUTCOME_STATUS, steps.status);
         }

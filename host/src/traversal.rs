@@ -1,0 +1,159 @@
+//! The ways through the tree that there are to choose from.
+
+use raykd_kernels::{
+    Kernel,
+    trace::{
+        backtrack,
+        optimised_ropes::OPTIMISED_ROPES,
+        pushdown, restart, ropes, sequential,
+        shortstack::{
+            self, shortstack1::SHORTSTACK1, shortstack2::SHORTSTACK2, shortstack4::SHORTSTACK4,
+            shortstack8::SHORTSTACK8,
+        },
+    },
+};
+use raykd_shared::limits::MAX_DEPTH;
+use std::fmt;
+
+/// How rays find their way through the tree. All find the same hits, bit by bit; see `docs/traversals.md`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+pub enum Traversal {
+    /// A full stack: the fastest
+    #[default]
+    Stack,
+    /// Restarts at the root after every leaf (Foley & Sugerman 2005)
+    Restart,
+    /// Restarts at the lowest node that holds the rest of the ray (Horn et al. 2007)
+    Pushdown,
+    /// A stack of 1 entry, restarts when it is empty (Horn et al. 2007)
+    #[cfg_attr(feature = "cli", value(name = "shortstack1"))]
+    ShortStack1,
+    /// A stack of 2 entries
+    #[cfg_attr(feature = "cli", value(name = "shortstack2"))]
+    ShortStack2,
+    /// A stack of 4 entries
+    #[cfg_attr(feature = "cli", value(name = "shortstack4"))]
+    ShortStack4,
+    /// A stack of 8 entries
+    #[cfg_attr(feature = "cli", value(name = "shortstack8"))]
+    ShortStack8,
+    /// Climbs by parents and boxes (Foley & Sugerman 2005)
+    Backtrack,
+    /// Ropes from leaf to leaf (Popov et al. 2007)
+    Ropes,
+    /// Ropes pulled down as far as they go (Popov et al. 2007)
+    OptimisedRopes,
+    /// Locates every leaf from the root (Kaplan 1985)
+    Sequential,
+    /// No tree: tests every triangle
+    Brute,
+}
+
+/// What a traversal needs on the device beside the tree.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Needs {
+    Nothing,
+    Boxes,
+    Ropes { optimised: bool },
+}
+
+impl Traversal {
+    /// All of them, `stack` first and `brute` last.
+    pub const ALL: [Self; 12] = [
+        Self::Stack,
+        Self::Restart,
+        Self::Pushdown,
+        Self::ShortStack1,
+        Self::ShortStack2,
+        Self::ShortStack4,
+        Self::ShortStack8,
+        Self::Backtrack,
+        Self::Ropes,
+        Self::OptimisedRopes,
+        Self::Sequential,
+        Self::Brute,
+    ];
+
+    /// Its name on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Stack => "stack",
+            Self::Restart => "restart",
+            Self::Pushdown => "pushdown",
+            Self::ShortStack1 => "shortstack1",
+            Self::ShortStack2 => "shortstack2",
+            Self::ShortStack4 => "shortstack4",
+            Self::ShortStack8 => "shortstack8",
+            Self::Backtrack => "backtrack",
+            Self::Ropes => "ropes",
+            Self::OptimisedRopes => "optimised-ropes",
+            Self::Sequential => "sequential",
+            Self::Brute => "brute",
+        }
+    }
+
+    /// Bytes that a ray keeps between two leaves, beside the best hit.
+    pub const fn state_bytes(self) -> u32 {
+        match self {
+            // Sixteen bytes an entry, and how many there are.
+            Self::Stack => 16 * MAX_DEPTH + 4,
+            Self::Restart => restart::STATE,
+            Self::Pushdown => pushdown::STATE,
+            Self::ShortStack1 => shortstack::state(1),
+            Self::ShortStack2 => shortstack::state(2),
+            Self::ShortStack4 => shortstack::state(4),
+            Self::ShortStack8 => shortstack::state(8),
+            Self::Backtrack => backtrack::STATE,
+            Self::Ropes | Self::OptimisedRopes => ropes::STATE,
+            Self::Sequential => sequential::STATE,
+            Self::Brute => 0,
+        }
+    }
+
+    /// The kernel that also counts its steps; `stack` and `brute` have kernels of their own.
+    pub(crate) const fn kernel(self) -> Option<&'static Kernel> {
+        match self {
+            Self::Stack | Self::Brute => None,
+            Self::Restart => Some(&restart::RESTART),
+            Self::Pushdown => Some(&pushdown::PUSHDOWN),
+            Self::ShortStack1 => Some(&SHORTSTACK1),
+            Self::ShortStack2 => Some(&SHORTSTACK2),
+            Self::ShortStack4 => Some(&SHORTSTACK4),
+            Self::ShortStack8 => Some(&SHORTSTACK8),
+            Self::Backtrack => Some(&backtrack::BACKTRACK),
+            Self::Ropes => Some(&ropes::ROPES),
+            Self::OptimisedRopes => Some(&OPTIMISED_ROPES),
+            Self::Sequential => Some(&sequential::SEQUENTIAL),
+        }
+    }
+
+    pub(crate) const fn needs(self) -> Needs {
+        match self {
+            Self::Backtrack => Needs::Boxes,
+            Self::Ropes => Needs::Ropes { optimised: false },
+            Self::OptimisedRopes => Needs::Ropes { optimised: true },
+            _ => Needs::Nothing,
+        }
+    }
+}
+
+impl fmt::Display for Traversal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+#[cfg(all(test, feature = "cli"))]
+mod tests {
+    use super::*;
+    use clap::ValueEnum as _;
+
+    #[test]
+    fn names_are_those_of_the_command_line() {
+        for (listed, &known) in Traversal::value_variants().iter().zip(&Traversal::ALL) {
+            assert_eq!(*listed, known);
+            assert_eq!(known.to_possible_value().unwrap().get_name(), known.name());
+        }
+    }
+}

@@ -1,0 +1,67 @@
+//! Where a ray crosses the plane of a node: the one rule of every traversal but `stack`, which has it inlined.
+//!
+//! A plane is `pad` thick on either side (see frame.rs), so a ray is inside it from `first` to `last`. The near
+//! child may hold hits up to `last`, the far one hits from `first` on; in between, both.
+
+use super::frame::{Frame, component};
+use crate::{
+    glam::UVec4,
+    math::abs,
+    mem::{Buf, Slots},
+};
+use raykd_shared::Node;
+
+/// A node and its number.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    /// The node.
+    pub node: Node,
+    /// Its number.
+    pub index: u32,
+}
+
+impl Place {
+    /// Loads node `index`.
+    #[inline(always)]
+    pub fn load(index: u32, pairs: &Buf<UVec4>) -> Self {
+        let pair = pairs.at(index >> 1);
+        let node =
+            if index & 1 == 0 { Node::from_words(pair.x, pair.y) } else { Node::from_words(pair.z, pair.w) };
+        Self { node, index }
+    }
+}
+
+/// The children of an inner node in the ray's order, and the interval of `t` inside the plane between them.
+#[derive(Clone, Copy, Debug)]
+pub struct Crossing {
+    /// The child that the ray comes to first.
+    pub near: Place,
+    /// The other.
+    pub far: Place,
+    /// Before this `t` the ray is on the near side.
+    pub first: f32,
+    /// After this `t` it is on the far side.
+    pub last: f32,
+}
+
+impl Crossing {
+    /// Loads the children of `node` with one load.
+    #[inline(always)]
+    pub fn new(ray: &Frame, node: Node, pairs: &Buf<UVec4>) -> Self {
+        let pair = pairs.at(node.below() >> 1);
+        let below = Place { node: Node::from_words(pair.x, pair.y), index: node.below() };
+        let above = Place { node: Node::from_words(pair.z, pair.w), index: node.below() + 1 };
+        let back = component(ray.inverse, node.axis()) < 0.0;
+        let (first, last) = thick(ray, node.axis(), node.split());
+        Self { near: if back { above } else { below }, far: if back { below } else { above }, first, last }
+    }
+}
+
+/// From and to which `t` a ray is inside the thick plane across `axis` at `position`.
+#[inline(always)]
+pub fn thick(ray: &Frame, axis: u32, position: f32) -> (f32, f32) {
+    let inverse = component(ray.inverse, axis);
+    let at = (position - component(ray.origin, axis)) * inverse;
+    let wide = ray.pad * abs(inverse);
+    (at - wide, at + wide)
+}

@@ -1,0 +1,16 @@
+//! Restarting at the push-down node (Horn, Sugerman, Houston & Hanrahan 2007, "Interactive k-d tree GPU
+//! raytracing"): the lowest node that holds all that is left of the ray.
+//!
+//! The paper stops pushing down at the first node of which the ray meets both children, since rounding may make a
+//! node look so. Here a near child that is done does not hold the node up: the trail knows that, `t` would not.
+
+use super::restart::walk;
+
+/// Bytes that a ray keeps between two leaves, beside its best hit: as for `restart`, and the node with its level
+/// and interval.
+pub const STATE: u32 = super::restart::STATE + 20;
+
+traversal! {
+    /// Restarts at the push-down node.
+    PUSHDOWN = |ray, pairs, corners, any, steps| walk::<true>(ray, pairs, corners, any, steps), {}
+}

@@ -1,0 +1,105 @@
+//! Locating leaf after leaf from the root (Kaplan 1985, "The uses of spatial coherence in ray tracing"), the
+//! teaching baseline: a point just past the last leaf is located in the tree, and so on.
+//!
+//! No distance is "just past": an absolute one vanishes in a large `t` (an endless loop) or jumps over a thin
+//! leaf. Here the next leaf is located relative to the last, whose place is known by its [`Trail`]: the descent
+//! goes down to it again, remembers the deepest plane that the ray crosses before it leaves the leaf for good, and
+//! goes on from that plane's other side.
+
+use super::{
+    NOTHING, Steps,
+    crossing::Crossing,
+    frame::Frame,
+    leaf::{self, After},
+    restart::Base,
+    trail::Trail,
+    triangle::Best,
+};
+use crate::{
+    glam::{UVec4, Vec4},
+    math::{high, low},
+    mem::Buf,
+};
+use raykd_shared::{MISS, limits::MAX_DEPTH, status};
+
+/// Bytes that a ray keeps between two leaves, beside its best hit: the last leaf's trail and depth, and where the
+/// ray leaves it.
+pub const STATE: u32 = 16;
+
+/// Finds the closest hit, or if `any` will do the best one in the first leaf that has one.
+#[inline(always)]
+pub fn walk(ray: &Frame, pairs: &Buf<UVec4>, corners: &Buf<Vec4>, any: bool, steps: &mut Steps) -> Best {
+    let mut best = NOTHING;
+    let root = Base::root(ray, pairs);
+    let mut at = root;
+    let mut trail = Trail::ROOT;
+    let mut running = ray.valid && ray.enter <= ray.exit;
+    // 1 until nothing is left.
+    let mut open = running as u32;
+    while running {
+        while !at.node.is_leaf() {
+            steps.inner += 1;
+            let plane = Crossing::new(ray, at.node, pairs);
+            if plane.last < at.enter {
+                trail = trail.turned(at.level);
+                at.node = plane.far.node;
+                at.enter = high(at.enter, plane.first);
+            } else {
+                at.node = plane.near.node;
+                at.exit = low(at.exit, plane.last);
+            }
+            at.level += 1;
+        }
+        steps.visit(at.node);
+        if !leaf::visit::<false>(ray, at.node, corners, After::NOTHING, &mut best) {
+            steps.status |= status::CUT_SHORT;
+        }
+        if at.level > MAX_DEPTH {
+            steps.status |= status::STACK;
+        }
+        // From the root to the leaf once more. A far child that begins later than the leaf ends is another's.
+        let reach = low(at.exit, best.t);
+        let depth = at.level;
+        let mut turn = root;
+        let mut turned = false;
+        at = root;
+        while at.level < depth {
+            steps.inner += 1;
+            let plane = Crossing::new(ray, at.node, pairs);
+            let enter = high(at.enter, plane.first);
+            if trail.is_far(at.level) {
+                at.node = plane.far.node;
+                at.enter = enter;
+            } else {
+                if plane.first <= reach {
+                    turn = Base { node: plane.far.node, level: at.level + 1, enter, exit: at.exit };
+                    turned = true;
+                }
+                at.node = plane.near.node;
+                at.exit = low(at.exit, plane.last);
+            }
+            at.level += 1;
+        }
+        // Not `<`: see leaf.rs.
+        if at.level != depth {
+            steps.status |= status::CUT_SHORT;
+        }
+        at = turn;
+        if !turned || (any && best.triangle != MISS) {
+            running = false;
+            open = 0;
+        } else {
+            trail = trail.turned(turn.level - 1);
+            steps.turns += 1;
+        }
+    }
+    if open != 0 {
+        steps.status |= status::CUT_SHORT;
+    }
+    best
+}
+
+traversal! {
+    /// Locates every leaf from the root.
+    SEQUENTIAL = |ray, pairs, corners, any, steps| walk(ray, pairs, corners, any, steps), {}
+}

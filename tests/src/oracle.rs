@@ -1,0 +1,61 @@
+//! What hits are right, without a tree and without a kernel: every triangle is tested, one by one.
+
+use raykd::{
+    Hit, Mesh, Ray,
+    kernels::{
+        glam::{Vec3, Vec4},
+        math::{div, ldexp},
+        trace::{NOTHING, frame::Frame, triangle::test},
+    },
+    shared::TreeHeader,
+};
+use std::borrow::Cow;
+
+/// A mesh to be asked.
+#[derive(Debug)]
+pub struct Oracle<'a> {
+    mesh: &'a Mesh,
+    header: TreeHeader,
+    positions: Cow<'a, [f32]>,
+}
+
+impl<'a> Oracle<'a> {
+    /// Of a mesh and the header of any of its trees.
+    pub fn new(mesh: &'a Mesh, header: &TreeHeader) -> Self {
+        Self { mesh, header: *header, positions: mesh.scaled_positions() }
+    }
+
+    fn frame(&self, ray: &Ray) -> Frame {
+        let [ox, oy, oz] = ray.origin;
+        let [dx, dy, dz] = ray.direction;
+        Frame::new(Vec4::new(ox, oy, oz, dx), Vec4::new(dy, dz, ray.t_min, ray.t_max), &self.header)
+    }
+
+    /// A ray's hit with one triangle, if it has one, and the scaled `t` that hits are ordered by.
+    fn test(&self, frame: &Frame, triangle: u32) -> Option<(f32, Hit)> {
+        let corners = self.mesh.triangles()[triangle as usize];
+        let [a, b, c] = corners.map(|v| Vec3::from_slice(&self.positions[3 * v as usize..]));
+        let mut best = NOTHING;
+        test(frame, triangle, a, b, c, &mut best);
+        (frame.valid && best.triangle == triangle).then(|| {
+            // A zero has no sign in hits.
+            let t = ldexp(best.t, -frame.stretch) + 0.0;
+            let (u, v) = (div(best.u, best.det) + 0.0, div(best.v, best.det) + 0.0);
+            (best.t + 0.0, Hit { triangle, t, u, v })
+        })
+    }
+
+    /// A ray's hit with one triangle, if it has one.
+    pub fn alone(&self, ray: &Ray, triangle: u32) -> Option<Hit> {
+        Some(self.test(&self.frame(ray), triangle)?.1)
+    }
+
+    /// All hits of a ray, in order.
+    pub fn all(&self, ray: &Ray) -> Vec<Hit> {
+        let frame = self.frame(ray);
+        let mut hits: Vec<_> =
+            self.mesh.kept().iter().filter_map(|&triangle| self.test(&frame, triangle)).collect();
+        hits.sort_by(|(a, x), (b, y)| a.total_cmp(b).then(x.triangle.cmp(&y.triangle)));
+        hits.into_iter().map(|(_, hit)| hit).collect()
+    }
+}
