@@ -20,22 +20,33 @@ use std::time::{Duration, Instant};
 
 /// How the planes of a tree are chosen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Builder {
-    /// Large nodes are cut at empty space or in the middle of the longest axis; nodes of 8 references are leaves. The
-    /// cheap baseline.
+    /// Empty space cut off, else the middle of the longest axis, down to 8 references: the cheap baseline
     Median,
-    /// The surface area heuristic: over 32 bins an axis in large nodes (Shevtsov, Soupikov & Kapustin 2007), over all
-    /// box faces in nodes of at most 32 references.
+    /// Surface area heuristic, over 32 bins an axis above 32 references (Shevtsov et al. 2007) and all box faces below
     #[default]
     Binned,
-    /// Large nodes as in `Median`, small ones as in `Binned` (Zhou, Hou, Wang & Guo 2008).
+    /// As median above 32 references and as binned below (Zhou et al. 2008, who go over at 64)
     Zhou,
-    /// The surface area heuristic over all box faces of all references (Wald & Havran 2006), on the CPU only:
-    /// [`crate::exact`].
+    /// Surface area heuristic over all box faces (Wald & Havran 2006), on the CPU whatever the device
     Exact,
 }
 
 impl Builder {
+    /// All of them, the cheapest first.
+    pub const ALL: [Self; 4] = [Self::Median, Self::Zhou, Self::Binned, Self::Exact];
+
+    /// Its name on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Median => "median",
+            Self::Binned => "binned",
+            Self::Zhou => "zhou",
+            Self::Exact => "exact",
+        }
+    }
+
     fn rule(self) -> u32 {
         match self {
             Self::Median => rule::MEDIAN | rule::LEAVES,

@@ -1,6 +1,6 @@
 //! What the program can be told.
 
-use crate::Traversal;
+use crate::{BuildOptions, Builder, Traversal};
 use clap::{CommandFactory as _, Parser, Subcommand, ValueEnum, error::ErrorKind};
 use std::path::PathBuf;
 
@@ -36,7 +36,10 @@ const BUILD_EXAMPLES: &str = "\
 Examples:
   raykd build dragon                            statistics of the tree
   raykd build mesh.ply.gz -o mesh.kd            save it, for raykd trace --tree or the crate raykd-shared
-  raykd build mesh.obj --cost-test 2 --json     dearer triangle tests: more nodes, shorter leaves";
+  raykd build mesh.obj --cost-test 2 --json     dearer triangle tests: more nodes, shorter leaves
+  raykd build sponza --builder exact            the best tree, slowly
+  raykd build --compare dragon                  every builder on CPU and GPU, in a table
+  raykd build --scaling                         how build time grows with the mesh";
 
 const TRACE_EXAMPLES: &str = "\
 Rays: records of 8 little-endian f32: origin x y z, direction x y z, t_min, t_max (may be
@@ -114,26 +117,63 @@ pub(super) struct BenchArgs {
     pub profile: bool,
 }
 
-/// Build the tree of a mesh, and print its statistics and digest.
-#[derive(Debug, Parser)]
-#[command(after_help = BUILD_EXAMPLES)]
-pub(super) struct BuildArgs {
-    /// Scene name or mesh file
-    pub mesh: String,
-    /// Save the tree to this file
-    #[arg(short, long, value_name = "FILE")]
-    pub output: Option<PathBuf>,
-    /// Left out: a real GPU if there is one, else the CPU
-    #[arg(long, value_enum)]
-    pub device: Option<One>,
-    #[command(flatten)]
-    pub machine: MachineArgs,
+/// How the tree is built. Hits do not depend on it.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct TreeArgs {
+    /// How planes are chosen
+    #[arg(long, value_enum, value_name = "NAME", default_value_t = Builder::Binned)]
+    pub builder: Builder,
+    /// Keep references where only a triangle's box reaches, not the triangle
+    #[arg(long)]
+    pub no_clip: bool,
     /// SAH cost of a traversal step
     #[arg(long, value_name = "X", value_parser = cost)]
     pub cost_step: Option<f32>,
     /// SAH cost of a triangle test
     #[arg(long, value_name = "X", value_parser = cost)]
     pub cost_test: Option<f32>,
+}
+
+impl TreeArgs {
+    /// As the library is told.
+    pub(super) fn options(&self) -> BuildOptions {
+        let usual = BuildOptions::default();
+        BuildOptions {
+            builder: self.builder,
+            clip: !self.no_clip,
+            cost_step: self.cost_step.unwrap_or(usual.cost_step),
+            cost_test: self.cost_test.unwrap_or(usual.cost_test),
+            ..usual
+        }
+    }
+}
+
+/// Build the tree of a mesh, and print its statistics and digest; or compare builders.
+///
+/// --compare builds by every builder on CPU and GPU and traces a picture's rays and a bounce from each hit; exit code
+/// 1 if a builder's trees differ. --scaling builds teapots of a thousand to ten million triangles.
+#[derive(Debug, Parser)]
+#[command(after_help = BUILD_EXAMPLES)]
+pub(super) struct BuildArgs {
+    /// Scene name or mesh file
+    #[arg(default_value = "teapot")]
+    pub mesh: String,
+    /// Save the tree to this file
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// Compare all builders on CPU and GPU
+    #[arg(long, conflicts_with_all = ["output", "builder", "profile", "scaling"])]
+    pub compare: bool,
+    /// Build teapots of many sizes on CPU and GPU
+    #[arg(long, conflicts_with_all = ["output", "profile", "mesh"])]
+    pub scaling: bool,
+    /// Left out: a real GPU if there is one, else the CPU
+    #[arg(long, value_enum)]
+    pub device: Option<One>,
+    #[command(flatten)]
+    pub machine: MachineArgs,
+    #[command(flatten)]
+    pub tree: TreeArgs,
     /// Print JSON
     #[arg(long)]
     pub json: bool,

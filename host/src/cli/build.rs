@@ -3,6 +3,7 @@
 use super::{
     args::BuildArgs,
     bench::kernel_table,
+    builders,
     input::{Input, RepairCounts},
     machine::Machine,
     measure::{self, Kernel, ms},
@@ -13,7 +14,10 @@ use crate::{
     BuildOptions, Device, Error, KdTree, output,
     report::{bytes, count, three},
 };
-use std::io::{StdoutLock, Write as _};
+use std::{
+    io::{StdoutLock, Write as _},
+    process::ExitCode,
+};
 
 /// What is told about a tree.
 #[derive(Debug, serde::Serialize)]
@@ -42,6 +46,8 @@ struct Told {
     refs_per_triangle: f64,
     tree_bytes: u64,
     peak_bytes: u64,
+    builder: &'static str,
+    clip: bool,
     cost_step: f32,
     cost_test: f32,
     sah_cost: f64,
@@ -54,28 +60,29 @@ struct Told {
     kernels: Vec<Kernel>,
 }
 
-pub(super) fn run(args: &BuildArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
+pub(super) fn run(args: &BuildArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
     let notes = Notes::new(args.json);
+    if args.compare {
+        return builders::compare(args, &notes, out);
+    }
+    if args.scaling {
+        return builders::scaling(args, &notes, out);
+    }
     if let Some(path) = &args.output {
         output::check(path)?;
     }
     let input = Input::load(&args.mesh, &notes)?;
     let machine = Machine::choose(args.device, &args.machine, &notes)?;
     notes.stage(format_args!("{}: building", input.name));
-    let usual = BuildOptions::default();
-    let options = BuildOptions {
-        cost_step: args.cost_step.unwrap_or(usual.cost_step),
-        cost_test: args.cost_test.unwrap_or(usual.cost_test),
-        profile: args.profile,
-        ..usual
-    };
+    let options = BuildOptions { profile: args.profile, ..args.tree.options() };
     let (told, tree) = machine.run(&notes, |device| build(device, &input, &options))?;
     if let Some(path) = &args.output {
         notes.stage(format_args!("writing {}", path.display()));
         tree.save(path)?;
     }
     notes.clear();
-    if args.json { write_json(out, &told) } else { print(&told, args, out) }
+    if args.json { write_json(out, &told) } else { print(&told, args, out) }?;
+    Ok(ExitCode::SUCCESS)
 }
 
 fn build(device: &Device, input: &Input, options: &BuildOptions) -> Result<(Told, KdTree), Error> {
@@ -103,6 +110,8 @@ fn build(device: &Device, input: &Input, options: &BuildOptions) -> Result<(Told
         refs_per_triangle: f64::from(header.refs) / mesh.triangles().len() as f64,
         tree_bytes: built.tree.bytes(),
         peak_bytes: times.peak_bytes,
+        builder: options.builder.name(),
+        clip: options.clip,
         cost_step: header.cost_step,
         cost_test: header.cost_test,
         sah_cost: report.sah_cost,

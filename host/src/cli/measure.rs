@@ -14,6 +14,9 @@ const SLOW_TIMES: usize = 3;
 /// Pictures are traced again until this time is spent.
 const ENOUGH: Duration = Duration::from_secs(1);
 
+/// and of short ones at least this much.
+const SHORT: Duration = Duration::from_millis(30);
+
 /// A graphics card that was idle is kept busy for so long before anything is timed: its clocks need that.
 const AWAKE: Duration = Duration::from_millis(300);
 
@@ -147,7 +150,8 @@ pub(super) fn time(scene: &Scene<'_>, query: Query, rays: &[Ray]) -> Result<Dura
     let first: Duration = all()?;
     let mut times = Vec::new();
     let mut spent = first;
-    while times.len() < TIMES && spent < ENOUGH {
+    // Short ones more often: a card that idled takes a while to come to speed.
+    while spent < ENOUGH && (times.len() < TIMES || spent < SHORT) {
         let time = all()?;
         spent += time;
         times.push(time);

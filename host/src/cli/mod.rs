@@ -3,6 +3,7 @@
 mod args;
 mod bench;
 mod build;
+mod builders;
 mod compare;
 mod devices;
 mod input;
@@ -41,7 +42,7 @@ pub fn main() -> ExitCode {
 fn run(args: Args, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
     match args.command {
         Command::Bench(args) => return bench::run(&args, out),
-        Command::Build(args) => build::run(&args, out)?,
+        Command::Build(args) => return build::run(&args, out),
         Command::Trace(args) => return trace::run(&args, out),
         Command::Render(args) => render::run(&args, out)?,
         Command::Devices(args) => devices::run(&args, out)?,
