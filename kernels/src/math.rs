@@ -57,12 +57,25 @@ pub fn ldexp(a: f32, e: i32) -> f32 {
 
 /// `a / b`, correctly rounded to nearest even where operands and result are normal numbers.
 ///
-/// Vulkan's division may be off by 2.5 ULP. Here a quotient is estimated by `+ - *` and made exact in integers:
-/// the remainder of a quotient that is off by a few units fits 32 bits although the product does not.
 /// A result below the normal range is 0; `x / 0` is infinite for every non-zero `x`, and `0 / x` is 0.
 /// Infinite and NaN operands are not supported.
-#[inline]
+#[inline(always)]
 pub fn div(a: f32, b: f32) -> f32 {
+    // A CPU's own division rounds correctly; what is not normal it treats otherwise.
+    #[cfg(not(target_arch = "spirv"))]
+    {
+        let quotient = a / b;
+        if a.is_normal() && b.is_normal() && abs(quotient) > f32::MIN_POSITIVE {
+            return quotient;
+        }
+    }
+    quotient(a, b)
+}
+
+/// [`div`] without a division: Vulkan's may be off by 2.5 ULP. The quotient is estimated by `+ - *` and made exact in
+/// integers: the remainder of a quotient that is off by a few units fits 32 bits although the product does not.
+#[inline]
+pub fn quotient(a: f32, b: f32) -> f32 {
     let (bits_a, bits_b) = (a.to_bits(), b.to_bits());
     let sign = (bits_a ^ bits_b) & 0x8000_0000;
     let (exp_a, exp_b) = ((bits_a >> 23) & 0xFF, (bits_b >> 23) & 0xFF);

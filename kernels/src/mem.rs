@@ -69,6 +69,16 @@ pub fn scratch<T: Copy + Default, const N: usize>() -> [T; N] {
     [T::default(); N]
 }
 
+/// A traversal's stack of at most `N` entries, written from the bottom up before they are read. Clearing it would
+/// take a CPU as long as a tenth of a ray.
+#[inline(always)]
+pub fn stack<T: Copy + Default, const N: usize>() -> impl Slots<T> {
+    #[cfg(target_arch = "spirv")]
+    return scratch::<T, N>();
+    #[cfg(not(target_arch = "spirv"))]
+    cpu::Stack::<T, N>::new()
+}
+
 #[cfg(target_arch = "spirv")]
 mod gpu {
     use super::{Atomics, Slots};
@@ -179,6 +189,7 @@ mod gpu {
 #[cfg(not(target_arch = "spirv"))]
 mod cpu {
     use super::{Atomics, Buf, Slots};
+    use core::mem::MaybeUninit;
     use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
     impl<T> Buf<T> {
@@ -230,6 +241,36 @@ mod cpu {
         fn raise(&mut self, i: u32, value: u32) {
             // SAFETY: as above.
             unsafe { AtomicU32::from_ptr(self.slot(i)) }.fetch_max(value, Relaxed);
+        }
+    }
+
+    /// Entries below `written` have been.
+    pub(super) struct Stack<T, const N: usize> {
+        entries: [MaybeUninit<T>; N],
+        written: usize,
+    }
+
+    impl<T: Copy, const N: usize> Stack<T, N> {
+        #[inline(always)]
+        pub(super) const fn new() -> Self {
+            Self { entries: [MaybeUninit::uninit(); N], written: 0 }
+        }
+    }
+
+    impl<T: Copy, const N: usize> Slots<T> for Stack<T, N> {
+        #[inline(always)]
+        fn at(&self, i: u32) -> T {
+            let i = i as usize;
+            assert!(i < self.written && i < N, "entry {i} of a stack of {}", self.written);
+            // SAFETY: `put` leaves no gaps, so all entries below `written` hold a value.
+            unsafe { self.entries[i].assume_init() }
+        }
+        #[inline(always)]
+        fn put(&mut self, i: u32, value: T) {
+            let i = i as usize;
+            assert!(i <= self.written && i < N, "entry {i} above a stack of {}", self.written);
+            self.entries[i].write(value);
+            self.written = self.written.max(i + 1);
         }
     }
 

@@ -77,6 +77,12 @@ impl Node {
         self.word1 & 3 == Self::LEAF
     }
 
+    /// Whether this is a leaf without references.
+    #[inline]
+    pub const fn is_empty(self) -> bool {
+        self.word1 == Self::LEAF
+    }
+
     /// Axis of an inner node; 3 for a leaf.
     #[inline]
     pub const fn axis(self) -> u32 {

@@ -5,7 +5,7 @@ use raykd::{
     exec::{Cpu, Step},
     kernels::{
         Access, Group, Kernel, Order, RawBuf, Slot, lanes,
-        math::{div, product_difference},
+        math::{product_difference, quotient},
         mem::{Buf, Slots as _},
     },
     rays::Random,
@@ -198,7 +198,7 @@ fn arithmetic_that_is_not_exact_is_told_apart() {
         let (a, b) = (number(), number());
         // By way of the reciprocal: rounded twice.
         quotients += u32::from(a * (1.0 / b) != a / b);
-        assert_eq!(div(a, b), a / b);
+        assert_eq!(quotient(a, b), a / b);
         // The plain difference of equal rounded products is 0, whatever the exact one is.
         let c = number();
         let d = (f64::from(a) * f64::from(b) / f64::from(c)) as f32;

@@ -77,6 +77,31 @@ pub fn component(v: Vec3, axis: u32) -> f32 {
     }
 }
 
+/// Three numbers, one to be taken again and again by an axis that changes. The GPU selects; the CPU keeps them in
+/// memory, with a fourth so that no tag is out of range.
+#[derive(Clone, Copy, Debug)]
+pub struct ByAxis(#[cfg(target_arch = "spirv")] Vec3, #[cfg(not(target_arch = "spirv"))] [f32; 4]);
+
+impl ByAxis {
+    /// The components of a vector.
+    #[inline(always)]
+    pub fn new(v: Vec3) -> Self {
+        #[cfg(target_arch = "spirv")]
+        return Self(v);
+        #[cfg(not(target_arch = "spirv"))]
+        Self([v.x, v.y, v.z, 0.0])
+    }
+
+    /// The one on an axis.
+    #[inline(always)]
+    pub fn on(&self, axis: u32) -> f32 {
+        #[cfg(target_arch = "spirv")]
+        return component(self.0, axis);
+        #[cfg(not(target_arch = "spirv"))]
+        self.0[axis as usize & 3]
+    }
+}
+
 /// A vector with `axis` moved last, the others in cyclic order.
 #[inline(always)]
 pub fn cycle(v: Vec3, axis: u32) -> Vec3 {

@@ -1,6 +1,7 @@
 //! The visit of a leaf, the same for every traversal: each triangle it lists is tested.
 
 use super::{
+    corners::NORMAL,
     frame::Frame,
     triangle::{Best, may_hit, test},
 };
@@ -54,7 +55,7 @@ pub fn visit<const AFTER: bool>(
         }
         if found {
             let (a, b, c) = corners.three(3 * (r - 1));
-            let id = a.w.to_bits();
+            let id = a.w.to_bits() & !NORMAL;
             if AFTER {
                 let mut hit = *best;
                 test(ray, id, a.truncate(), b.truncate(), c.truncate(), &mut hit);

@@ -8,14 +8,14 @@
 
 use super::{
     NOTHING, Steps,
-    frame::{Frame, component},
+    frame::{ByAxis, Frame},
     leaf::{self, After},
     triangle::Best,
 };
 use crate::{
     glam::{UVec4, Vec4},
-    math::{abs, low},
-    mem::{Buf, Slots, scratch},
+    math::{abs, high, low},
+    mem::{self, Buf, Slots},
 };
 use raykd_shared::{MISS, Node, limits::MAX_DEPTH, status};
 
@@ -30,8 +30,9 @@ pub fn walk<const ANY: bool, const AFTER: bool, const COUNT: bool>(
     steps: &mut Steps,
 ) -> Best {
     let mut best = NOTHING;
-    // Entries: the node to visit, where its interval ends, and the axis of the plane before it.
-    let mut stack = scratch::<UVec4, { MAX_DEPTH as usize }>();
+    // Entries: the node to visit, where its interval ends and where it begins.
+    let mut stack = mem::stack::<UVec4, { MAX_DEPTH as usize }>();
+    let (origins, inverses) = (ByAxis::new(ray.origin), ByAxis::new(ray.inverse));
     let mut top = 0;
     let root = pairs.at(0);
     let mut node = Node::from_words(root.x, root.y);
@@ -49,27 +50,34 @@ pub fn walk<const ANY: bool, const AFTER: bool, const COUNT: bool>(
             // One load brings both children.
             let pair = pairs.at(node.below() >> 1);
             let axis = node.axis();
-            let inverse = component(ray.inverse, axis);
-            let at = (node.split() - component(ray.origin, axis)) * inverse;
+            let inverse = inverses.on(axis);
+            let at = (node.split() - origins.on(axis)) * inverse;
             let wide = ray.pad * abs(inverse);
             let (below, above) = (Node::from_words(pair.x, pair.y), Node::from_words(pair.z, pair.w));
+            // Where the far child begins and the near one ends.
+            let (first, last) = (at - wide, at + wide);
             let back = inverse < 0.0;
             let near = if back { above } else { below };
             let far = if back { below } else { above };
-            if at - wide > exit {
-                node = near;
-            } else if at + wide < enter {
+            // An empty leaf beside another child is not worth a visit.
+            if last < enter {
                 node = far;
+            } else if first > exit || far.is_empty() {
+                node = near;
+                exit = low(exit, last);
+            } else if near.is_empty() {
+                node = far;
+                enter = high(enter, first);
             } else {
                 if top < MAX_DEPTH {
                     let (word0, word1) = far.words();
-                    stack.put(top, UVec4::new(word0, word1, exit.to_bits(), axis));
+                    stack.put(top, UVec4::new(word0, word1, exit.to_bits(), first.to_bits()));
                     top += 1;
                 } else {
                     steps.status |= status::STACK;
                 }
                 node = near;
-                exit = low(exit, at + wide);
+                exit = low(exit, last);
             }
         }
         if COUNT {
@@ -86,10 +94,9 @@ pub fn walk<const ANY: bool, const AFTER: bool, const COUNT: bool>(
             } else {
                 top -= 1;
                 let entry = stack.at(top);
-                // The subtree just left ended half a plane beyond the plane, the next begins half before.
-                let wide = ray.pad * abs(component(ray.inverse, entry.w));
-                enter = exit - (wide + wide);
-                exit = f32::from_bits(entry.z);
+                enter = f32::from_bits(entry.w);
+                // Nothing beyond the best hit matters.
+                exit = low(f32::from_bits(entry.z), best.t);
                 node = Node::from_words(entry.x, entry.y);
                 searching = enter > best.t;
             }
