@@ -2,7 +2,7 @@
 //! one will do (Debian: mesa-vulkan-drivers).
 
 use raykd::{
-    BuildOptions, Device, Hit, Mesh, Ray, Scene, hits_digest,
+    BuildOptions, Device, Hit, Mesh, Ray, Scene, Traversal, hits_digest,
     rays::{self, Camera},
 };
 use serde_json::Value;
@@ -41,6 +41,24 @@ const BENCH_KEYS: [&str; 26] = [
     "mrays_d",
     "mrays_d_any",
     "sets_digest",
+];
+
+/// Keys of `raykd trace --compare --json`, all of them.
+const COMPARE_KEYS: [&str; 14] = [
+    "traversal",
+    "device",
+    "mrays_primary",
+    "mrays_diffuse",
+    "mrays_shadow",
+    "steps_p50",
+    "steps_p99",
+    "steps_max",
+    "leaves_p50",
+    "tests_p50",
+    "restarts",
+    "state_bytes",
+    "tree_bytes",
+    "hits_digest",
 ];
 
 fn command(line: &[&str]) -> Command {
@@ -329,6 +347,56 @@ fn any_hit_finds_what_is_there() {
     for (any, closest) in read_hits(&hits).iter().zip(expected) {
         assert_eq!(any.0 == u32::MAX, closest.0 == u32::MAX);
     }
+}
+
+#[test]
+fn hits_are_counted_and_listed() {
+    let folder = folder();
+    let [mesh, rays, hits] = ["two.obj", "rays", "hits"].map(|name| path(&folder, name));
+    let (given, expected) = known();
+    write_rays(&rays, &given);
+    for device in ["cpu", "gpu"] {
+        let line =
+            ["trace", &mesh, "--rays", &rays, "--hits", &hits, "--device", device, "--json", "--query"];
+        let told = json(&[&line as &[&str], &["count"]].concat());
+        let counts: Vec<u32> = bytemuck::pod_collect_to_vec(&fs::read(&hits).unwrap());
+        assert_eq!(told["total_hits"], counts.iter().sum::<u32>());
+        let told = json(&[&line as &[&str], &["all", "--limit", "2"]].concat());
+        let all: Vec<Hit> = bytemuck::pod_collect_to_vec(&fs::read(&hits).unwrap());
+        assert_eq!((&told["query"], all.len()), (&"all".into(), 2 * given.len()));
+        for ((two, &count), first) in all.chunks(2).zip(&counts).zip(&expected) {
+            assert_eq!(two[0].triangle, first.0);
+            assert_eq!(two.iter().filter(|hit| hit.is_hit()).count(), count.min(2) as usize);
+        }
+    }
+}
+
+#[test]
+fn every_traversal_traces_the_same() {
+    let folder = folder();
+    let [mesh, rays, hits] = ["two.obj", "rays", "hits"].map(|name| path(&folder, name));
+    let (given, expected) = known();
+    write_rays(&rays, &given);
+    for traversal in Traversal::ALL {
+        let line =
+            ["trace", &mesh, "--rays", &rays, "--hits", &hits, "--json", "--traversal", traversal.name()];
+        assert_eq!(json(&line)["traversal"], traversal.name());
+        assert_eq!(read_hits(&hits), expected, "{traversal}");
+    }
+    // Brute force is not compared.
+    let rows = json(&["trace", "--compare", &mesh, "--rays", &rays, "--json"]);
+    let rows = rows.as_array().unwrap();
+    assert_eq!(rows.len(), 2 * (Traversal::ALL.len() - 1));
+    for row in rows {
+        let mut keys: Vec<&str> = row.as_object().unwrap().keys().map(String::as_str).collect();
+        let mut wanted = COMPARE_KEYS;
+        keys.sort_unstable();
+        wanted.sort_unstable();
+        assert_eq!(keys, wanted);
+        assert_eq!(row["hits_digest"], rows[0]["hits_digest"]);
+    }
+    let told = good(&["trace", "--compare", &mesh, "--rays", &rays, "--device", "cpu"]);
+    has(&told, &["7 primary", "optimised-ropes", "All hits are the same bytes."]);
 }
 
 #[test]

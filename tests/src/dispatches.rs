@@ -38,7 +38,11 @@ impl Job<'_> {
         scene.closest(&rays)?;
         scene.any(&rays)?;
         scene.steps(&rays)?;
-        scene.all(&rays, 3)?;
+        // A search for every hit, one after the other: where there are many, llvmpipe would cut it short.
+        let report = scene.tree()?.validate()?;
+        if self.mesh.kept().len() < 1024 && report.largest_leaf <= 32 {
+            scene.all(&rays, 3)?;
+        }
         for traversal in Traversal::ALL {
             scene.traverse_by(traversal)?;
             scene.closest(&rays)?;

@@ -107,8 +107,8 @@ fn one_wrong_word_in_one_dispatch_is_traced_to_its_kernel() {
             if step.kernel.name() == FAULTY.get() {
                 let slot = step.kernel.slots.iter().position(|slot| slot.access == Access::Write).unwrap();
                 let buffer = step.buffers[slot];
-                // Nothing that stops the kernels after it: a treelet's first plane moves, its children stay.
-                let at = if FAULTY.get() == "treelet" { 0 } else { 4 };
+                // Nothing that stops the kernels after it: the first plane moves, its children stay.
+                let at = if ["treelet", "emit"].contains(&FAULTY.get()) { 0 } else { 4 };
                 let word: Vec<u32> = device.read(buffer, at, 1).unwrap();
                 device.write(buffer, at, &(word[0] ^ 0x10).to_le_bytes()).unwrap();
                 FAULTY.set("none");

@@ -156,8 +156,8 @@ impl TreeArgs {
 #[command(after_help = BUILD_EXAMPLES)]
 pub(super) struct BuildArgs {
     /// Scene name or mesh file
-    #[arg(default_value = "teapot")]
-    pub mesh: String,
+    #[arg(required_unless_present = "scaling")]
+    pub mesh: Option<String>,
     /// Save the tree to this file
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,

@@ -71,7 +71,7 @@ pub(super) fn run(args: &BuildArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
     if let Some(path) = &args.output {
         output::check(path)?;
     }
-    let input = Input::load(&args.mesh, &notes)?;
+    let input = Input::load(args.mesh.as_deref().unwrap_or_default(), &notes)?;
     let machine = Machine::choose(args.device, &args.machine, &notes)?;
     notes.stage(format_args!("{}: building", input.name));
     let options = BuildOptions { profile: args.profile, ..args.tree.options() };

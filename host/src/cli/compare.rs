@@ -30,7 +30,7 @@ struct Row {
     mrays_primary: f64,
     mrays_diffuse: f64,
     mrays_shadow: f64,
-    /// Inner nodes passed by a primary ray.
+    /// Inner nodes passed by a primary ray that enters the scene's box.
     steps_p50: u32,
     steps_p99: u32,
     steps_max: u32,
@@ -86,7 +86,11 @@ pub(super) fn run(
                 [&sets.primary, &sets.diffuse, &sets.shadow].map(|set| count(set.len() as u64));
             writeln!(out, "{}: {primary} primary, {diffuse} diffuse, {shadow} shadow rays", input.name)?;
         }
-        writeln!(out, "Steps, leaves and tests are those of primary rays.\n\n{}", table(&rows))?;
+        writeln!(
+            out,
+            "Steps, leaves and tests are those of primary rays that enter the scene's box.\n\n{}",
+            table(&rows)
+        )?;
         writeln!(out, "{}", if same { "All hits are the same bytes." } else { "HITS DIFFER" })?;
     }
     Ok(if same { ExitCode::SUCCESS } else { ExitCode::FAILURE })
@@ -130,7 +134,9 @@ fn compare(
 
 fn row(scene: &mut Scene<'_>, traversal: Traversal, sets: &Sets) -> Result<Row, Error> {
     scene.traverse_by(traversal)?;
-    let (primary, steps) = scene.steps(&sets.primary)?;
+    let (primary, mut steps) = scene.steps(&sets.primary)?;
+    // Rays that pass the scene by cost nothing and say nothing.
+    steps.retain(|s| s.inner + s.leaves > 0);
     let diffuse = scene.closest(&sets.diffuse)?;
     let shadow = scene.any(&sets.shadow)?;
     let mut found: Vec<u8> = bytemuck::cast_slice(&primary).to_vec();
