@@ -39,8 +39,8 @@ impl Job<'_> {
         scene.any(&rays)?;
         scene.steps(&rays)?;
         // A search for every hit, one after the other: where there are many, llvmpipe would cut it short.
-        let report = scene.tree()?.validate()?;
-        if self.mesh.kept().len() < 1024 && report.largest_leaf <= 32 {
+        let short = scene.tree()?.validate().is_ok_and(|report| report.largest_leaf <= 32);
+        if self.mesh.kept().len() < 1024 && short {
             scene.all(&rays, 3)?;
         }
         for traversal in Traversal::ALL {
