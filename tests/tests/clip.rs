@@ -106,25 +106,25 @@ fn make(style: Style, seed: u64) -> Case {
         }
         Style::Degenerate => {
             let along = random.unit() as f32;
-            let b = if random.bits() % 3 == 0 { t[0] } else { t[1] };
-            t = [t[0], b, if random.bits() % 2 == 0 { t[0] } else { b }];
-            if random.bits() % 2 == 0 {
+            let b = if random.bits().is_multiple_of(3) { t[0] } else { t[1] };
+            t = [t[0], b, if random.bits().is_multiple_of(2) { t[0] } else { b }];
+            if random.bits().is_multiple_of(2) {
                 t = t.map(|p| p.map(|x| (x * 4.0).round()));
                 corners = corners.map(|p| p.map(|x| (x * 4.0).round()));
-            } else if random.bits() % 2 == 0 {
+            } else if random.bits().is_multiple_of(2) {
                 corners[0] = [0, 1, 2].map(|i| t[0][i] + along * (t[1][i] - t[0][i]));
             }
         }
         Style::Touching => {
             for axis in 0..3 {
-                if random.bits() % 2 == 0 {
+                if random.bits().is_multiple_of(2) {
                     corners[(random.bits() % 2) as usize][axis] = t[0][axis];
                 }
             }
         }
     }
     // Flat cells too.
-    if random.bits() % 8 == 0 {
+    if random.bits().is_multiple_of(8) {
         let axis = (random.bits() % 3) as usize;
         corners[1][axis] = corners[0][axis];
     }
@@ -205,7 +205,7 @@ proptest! {
         let (mut lo, mut hi) = (all, all.map(|x| -x));
         let mut random = Random::new(order);
         for _ in 0..8 {
-            let (axis, upper) = ((random.bits() % 3) as usize, random.bits() % 2 == 0);
+            let (axis, upper) = ((random.bits() % 3) as usize, random.bits().is_multiple_of(2));
             let at = if upper { case.hi[axis] } else { case.lo[axis] };
             let (below, above) = clip_plane(a, b, c, &left, axis as u32, at);
             let (keep, other) = if upper { (below, above) } else { (above, below) };
