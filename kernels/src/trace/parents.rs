@@ -21,6 +21,6 @@ pub fn write(i: u32, header: &Buf<TreeHeader>, pairs: &Buf<UVec4>, parents: &mut
 }
 
 kernel! {
-    /// [`write`] over all nodes.
+    /// [`write()`] over all nodes.
     map PARENTS = write, threads 64, { 0 header: read TreeHeader, 1 pairs: read UVec4, 2 parents: write u32 }
 }
