@@ -11,14 +11,14 @@
 //! # Rounding
 //! Let `u = 2^-24`, `span` the triangle's extent on an axis and `far` its largest coordinate there, by magnitude.
 //! A point `a + t (b - a)` on a segment is off by at most `5.1 u span + u far`: two differences and a quotient in
-//! `t`, a difference and a product, and the sum. [`pad`] has another `u far` for what is done with it next: moving
+//! `t`, a difference and a product, and the sum. `pad` has another `u far` for what is done with it next: moving
 //! it by the pad, or slab y by one. Where a vertex is inside or outside of slab x is decided exactly. A point of a cut
 //! edge is within one pad of what it stands for, so each exact vertex lies within one pad of a computed segment,
 //! inside slab y widened by a pad, and its z within one pad of that of the segment, whose computed point is off by
 //! another one. Vertices of the triangle itself are not padded: they are exact, and so is everything on an axis
 //! across which the triangle is flat.
 //!
-//! Coordinates are 0 or at least [`DUST`] in size, and so are the results; nothing else is subnormal, or it is
+//! Coordinates are 0 or at least `DUST` in size, and so are the results; nothing else is subnormal, or it is
 //! flushed, and pads are at least four times what that may lose.
 
 use raykd_kernels::{
