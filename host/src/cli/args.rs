@@ -109,6 +109,8 @@ pub(super) struct BenchArgs {
     pub device: Option<Which>,
     #[command(flatten)]
     pub machine: MachineArgs,
+    #[command(flatten)]
+    pub how: TreeArgs,
     /// Print JSON: one array, an object per scene and device
     #[arg(long)]
     pub json: bool,
@@ -173,7 +175,7 @@ pub(super) struct BuildArgs {
     #[command(flatten)]
     pub machine: MachineArgs,
     #[command(flatten)]
-    pub tree: TreeArgs,
+    pub how: TreeArgs,
     /// Print JSON
     #[arg(long)]
     pub json: bool,
@@ -198,7 +200,7 @@ pub(super) struct TraceArgs {
     #[arg(long, value_name = "FILE", required_unless_present = "compare")]
     pub hits: Option<PathBuf>,
     /// Use this tree, saved by raykd build -o, rather than building one
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["builder", "no_clip", "cost_step", "cost_test"])]
     pub tree: Option<PathBuf>,
     /// What to ask of each ray
     #[arg(long, value_enum, default_value_t = Ask::Closest)]
@@ -220,6 +222,8 @@ pub(super) struct TraceArgs {
     pub device: Option<One>,
     #[command(flatten)]
     pub machine: MachineArgs,
+    #[command(flatten)]
+    pub how: TreeArgs,
     /// Print JSON
     #[arg(long)]
     pub json: bool,
@@ -263,6 +267,8 @@ pub(super) struct RenderArgs {
     pub device: Option<One>,
     #[command(flatten)]
     pub machine: MachineArgs,
+    #[command(flatten)]
+    pub how: TreeArgs,
 }
 
 /// List what raykd can run on: adapters, drivers, limits, and whether they compute exactly.

@@ -138,7 +138,7 @@ fn bench(
     let stage =
         |what: &str| notes.stage(format_args!("{name}: {what} on the {}", device.kind().to_uppercase()));
     stage("building");
-    let options = BuildOptions { profile: args.profile, ..BuildOptions::default() };
+    let options = BuildOptions { profile: args.profile, ..args.how.options() };
     let mut built = measure::build(device, mesh, &options)?;
     built.scene.traverse_by(args.traversal)?;
     stage("tracing random rays");

@@ -74,7 +74,7 @@ pub(super) fn run(args: &BuildArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
     let input = Input::load(args.mesh.as_deref().unwrap_or_default(), &notes)?;
     let machine = Machine::choose(args.device, &args.machine, &notes)?;
     notes.stage(format_args!("{}: building", input.name));
-    let options = BuildOptions { profile: args.profile, ..args.tree.options() };
+    let options = BuildOptions { profile: args.profile, ..args.how.options() };
     let (told, tree) = machine.run(&notes, |device| build(device, &input, &options))?;
     if let Some(path) = &args.output {
         notes.stage(format_args!("writing {}", path.display()));

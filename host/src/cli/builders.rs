@@ -75,7 +75,7 @@ pub(super) fn compare(args: &BuildArgs, notes: &Notes, out: &mut StdoutLock<'_>)
                 builder.name(),
                 device.kind().to_uppercase()
             ));
-            let options = BuildOptions { builder, profile: false, ..args.tree.options() };
+            let options = BuildOptions { builder, profile: false, ..args.how.options() };
             match row(device, &input, &options, &mut sets) {
                 Ok(row) => rows.push(row),
                 Err(error) if machines.automatic && device.kind() == "gpu" && at_fault(&error) => {
@@ -200,7 +200,7 @@ pub(super) fn scaling(args: &BuildArgs, notes: &Notes, out: &mut StdoutLock<'_>)
                 count(number as u64),
                 device.kind().to_uppercase()
             ));
-            let options = BuildOptions { profile: false, ..args.tree.options() };
+            let options = BuildOptions { profile: false, ..args.how.options() };
             let built = match measure::build(device, &mesh, &options) {
                 Ok(built) => built,
                 Err(error) if at_fault(&error) => {

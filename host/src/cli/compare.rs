@@ -65,7 +65,7 @@ pub(super) fn run(
     let mut sets = None;
     let mut rows = Vec::new();
     for device in machines.iter() {
-        match compare(device, &input, given, &mut sets, notes) {
+        match compare(device, &input, &args.how.options(), given, &mut sets, notes) {
             Ok(more) => rows.extend(more),
             Err(error) if machines.automatic && device.kind() == "gpu" && at_fault(&error) => {
                 notes.note(format_args!("{error}; going on with the CPU alone"));
@@ -105,13 +105,14 @@ fn agree(rows: &[Row]) -> bool {
 fn compare(
     device: &Device,
     input: &Input,
+    options: &BuildOptions,
     given: Option<&[Ray]>,
     sets: &mut Option<Sets>,
     notes: &Notes,
 ) -> Result<Vec<Row>, Error> {
     let mesh = &input.mesh;
     notes.stage(format_args!("{}: building on the {}", input.name, device.kind().to_uppercase()));
-    let mut scene = Scene::build(device, mesh, &BuildOptions::default())?;
+    let mut scene = Scene::build(device, mesh, options)?;
     if sets.is_none() {
         let camera = || rays::Camera::framing(mesh.bounds()).rays(PICTURE, PICTURE);
         let primary = given.map_or_else(camera, <[Ray]>::to_vec);

@@ -7,7 +7,7 @@ use super::{
     notes::Notes,
 };
 use crate::{
-    BuildOptions, Device, Error, Mesh, Scene, output,
+    Device, Error, Mesh, Scene, output,
     rays::Camera,
     render::{Picture, Shading, corners, render},
     report::count,
@@ -36,7 +36,7 @@ pub(super) fn run(args: &RenderArgs, out: &mut StdoutLock<'_>) -> anyhow::Result
     let samples = args.samples.unwrap_or(if shading == Shading::Normal { 2 } else { 1 });
     let draw = |device: &Device| -> Result<(Picture, String), Error> {
         notes.stage(format_args!("{}: building", input.name));
-        let mut scene = Scene::build(device, &input.mesh, &BuildOptions::default())?;
+        let mut scene = Scene::build(device, &input.mesh, &args.how.options())?;
         scene.traverse_by(args.traversal)?;
         notes.stage(format_args!("{}: tracing", input.name));
         let picture = render(&scene, &input.mesh, &camera, args.size, samples, shading)?;

@@ -10,7 +10,7 @@ use super::{
     write_json,
 };
 use crate::{
-    BuildOptions, Device, Error, KdTree, Query, Ray, Scene, digest_of, hits_digest, output,
+    Device, Error, KdTree, Query, Ray, Scene, digest_of, hits_digest, output,
     report::{count, three},
 };
 use anyhow::bail;
@@ -110,7 +110,7 @@ fn trace(
         (build, upload, digest) = (Duration::ZERO, scene.times().upload, tree.digest());
     } else {
         notes.stage(format_args!("{}: building", input.name));
-        let built = measure::build(device, mesh, &BuildOptions::default())?;
+        let built = measure::build(device, mesh, &args.how.options())?;
         (build, upload, digest) = (built.build, built.upload, built.tree.digest());
         scene = built.scene;
     }
