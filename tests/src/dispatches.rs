@@ -38,14 +38,16 @@ impl Job<'_> {
         scene.closest(&rays)?;
         scene.any(&rays)?;
         scene.steps(&rays)?;
-        // A search for every hit, one after the other: where there are many, llvmpipe would cut it short.
-        let short = scene.tree()?.validate().is_ok_and(|report| report.largest_leaf <= 32);
-        if self.mesh.kept().len() < 1024 && short {
+        // In larger meshes these go so many rounds that llvmpipe may cut them short.
+        let triangles = self.mesh.triangles().len();
+        if triangles <= 64 {
             scene.all(&rays, 3)?;
         }
-        for traversal in Traversal::ALL {
-            scene.traverse_by(traversal)?;
-            scene.closest(&rays)?;
+        if triangles <= 512 {
+            for traversal in Traversal::ALL {
+                scene.traverse_by(traversal)?;
+                scene.closest(&rays)?;
+            }
         }
         Ok(())
     }
