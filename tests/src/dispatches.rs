@@ -42,8 +42,6 @@ impl Job<'_> {
         let triangles = self.mesh.triangles().len();
         if triangles <= 64 {
             scene.all(&rays, 3)?;
-        }
-        if triangles <= 512 {
             for traversal in Traversal::ALL {
                 scene.traverse_by(traversal)?;
                 scene.closest(&rays)?;
