@@ -8,59 +8,22 @@
 //! An event is one word: position, kind, reference; comparing events is comparing integers, no two are equal, and
 //! the tree does not depend on how many threads build it.
 
-pub mod clip;
-
 use crate::{BuildOptions, KdTree, build::most_refs, mesh::Mesh};
-use clip::{Bounds, clip, clip_plane};
-use raykd_kernels::glam::Vec3;
+use raykd_kernels::{
+    build::{
+        Costs, Sah,
+        clip::{Bounds, clip_plane},
+    },
+    glam::Vec3,
+};
 use raykd_shared::{Node, TreeHeader, limits::MAX_DEPTH};
 use std::sync::{
     Mutex, MutexGuard, PoisonError,
     atomic::{AtomicUsize, Ordering::Relaxed},
 };
 
-/// What becomes of a triangle's box where a plane cuts it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Clipping {
-    /// It is cut.
-    Off,
-    /// It shrinks to the half triangle's, within what it was.
-    #[default]
-    Plane,
-    /// It shrinks to that of the triangle within the node: Wald & Havran's perfect split.
-    Cell,
-}
-
-/// What only this builder may be told.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ExactOptions {
-    /// How straddling triangles are split.
-    pub clipping: Clipping,
-    /// Factor on the cost of planes that cut off empty space; 1 for none.
-    pub empty_bonus: f32,
-    /// How many splits on a way down need not pay by themselves; what does not pay in the end is undone.
-    pub bad_splits: u32,
-}
-
-impl Default for ExactOptions {
-    fn default() -> Self {
-        Self { clipping: Clipping::default(), empty_bonus: 1.0, bad_splits: 0 }
-    }
-}
-
-impl ExactOptions {
-    /// What goes with options that all builders share.
-    pub fn of(options: &BuildOptions) -> Self {
-        let clipping = if options.clip { Clipping::Plane } else { Clipping::Off };
-        Self { clipping, ..Self::default() }
-    }
-}
-
 /// Nodes of more references are built by several threads.
 const GRAIN: usize = 4096;
-
-/// Smaller extents count as flat, as in the kernels.
-const FLAT: f32 = raykd_kernels::math::exp2(-60);
 
 /// A face of a reference's box: position (ordered as an integer), kind, reference.
 type Event = u64;
@@ -201,23 +164,11 @@ struct Plane {
     cost: f32,
 }
 
-fn flat(d: f32) -> f32 {
-    if d < FLAT { 0.0 } else { d }
-}
-
-fn half_area(b: &Bounds) -> f32 {
-    let d = b.hi - b.lo;
-    let (x, y, z) = (flat(d.x), flat(d.y), flat(d.z));
-    x * y + y * z + z * x
-}
-
 /// A node to be built.
 #[derive(Clone, Copy, Debug)]
 struct Cell {
     bounds: Bounds,
     depth: u32,
-    /// Splits on the way here that did not pay by themselves.
-    bad: u32,
 }
 
 impl Cell {
@@ -296,10 +247,9 @@ impl Part {
 struct Builder<'m> {
     positions: &'m [f32],
     triangles: &'m [[u32; 3]],
-    step: f32,
-    test: f32,
+    costs: Costs,
     max_depth: u32,
-    options: &'m ExactOptions,
+    clip: bool,
     pool: Pool,
     /// References of the leaves so far, and how many there may be.
     listed: AtomicUsize,
@@ -341,23 +291,13 @@ impl Builder<'_> {
     }
 
     /// The cheapest plane across an axis.
-    fn sweep(&self, set: &Set, node: &Bounds, axis: usize, area: f32) -> Plane {
-        let (lo, hi) = (node.lo[axis], node.hi[axis]);
-        let d = node.hi - node.lo;
-        let (b, c) = (flat(d[(axis + 1) % 3]), flat(d[(axis + 2) % 3]));
-        let (girth, cap) = ((b + c) * self.test, b * c * self.test);
-        let (step, bonus) = (self.step * area, self.options.empty_bonus);
-        let mut best = Plane { axis, at: lo, planar_above: false, cost: f32::INFINITY };
-        if hi - lo < FLAT {
-            return best;
-        }
+    fn sweep(&self, set: &Set, node: &Bounds, axis: usize, sah: &Sah) -> Plane {
+        let across = sah.across(axis as u32);
+        let mut best = Plane { axis, at: node.lo[axis], planar_above: false, cost: f32::INFINITY };
         let (mut below, mut above) = (set.axes[axis].open, set.triangles.len() as u32);
         let mut consider = |at: f32, below: u32, above: u32, planar_above: bool| {
-            let cost_below = (flat(at - lo) * girth + cap) * below as f32;
-            let cost_above = (flat(hi - at) * girth + cap) * above as f32;
-            let factor = if below == 0 || above == 0 { bonus } else { 1.0 };
-            let cost = (step + (cost_below + cost_above)) * factor;
-            if cost < best.cost && lo < at && at < hi {
+            let cost = across.cut(at, below, above);
+            if cost < best.cost {
                 best = Plane { axis, at, planar_above, cost };
             }
         };
@@ -379,14 +319,13 @@ impl Builder<'_> {
     }
 
     /// The plane that cuts the node, or none if it becomes a leaf.
-    fn choose(&self, set: &Set, cell: &mut Cell, parallel: bool) -> Option<Plane> {
-        let area = half_area(&cell.bounds);
-        let as_leaf = area * self.test * set.triangles.len() as f32;
+    fn choose(&self, set: &Set, cell: &Cell, parallel: bool) -> Option<Plane> {
+        let sah = Sah::new(cell.bounds.lo, cell.bounds.hi, set.triangles.len() as u32, self.costs);
         let full = self.listed.load(Relaxed) > self.most;
-        if cell.depth >= self.max_depth || as_leaf <= area * self.step || full {
+        if cell.depth >= self.max_depth || !sah.may_pay || full {
             return None;
         }
-        let sweep = |axis| self.sweep(set, &cell.bounds, axis, area);
+        let sweep = |axis| self.sweep(set, &cell.bounds, axis, &sah);
         let planes = if parallel {
             let (x, (y, z)) = rayon::join(|| sweep(0), || rayon::join(|| sweep(1), || sweep(2)));
             [x, y, z]
@@ -394,24 +333,16 @@ impl Builder<'_> {
             [0, 1, 2].map(sweep)
         };
         let best = planes.into_iter().reduce(|a, b| if b.cost < a.cost { b } else { a })?;
-        if best.cost >= as_leaf {
-            cell.bad += 1;
-        }
-        (best.cost < f32::INFINITY && cell.bad <= self.options.bad_splits).then_some(best)
+        (best.cost < sah.leaf).then_some(best)
     }
 
     /// The boxes of what lies of a straddling reference below and above a plane.
     fn clip(&self, triangle: u32, bounds: &Bounds, plane: &Plane, cells: &[Cell; 2]) -> [Bounds; 2] {
-        match self.options.clipping {
-            Clipping::Off => cells.map(|cell| bounds.and(&cell.bounds)),
-            Clipping::Plane => {
-                let [a, b, c] = self.corners(triangle);
-                clip_plane(a, b, c, bounds, plane.axis as u32, plane.at).into()
-            }
-            Clipping::Cell => {
-                let [a, b, c] = self.corners(triangle);
-                cells.map(|cell| clip(a, b, c, &cell.bounds).and(bounds))
-            }
+        if self.clip {
+            let [a, b, c] = self.corners(triangle);
+            clip_plane(a, b, c, bounds, plane.axis as u32, plane.at).into()
+        } else {
+            cells.map(|cell| bounds.and(&cell.bounds))
         }
     }
 
@@ -499,34 +430,21 @@ impl Builder<'_> {
         }
     }
 
-    /// Builds a node and all below it; returns its words and its cost.
-    fn grow(&self, set: &Set, mut cell: Cell, tree: &mut Branch, spare: &mut Spare) -> (Node, f32) {
-        let area = half_area(&cell.bounds);
-        let as_leaf = area * self.test * set.triangles.len() as f32;
-        if let Some(plane) = self.choose(set, &mut cell, false) {
-            let (slot, refs, depth) = (tree.nodes.len(), tree.refs.len(), tree.depth);
-            tree.nodes.extend([Node::PADDING; 2]);
-            let cells = cell.cut(&plane);
-            let mut halves = [spare.set(), spare.set()];
-            self.split(set, &plane, &cells, &mut halves, &mut spare.targets, false);
-            let mut cost = area * self.step;
-            for (i, (half, cell)) in halves.iter().zip(cells).enumerate() {
-                let (node, its) = self.grow(half, cell, tree, spare);
-                tree.nodes[slot + i] = node;
-                cost += its;
-            }
-            spare.sets.extend(halves);
-            if cost < as_leaf {
-                (Node::inner(plane.axis as u32, plane.at, slot as u32), cost)
-            } else {
-                tree.nodes.truncate(slot);
-                tree.refs.truncate(refs);
-                tree.depth = depth;
-                (self.leaf(tree, &set.triangles, cell.depth), as_leaf)
-            }
-        } else {
-            (self.leaf(tree, &set.triangles, cell.depth), as_leaf)
+    /// Builds a node and all below it; returns its words.
+    fn grow(&self, set: &Set, cell: &Cell, tree: &mut Branch, spare: &mut Spare) -> Node {
+        let Some(plane) = self.choose(set, cell, false) else {
+            return self.leaf(tree, &set.triangles, cell.depth);
+        };
+        let slot = tree.nodes.len();
+        tree.nodes.extend([Node::PADDING; 2]);
+        let cells = cell.cut(&plane);
+        let mut halves = [spare.set(), spare.set()];
+        self.split(set, &plane, &cells, &mut halves, &mut spare.targets, false);
+        for (i, (half, cell)) in halves.iter().zip(&cells).enumerate() {
+            tree.nodes[slot + i] = self.grow(half, cell, tree, spare);
         }
+        spare.sets.extend(halves);
+        Node::inner(plane.axis as u32, plane.at, slot as u32)
     }
 
     fn leaf(&self, tree: &mut Branch, triangles: &[u32], depth: u32) -> Node {
@@ -535,50 +453,38 @@ impl Builder<'_> {
     }
 
     /// The same by several threads.
-    fn branch(&self, mut set: Set, mut cell: Cell) -> (Part, f32) {
-        let area = half_area(&cell.bounds);
-        let as_leaf = area * self.test * set.triangles.len() as f32;
+    fn branch(&self, set: Set, cell: &Cell) -> Part {
+        let mut spare = locked(&self.pool.spares).pop().unwrap_or_default();
         if set.triangles.len() > GRAIN
-            && let Some(plane) = self.choose(&set, &mut cell, true)
+            && let Some(plane) = self.choose(&set, cell, true)
         {
             let cells = cell.cut(&plane);
-            let mut spare = locked(&self.pool.spares).pop().unwrap_or_default();
             let mut halves = [(); 2].map(|()| locked(&self.pool.large).pop().unwrap_or_default());
             self.split(&set, &plane, &cells, &mut halves, &mut spare.targets, true);
             locked(&self.pool.spares).push(spare);
-            // What a leaf in this place would need; the rest is of use elsewhere.
-            let triangles = std::mem::take(&mut set.triangles);
             locked(&self.pool.large).push(set);
             let [low, high] = halves;
-            let ((below, cost_below), (above, cost_above)) =
-                rayon::join(|| self.branch(low, cells[0]), || self.branch(high, cells[1]));
-            let cost = area * self.step + cost_below + cost_above;
-            if cost < as_leaf {
-                return (Part::Cut(plane, Box::new([below, above])), cost);
-            }
-            let mut tree = Branch::default();
-            let root = self.leaf(&mut tree, &triangles, cell.depth);
-            return (Part::Grown(root, tree), as_leaf);
+            let (below, above) = rayon::join(|| self.branch(low, &cells[0]), || self.branch(high, &cells[1]));
+            return Part::Cut(plane, Box::new([below, above]));
         }
         // About what surface meshes need.
         let n = set.triangles.len();
         let (nodes, refs) = (Vec::with_capacity(5 * n), Vec::with_capacity(5 * n));
         let mut tree = Branch { nodes, refs, depth: 0 };
-        let mut spare = locked(&self.pool.spares).pop().unwrap_or_default();
-        let (root, cost) = self.grow(&set, cell, &mut tree, &mut spare);
+        let root = self.grow(&set, cell, &mut tree, &mut spare);
         locked(&self.pool.spares).push(spare);
         locked(&self.pool.large).push(set);
-        (Part::Grown(root, tree), cost)
+        Part::Grown(root, tree)
     }
 }
 
 /// Builds the tree of `mesh` on the CPU, by the threads of the current rayon pool. The same mesh and options give
 /// the same bytes. Where splitting does not separate the triangles, the depth is halved until memory suffices.
-pub fn build(mesh: &Mesh, options: &BuildOptions, exact: &ExactOptions) -> KdTree {
+pub fn build(mesh: &Mesh, options: &BuildOptions) -> KdTree {
     let mut depth = options.max_depth.min(MAX_DEPTH);
     loop {
         // A single leaf always fits.
-        match attempt(mesh, &BuildOptions { max_depth: depth, ..options.clone() }, exact) {
+        match attempt(mesh, &BuildOptions { max_depth: depth, ..options.clone() }) {
             Some(tree) => return tree,
             None => depth /= 2,
         }
@@ -586,16 +492,15 @@ pub fn build(mesh: &Mesh, options: &BuildOptions, exact: &ExactOptions) -> KdTre
 }
 
 /// Gives up, at whatever point, if the leaves get too long in all.
-fn attempt(mesh: &Mesh, options: &BuildOptions, exact: &ExactOptions) -> Option<KdTree> {
+fn attempt(mesh: &Mesh, options: &BuildOptions) -> Option<KdTree> {
     let positions = mesh.scaled_positions();
     let (lo, hi) = mesh.scaled_bounds();
     let builder = Builder {
         positions: &positions,
         triangles: mesh.triangles(),
-        step: options.cost_step,
-        test: options.cost_test,
+        costs: options.costs(mesh),
         max_depth: options.max_depth,
-        options: exact,
+        clip: options.clip,
         pool: Pool::default(),
         listed: AtomicUsize::new(0),
         most: most_refs(mesh.kept().len() as u32) as usize,
@@ -615,7 +520,7 @@ fn attempt(mesh: &Mesh, options: &BuildOptions, exact: &ExactOptions) -> Option<
         axis.events = List { len: axis.fresh.len(), room: std::mem::take(&mut axis.fresh) };
     };
     set.axes.iter_mut().for_each(sort);
-    let (part, _) = builder.branch(set, Cell { bounds, depth: 0, bad: 0 });
+    let part = builder.branch(set, &Cell { bounds, depth: 0 });
     if builder.listed.load(Relaxed) > builder.most {
         return None;
     }

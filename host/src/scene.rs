@@ -3,7 +3,6 @@
 use crate::{
     BuildOptions, BuildTimes, Builder, Error, KdTree,
     build::{Built, MeshBuffers, build, upload},
-    exact::ExactOptions,
     exec::{Buffer, Device, Step},
     mesh::Mesh,
     traversal::{Needs, Traversal},
@@ -100,9 +99,26 @@ impl<'d> Scene<'d> {
     /// # Errors
     /// The mesh does not fit the device, or the device failed.
     pub fn build(device: &'d Device, mesh: &Mesh, options: &BuildOptions) -> Result<Self, Error> {
+        let most = options.budget.map_or(u32::MAX, |b| (b.max(1.0) * mesh.kept().len() as f32) as u32);
+        let mut options = options.clone();
+        let mut retries = 0;
+        loop {
+            let mut scene = Self::build_once(device, mesh, &options)?;
+            // Far enough from any price that a tree may be worth.
+            let kept = scene.header.refs <= most || options.builder == Builder::Median || retries >= 64;
+            if kept {
+                scene.times.retries += retries;
+                return Ok(scene);
+            }
+            options.price = (2.0 * options.price).max(0.25);
+            retries += 1;
+        }
+    }
+
+    fn build_once(device: &'d Device, mesh: &Mesh, options: &BuildOptions) -> Result<Self, Error> {
         if options.builder == Builder::Exact {
             let start = Instant::now();
-            let tree = device.install(|| crate::exact::build(mesh, options, &ExactOptions::of(options)));
+            let tree = device.install(|| crate::exact::build(mesh, options));
             let build = start.elapsed();
             let mut scene = Self::place(device, mesh, &tree)?;
             scene.times.build = build;

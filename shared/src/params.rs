@@ -34,10 +34,10 @@ pub struct BuildParams {
     pub rule: u32,
     /// Nodes of at most this many references leave the level loop; at most [`crate::limits::TREELET`].
     pub small: u32,
-    /// References the tree may have, as far as pruning treelets can keep to it.
-    pub budget: u32,
-    /// Zero.
-    pub reserved: u32,
+    /// What listing a triangle in one more leaf costs, in units of cost times half area.
+    pub price: f32,
+    /// Factor on the cost of planes that cut off empty space.
+    pub empty: f32,
 }
 
 /// Bits of [`BuildParams::rule`].

@@ -9,8 +9,8 @@ pub mod oracle;
 pub mod rays;
 pub mod trees;
 
-use proptest::prelude::ProptestConfig;
-use raykd::{Device, exec::Cpu, kernels::Order};
+use proptest::prelude::*;
+use raykd::{BuildOptions, Builder, Device, exec::Cpu, kernels::Order};
 use std::{fmt, sync::LazyLock};
 
 /// A device and what it is called in messages.
@@ -50,6 +50,26 @@ pub fn cpu() -> &'static Device {
 /// The GPU of [`devices`].
 pub fn gpu() -> &'static Device {
     &devices()[devices().len() - 1].device
+}
+
+/// Options of all kinds for a builder.
+pub fn any_options(builder: impl Strategy<Value = Builder>) -> impl Strategy<Value = BuildOptions> {
+    let costs = prop::sample::select(vec![0.0, 0.1, 1.0, 3.0, 50.0]);
+    let price = prop::sample::select(vec![0.0, 5.0, 1e9]);
+    let empty = prop::sample::select(vec![1.0, 0.9, 0.0]);
+    let depth = prop_oneof![Just(48), 0u32..=48];
+    (costs.clone(), costs, price, empty, depth, builder, any::<bool>()).prop_map(
+        |(cost_step, cost_test, price, empty, max_depth, builder, clip)| BuildOptions {
+            cost_step,
+            cost_test,
+            price,
+            empty,
+            max_depth,
+            builder,
+            clip,
+            ..BuildOptions::default()
+        },
+    )
 }
 
 /// Why a check failed; a failed assertion for `proptest`, a panic for `unwrap`.

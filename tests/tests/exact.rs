@@ -1,12 +1,9 @@
 //! The exact builder: nothing is left out, whatever the mesh, and builds end.
 
 use proptest::prelude::*;
-use raykd::{
-    BuildOptions, KdTree, Mesh, Scene,
-    exact::{Clipping, ExactOptions, build},
-};
+use raykd::{BuildOptions, Builder, KdTree, Mesh, Scene, exact::build};
 use raykd_tests::{
-    Failure, cases,
+    Failure, any_options, cases,
     covers::covers,
     cpu,
     meshes::{Family, RANDOM, Recipe, ZOO, small_mesh},
@@ -15,31 +12,16 @@ use raykd_tests::{
     trees::without_reference,
 };
 
-const CLIPPINGS: [Clipping; 3] = [Clipping::Off, Clipping::Plane, Clipping::Cell];
-
-fn any_options() -> impl Strategy<Value = (BuildOptions, ExactOptions)> {
-    let costs = prop::sample::select(vec![0.0, 0.1, 1.0, 3.0, 50.0]);
-    let exact = (prop::sample::select(CLIPPINGS.to_vec()), prop::sample::select(vec![1.0, 0.8]), 0u32..3);
-    (costs.clone(), costs, prop_oneof![Just(48), 0u32..=48], exact).prop_map(
-        |(cost_step, cost_test, max_depth, (clipping, empty_bonus, bad_splits))| {
-            (
-                BuildOptions { cost_step, cost_test, max_depth, ..BuildOptions::default() },
-                ExactOptions { clipping, empty_bonus, bad_splits },
-            )
-        },
-    )
-}
-
-fn clipped(mesh: &Mesh, clipping: Clipping) -> KdTree {
-    build(mesh, &BuildOptions::default(), &ExactOptions { clipping, ..ExactOptions::default() })
+fn clipped(mesh: &Mesh, clip: bool) -> KdTree {
+    build(mesh, &BuildOptions { clip, ..BuildOptions::default() })
 }
 
 proptest! {
     #![proptest_config(cases(96))]
     #[test]
-    fn every_point_of_every_triangle_is_covered(recipe in small_mesh(), (options, exact) in any_options()) {
+    fn every_point_of_every_triangle_is_covered(recipe in small_mesh(), options in any_options(Just(Builder::Exact))) {
         let mesh = recipe.mesh();
-        let tree = build(&mesh, &options, &exact);
+        let tree = build(&mesh, &options);
         covers(&mesh, tree.view())?;
         prop_assert!(tree.view().header.depth <= options.max_depth);
     }
@@ -54,11 +36,11 @@ proptest! {
     fn hits_do_not_depend_on_the_builder(recipe in small_mesh(), seed in any::<u64>()) {
         let mesh = recipe.mesh();
         let binned = Scene::build(cpu(), &mesh, &BuildOptions::default())?;
-        for clipping in CLIPPINGS {
-            let tree = clipped(&mesh, clipping);
+        for clip in [false, true] {
+            let tree = clipped(&mesh, clip);
             let rays = rays(&mesh, tree.view(), 200, seed);
             let scene = Scene::with_tree(cpu(), &mesh, &tree)?;
-            same(&format!("hits, clipping {clipping:?}"), &binned.closest(&rays)?, &scene.closest(&rays)?)?;
+            same(&format!("hits, clip {clip}"), &binned.closest(&rays)?, &scene.closest(&rays)?)?;
         }
     }
 }
@@ -69,12 +51,12 @@ fn every_family_ends_with_few_references() -> Result<(), Failure> {
         for size in [1, 2, 33, 6000] {
             let recipe = Recipe { family, size, seed: 7 };
             let mesh = recipe.mesh();
-            for clipping in CLIPPINGS {
-                let tree = clipped(&mesh, clipping);
+            for clip in [false, true] {
+                let tree = clipped(&mesh, clip);
                 tree.validate()?;
                 let refs = tree.view().refs.len();
-                println!("{recipe:?}, {clipping:?}: {:.1} references a triangle", refs as f64 / size as f64);
-                assert!(refs <= 64 * mesh.kept().len(), "{recipe:?}, {clipping:?}: {refs} references");
+                println!("{recipe:?}, clip {clip}: {:.1} references a triangle", refs as f64 / size as f64);
+                assert!(refs <= 64 * mesh.kept().len(), "{recipe:?}, clip {clip}: {refs} references");
                 if size <= 33 {
                     covers(&mesh, tree.view()).map_err(|e| Failure(format!("{recipe:?}: {e}")))?;
                 }
@@ -87,12 +69,12 @@ fn every_family_ends_with_few_references() -> Result<(), Failure> {
 #[test]
 fn threads_do_not_show() -> Result<(), Failure> {
     let mesh = Mesh::teapot(24);
-    for clipping in CLIPPINGS {
+    for clip in [false, true] {
         let build = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-            pool.expect("threads start").install(|| clipped(&mesh, clipping).digest())
+            pool.expect("threads start").install(|| clipped(&mesh, clip).digest())
         };
-        assert_eq!(build(1), build(3), "{clipping:?}");
+        assert_eq!(build(1), build(3), "clip {clip}");
     }
     Ok(())
 }
@@ -100,7 +82,7 @@ fn threads_do_not_show() -> Result<(), Failure> {
 #[test]
 fn a_missing_reference_is_noticed() {
     let mesh = Recipe { family: Family::Soup, size: 60, seed: 5 }.mesh();
-    let tree = clipped(&mesh, Clipping::Plane);
+    let tree = clipped(&mesh, true);
     let refs = tree.view().refs.len() as u32;
     let noticed = |&n: &u32| without_reference(&tree, n).is_ok_and(|t| covers(&mesh, t.view()).is_err());
     let (number, found) = (refs.min(100), (0..refs.min(100)).filter(noticed).count());

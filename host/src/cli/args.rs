@@ -129,11 +129,20 @@ pub(super) struct TreeArgs {
     #[arg(long)]
     pub no_clip: bool,
     /// SAH cost of a traversal step
-    #[arg(long, value_name = "X", value_parser = cost)]
+    #[arg(long, value_name = "X", value_parser = within(1e-6_f32, 1e6))]
     pub cost_step: Option<f32>,
     /// SAH cost of a triangle test
-    #[arg(long, value_name = "X", value_parser = cost)]
+    #[arg(long, value_name = "X", value_parser = within(1e-6_f32, 1e6))]
     pub cost_test: Option<f32>,
+    /// Price of a reference: tests a ray it has to save, times the number of triangles; more makes smaller trees
+    #[arg(long, value_name = "X", value_parser = within(0.0_f32, 1e9))]
+    pub price: Option<f32>,
+    /// Most references a triangle, on average, at least 1: the price is doubled until the tree keeps to it
+    #[arg(long, value_name = "X", value_parser = within(1.0_f32, 1e6))]
+    pub budget: Option<f32>,
+    /// Factor on the cost of planes that cut off empty space, from 0 to 1
+    #[arg(long, value_name = "X", value_parser = within(0.0_f32, 1.0))]
+    pub empty: Option<f32>,
 }
 
 impl TreeArgs {
@@ -145,6 +154,9 @@ impl TreeArgs {
             clip: !self.no_clip,
             cost_step: self.cost_step.unwrap_or(usual.cost_step),
             cost_test: self.cost_test.unwrap_or(usual.cost_test),
+            price: self.price.unwrap_or(usual.price),
+            budget: self.budget,
+            empty: self.empty.unwrap_or(usual.empty),
             ..usual
         }
     }
@@ -200,7 +212,7 @@ pub(super) struct TraceArgs {
     #[arg(long, value_name = "FILE", required_unless_present = "compare")]
     pub hits: Option<PathBuf>,
     /// Use this tree, saved by raykd build -o, rather than building one
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["builder", "no_clip", "cost_step", "cost_test"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["builder", "no_clip", "cost_step", "cost_test", "price", "budget", "empty"])]
     pub tree: Option<PathBuf>,
     /// What to ask of each ray
     #[arg(long, value_enum, default_value_t = Ask::Closest)]
@@ -260,7 +272,7 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, default_value = "0,1,0")]
     pub up: [f64; 3],
     /// Angle of view from bottom to top, in degrees
-    #[arg(long, value_name = "DEGREES", default_value = "40", value_parser = angle)]
+    #[arg(long, value_name = "DEGREES", default_value = "40", value_parser = within(0.1_f64, 170.0))]
     pub fov: f64,
     /// Left out: a real GPU if there is one, else the CPU
     #[arg(long, value_enum)]
@@ -374,14 +386,15 @@ impl Args {
     }
 }
 
-fn cost(text: &str) -> Result<f32, String> {
-    let cost: f32 = text.parse().map_err(|_| "not a number".to_owned())?;
-    if (1.0e-6..=1.0e6).contains(&cost) { Ok(cost) } else { Err("costs lie between 1e-6 and 1e6".to_owned()) }
-}
-
-fn angle(text: &str) -> Result<f64, String> {
-    let angle: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
-    if (0.1..=170.0).contains(&angle) { Ok(angle) } else { Err("angles lie between 0.1 and 170".to_owned()) }
+/// A parser of numbers in a range.
+fn within<T>(lo: T, hi: T) -> impl Fn(&str) -> Result<T, String> + Clone
+where
+    T: std::str::FromStr + PartialOrd + std::fmt::Display + Copy,
+{
+    move |text| {
+        let x: T = text.parse().map_err(|_| "not a number".to_owned())?;
+        if lo <= x && x <= hi { Ok(x) } else { Err(format!("this lies between {lo} and {hi}")) }
+    }
 }
 
 fn size(text: &str) -> Result<[u32; 2], String> {
@@ -416,8 +429,8 @@ mod tests {
         for wrong in ["1,2", "1,2,3,4", "a,b,c", "", "nan,0,0", "inf,0,0"] {
             assert!(point(wrong).is_err(), "{wrong}");
         }
-        assert!(cost("nan").is_err() && cost("-1").is_err() && cost("0.5").is_ok());
-        assert!(angle("0").is_err() && angle("180").is_err() && angle("60").is_ok());
+        let cost = within(1e-6_f32, 1e6);
+        assert!(cost("nan").is_err() && cost("-1").is_err() && cost("inf").is_err() && cost("0.5").is_ok());
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! Min-max binning (Shevtsov, Soupikov & Kapustin 2007): one counter for the bin where a box starts, one for
 //! where it ends; sums of them give the exact number of boxes on either side of every bin border, up to the
 //! rounding of the bin's index. The tree does not depend on that: `count` and `scatter` use the plane itself.
+//! And the last end in each bin: a plane there cuts fewer triangles than one at the bin's border.
 
 use super::{LEVEL_CHUNKS, chunk_of};
 use crate::{
@@ -15,8 +16,11 @@ use crate::{
 use raykd_shared::limits::BINS;
 
 const LANES: u32 = 128;
-/// Words of a chunk's histogram: starts in the low half, ends in the high half.
-pub const HIST_WORDS: u32 = 3 * BINS;
+/// Where the last ends stand in a chunk's histogram, [`ordered`]; before them the counts, starts in the low half, ends
+/// in the high half.
+pub const LAST_ENDS: u32 = 3 * BINS;
+/// Words of a chunk's histogram.
+pub const HIST_WORDS: u32 = 6 * BINS;
 const WORDS: usize = HIST_WORDS as usize;
 
 /// The bin of coordinate `x`.
@@ -31,6 +35,28 @@ fn bin_of(x: f32, lo: f32, per_bin: f32) -> u32 {
     } else {
         f as u32
     }
+}
+
+/// Numbers as integers in the same order; all above 0.
+#[inline(always)]
+pub fn ordered(x: f32) -> u32 {
+    let bits = x.to_bits();
+    if bits >> 31 == 0 { bits | 0x8000_0000 } else { !bits }
+}
+
+/// The number that [`ordered`] made this of.
+#[inline(always)]
+pub fn unordered(bits: u32) -> f32 {
+    f32::from_bits(if bits >> 31 == 0 { !bits } else { bits & 0x7FFF_FFFF })
+}
+
+/// Counts a box's start and end on an axis.
+#[inline(always)]
+fn enter(hist: &mut [u32; WORDS], axis: u32, lo: f32, hi: f32, from: f32, per_bin: f32) {
+    let end = axis * BINS + bin_of(hi, from, per_bin);
+    hist.add(axis * BINS + bin_of(lo, from, per_bin), 1);
+    hist.add(end, 1 << 16);
+    hist.raise(LAST_ENDS + end, ordered(hi));
 }
 
 /// Histogram of chunk `group.id`.
@@ -49,8 +75,10 @@ pub fn bin(
     if group.id < level.at(LEVEL_CHUNKS) {
         let (_, item, start, count) = chunk_of(group.id, chunks, active);
         lanes!(group, |lane| {
-            if lane < HIST_WORDS {
-                hist.put(lane, 0);
+            let mut word = lane;
+            while word < HIST_WORDS {
+                hist.put(word, 0);
+                word += LANES;
             }
             if lane < 3 {
                 let d = component(item.hi, lane) - component(item.lo, lane);
@@ -65,18 +93,17 @@ pub fn bin(
             while i < count {
                 let id = refs.at(start + i);
                 let (lo, hi) = (boxes.at(2 * id), boxes.at(2 * id + 1));
-                hist.add(bin_of(lo.x, item.lo.x, rate_x), 1);
-                hist.add(bin_of(hi.x, item.lo.x, rate_x), 1 << 16);
-                hist.add(BINS + bin_of(lo.y, item.lo.y, rate_y), 1);
-                hist.add(BINS + bin_of(hi.y, item.lo.y, rate_y), 1 << 16);
-                hist.add(2 * BINS + bin_of(lo.z, item.lo.z, rate_z), 1);
-                hist.add(2 * BINS + bin_of(hi.z, item.lo.z, rate_z), 1 << 16);
+                enter(hist, 0, lo.x, hi.x, item.lo.x, rate_x);
+                enter(hist, 1, lo.y, hi.y, item.lo.y, rate_y);
+                enter(hist, 2, lo.z, hi.z, item.lo.z, rate_z);
                 i += LANES;
             }
         });
         lanes!(group, |lane| {
-            if lane < HIST_WORDS {
-                hists.put(group.id * HIST_WORDS + lane, hist.at(lane));
+            let mut word = lane;
+            while word < HIST_WORDS {
+                hists.put(group.id * HIST_WORDS + word, hist.at(word));
+                word += LANES;
             }
         });
     }

@@ -8,6 +8,7 @@
 pub mod alloc;
 pub mod bin;
 pub mod boxes;
+pub mod clip;
 pub mod count;
 pub mod emit;
 pub mod overlap;
@@ -194,15 +195,42 @@ pub fn side(boxes: &Buf<Vec4>, id: u32, plane: Plane) -> u32 {
     }
 }
 
+/// What the surface area heuristic weighs.
+#[derive(Clone, Copy, Debug)]
+pub struct Costs {
+    /// Of a traversal step.
+    pub step: f32,
+    /// Of a triangle test.
+    pub test: f32,
+    /// Of a reference, whoever passes: see [`BuildParams::price`].
+    pub price: f32,
+    /// Factor on planes that cut off empty space (Wald & Havran 2006, section 3.1), if they pay without it.
+    pub empty: f32,
+}
+
+impl Costs {
+    /// Those of a build.
+    #[inline(always)]
+    pub fn of(params: &BuildParams) -> Self {
+        Self { step: params.cost_step, test: params.cost_test, price: params.price, empty: params.empty }
+    }
+}
+
+/// References have no price in longer nodes: a long leaf holds up all rays of a warp, more than its area tells.
+const LONG: u32 = 16;
+
 /// The surface area heuristic in one node, with costs that scale with area (Wald & Havran 2006, equation 5).
 #[derive(Clone, Copy, Debug)]
 pub struct Sah {
     lo: Vec3,
     hi: Vec3,
-    step: f32,
-    test: f32,
+    costs: Costs,
     /// Half the node's surface area.
     area: f32,
+    /// Cost of the node as a leaf.
+    pub leaf: f32,
+    /// Whether any plane may be cheaper: one costs a step, and no reference less.
+    pub may_pay: bool,
 }
 
 /// An extent, 0 if flat.
@@ -212,38 +240,67 @@ fn flat(d: f32) -> f32 {
 }
 
 impl Sah {
-    /// For the box of a node.
+    /// For a node of `count` references.
     #[inline(always)]
-    pub fn new(lo: Vec3, hi: Vec3, params: &BuildParams) -> Self {
+    pub fn new(lo: Vec3, hi: Vec3, count: u32, costs: Costs) -> Self {
         let d = hi - lo;
         let (x, y, z) = (flat(d.x), flat(d.y), flat(d.z));
-        Self { lo, hi, step: params.cost_step, test: params.cost_test, area: x * y + y * z + z * x }
+        let area = x * y + y * z + z * x;
+        let costs = Costs { price: if count > LONG { 0.0 } else { costs.price }, ..costs };
+        let tests = area * count as f32 * costs.test;
+        Self {
+            lo,
+            hi,
+            costs,
+            area,
+            leaf: tests + count as f32 * costs.price,
+            may_pay: tests > area * costs.step,
+        }
     }
 
-    /// Cost of the node as a leaf.
+    /// What planes across `axis` cost.
     #[inline(always)]
-    pub fn leaf(&self, count: u32) -> f32 {
-        self.area * count as f32 * self.test
-    }
-
-    /// What a cut costs at least: one step, whatever the children cost.
-    #[inline(always)]
-    pub fn step_cost(&self) -> f32 {
-        self.area * self.step
-    }
-
-    /// Cost of cutting it at `at` on `axis` into children of so many references; infinite unless the plane
-    /// lies strictly inside.
-    #[inline(always)]
-    pub fn cut(&self, axis: u32, at: f32, below: u32, above: u32) -> f32 {
+    pub fn across(&self, axis: u32) -> Across {
         let (lo, hi) = (crate::trace::frame::cycle(self.lo, axis), crate::trace::frame::cycle(self.hi, axis));
         let (b, c) = (flat(hi.x - lo.x), flat(hi.y - lo.y));
-        let (girth, cap) = (b + c, b * c);
-        let area_below = flat(at - lo.z) * girth + cap;
-        let area_above = flat(hi.z - at) * girth + cap;
-        let cost = self.step * self.area
-            + (area_below * below as f32 * self.test + area_above * above as f32 * self.test);
-        let inside = lo.z < at && at < hi.z && hi.z - lo.z >= FLAT;
+        Across {
+            lo: lo.z,
+            hi: hi.z,
+            girth: b + c,
+            cap: b * c,
+            step: self.costs.step * self.area,
+            costs: self.costs,
+            leaf: self.leaf,
+        }
+    }
+}
+
+/// The surface area heuristic across one axis of a node.
+#[derive(Clone, Copy, Debug)]
+pub struct Across {
+    lo: f32,
+    hi: f32,
+    /// Half the circumference of the node's section, and the section's area.
+    girth: f32,
+    cap: f32,
+    step: f32,
+    costs: Costs,
+    leaf: f32,
+}
+
+impl Across {
+    /// Cost of a cut at `at` into children of so many references; infinite unless it lies strictly inside.
+    #[inline(always)]
+    pub fn cut(&self, at: f32, below: u32, above: u32) -> f32 {
+        let area_below = flat(at - self.lo) * self.girth + self.cap;
+        let area_above = flat(self.hi - at) * self.girth + self.cap;
+        let test = self.costs.test;
+        let cost = self.step
+            + (area_below * below as f32 * test + area_above * above as f32 * test)
+            + (below + above) as f32 * self.costs.price;
+        let cost =
+            if (below == 0 || above == 0) && cost < self.leaf { cost * self.costs.empty } else { cost };
+        let inside = self.lo < at && at < self.hi && self.hi - self.lo >= FLAT;
         if inside { cost } else { f32::INFINITY }
     }
 }

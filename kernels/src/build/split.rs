@@ -1,6 +1,9 @@
-//! The cheapest plane of every active node, over the bin borders of all three axes.
+//! The cheapest plane of every active node, over the last ends before the bin borders of all three axes.
 
-use super::{Item, LEVEL_ACTIVE, LEVEL_DEPTH, Sah, bin::HIST_WORDS};
+use super::{
+    Costs, Item, LEVEL_ACTIVE, LEVEL_DEPTH, Sah,
+    bin::{HIST_WORDS, LAST_ENDS, unordered},
+};
 use crate::{
     Group,
     glam::{UVec2, UVec4, Vec3},
@@ -13,7 +16,7 @@ use raykd_shared::{
     rule,
 };
 
-const WORDS: usize = HIST_WORDS as usize;
+const WORDS: usize = (3 * BINS) as usize;
 const LANES: usize = BINS as usize;
 
 /// Position of the border below bin `i`.
@@ -56,8 +59,10 @@ pub fn split(
     group: Group,
     starts: &mut [u32; WORDS],
     ends: &mut [u32; WORDS],
+    lasts: &mut [u32; WORDS],
     costs: &mut [u32; LANES],
     axes: &mut [u32; LANES],
+    places: &mut [u32; LANES],
     params: &Buf<BuildParams>,
     level: &Buf<u32>,
     active: &Buf<UVec4>,
@@ -72,25 +77,30 @@ pub fn split(
             let mut axis = 0;
             while axis < 3 {
                 let word = axis * BINS + lane;
-                let (mut start, mut end) = (0, 0);
+                let (mut start, mut end, mut last) = (0, 0, 0);
                 let mut c = 0;
                 while c < chunks {
-                    let both = hists.at((item.extra + c) * HIST_WORDS + word);
+                    let at = (item.extra + c) * HIST_WORDS + word;
+                    let both = hists.at(at);
                     start += both & 0xFFFF;
                     end += both >> 16;
+                    let its = hists.at(at + LAST_ENDS);
+                    last = if its > last { its } else { last };
                     c += 1;
                 }
                 starts.put(word, start);
                 ends.put(word, end);
+                lasts.put(word, last);
                 axis += 1;
             }
         });
-        let sah = Sah::new(item.lo, item.hi, &params);
+        let sah = Sah::new(item.lo, item.hi, item.count, Costs::of(&params));
         let median = (params.rule & rule::MEDIAN) != 0;
         let longest = longest(item.hi - item.lo);
         lanes!(group, |lane| {
             let mut best = f32::INFINITY;
             let mut best_axis = Node::LEAF;
+            let mut place = 0.0;
             let mut axis = 0;
             while axis < 3 {
                 let (mut below, mut above) = (0, 0);
@@ -104,9 +114,14 @@ pub fn split(
                     b += 1;
                 }
                 let (lo, hi) = (component(item.lo, axis), component(item.hi, axis));
-                let at = border(lo, hi, lane);
+                let mut at = border(lo, hi, lane);
+                let last = if lane > 0 && !median { lasts.at(axis * BINS + lane - 1) } else { 0 };
+                if last != 0 {
+                    // Nothing ends between there and the border: no more lies above, and less straddles.
+                    at = unordered(last);
+                }
                 let cost = if !median {
-                    sah.cut(axis, at, below, above)
+                    sah.across(axis).cut(at, below, above)
                 } else if lo < at && at < hi {
                     median_cost(lane, below, above, axis == longest)
                 } else {
@@ -115,15 +130,17 @@ pub fn split(
                 if cost < best {
                     best = cost;
                     best_axis = axis;
+                    place = at;
                 }
                 axis += 1;
             }
             costs.put(lane, best.to_bits());
             axes.put(lane, best_axis);
+            places.put(lane, place.to_bits());
         });
         lanes!(group, |lane| {
             if lane == 0 {
-                let mut best = if median { f32::INFINITY } else { sah.leaf(item.count) };
+                let mut best = if median { f32::INFINITY } else { sah.leaf };
                 let mut plane = UVec2::new(Node::LEAF, 0);
                 if level.at(LEVEL_DEPTH) < params.max_depth {
                     let mut b = 0;
@@ -131,9 +148,7 @@ pub fn split(
                         let cost = f32::from_bits(costs.at(b));
                         if cost < best {
                             best = cost;
-                            let axis = axes.at(b);
-                            let at = border(component(item.lo, axis), component(item.hi, axis), b);
-                            plane = UVec2::new(axis, at.to_bits());
+                            plane = UVec2::new(axes.at(b), places.at(b));
                         }
                         b += 1;
                     }
@@ -146,7 +161,7 @@ pub fn split(
 
 kernel! {
     /// [`split`] over all active nodes of a level.
-    group SPLIT = split, threads 32, shared [starts: WORDS, ends: WORDS, costs: LANES, axes: LANES], {
+    group SPLIT = split, threads 32, shared [starts: WORDS, ends: WORDS, lasts: WORDS, costs: LANES, axes: LANES, places: LANES], {
         0 params: read BuildParams, 1 level: read u32, 2 active: read UVec4, 3 hists: read u32,
         4 planes: write UVec2,
     }

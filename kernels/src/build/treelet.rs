@@ -4,7 +4,11 @@
 //! either side of each face is found once, as masks; after that counting is a population count.
 
 use super::{
-    Item, Plane, STATE_STATUS, STATE_TREELETS, Sah, boxes::vertex, cut, is_above, is_below, overlap::overlaps,
+    Costs, Item, Plane, STATE_STATUS, STATE_TREELETS, Sah,
+    boxes::vertex,
+    clip::{Bounds, clip},
+    cut, is_above, is_below,
+    overlap::overlaps,
 };
 use crate::{
     Group,
@@ -131,7 +135,8 @@ pub fn treelet(
         lanes!(group, |lane| {
             if lane < item.count && small {
                 let id = refs.at(item.first + lane);
-                let (held_lo, held_hi) = (boxes.at(2 * id), boxes.at(2 * id + 1));
+                let (lo, hi) = (boxes.at(2 * id), boxes.at(2 * id + 1));
+                let mut held = Bounds { lo: Vec3::new(lo.x, lo.y, lo.z), hi: Vec3::new(hi.x, hi.y, hi.z) };
                 if clips {
                     let a = vertex(positions, indices, id, 0);
                     let b = vertex(positions, indices, id, 1);
@@ -139,10 +144,11 @@ pub fn treelet(
                     keep(corners, lane, 0, a);
                     keep(corners, lane, 1, b);
                     keep(corners, lane, 2, c);
+                    held = clip(a, b, c, &Bounds { lo: item.lo, hi: item.hi });
                 }
-                put_face(faces, lane, 0, held_lo.x, held_hi.x);
-                put_face(faces, lane, 1, held_lo.y, held_hi.y);
-                put_face(faces, lane, 2, held_lo.z, held_hi.z);
+                put_face(faces, lane, 0, held.lo.x, held.hi.x);
+                put_face(faces, lane, 1, held.lo.y, held.hi.y);
+                put_face(faces, lane, 2, held.lo.z, held.hi.z);
             }
             if lane == 0 {
                 push(stack, 0, ones(item.count), item.lo, item.hi, item.extra, 0);
@@ -179,11 +185,9 @@ pub fn treelet(
             let (lo, hi) = load_box(stack, at);
             let depth = stack.at(at + 7);
             let number = mask.count_ones();
-            let sah = Sah::new(lo, hi, &params);
-            let as_leaf = sah.leaf(number);
+            let sah = Sah::new(lo, hi, number, Costs::of(&params));
             let nodes = own.at(NODES);
-            // A cut costs a step in any case; with few references it cannot pay, whatever the plane.
-            let may_pay = as_leaf > sah.step_cost() && (params.rule & rule::LEAVES) == 0;
+            let may_pay = sah.may_pay && (params.rule & rule::LEAVES) == 0;
             if may_pay && depth < params.max_depth && nodes + 2 <= treelet_nodes(item.count) {
                 lanes!(group, |lane| {
                     if (mask >> lane) & 1 == 1 {
@@ -191,7 +195,7 @@ pub fn treelet(
                     }
                     if lane == 0 {
                         // Just below: only what is cheaper counts.
-                        own.put(COST, as_leaf.to_bits() - 1);
+                        own.put(COST, sah.leaf.to_bits() - 1);
                         own.put(PICK, NONE);
                         own.put(DROP_BELOW, 0);
                         own.put(DROP_ABOVE, 0);
@@ -211,7 +215,7 @@ pub fn treelet(
                             let below = (belows.at(candidate) & mask).count_ones();
                             let above = (aboves.at(candidate) & mask).count_ones();
                             let at = f32::from_bits(faces.at(candidate));
-                            let cost = sah.cut(face >> 1, at, below, above);
+                            let cost = sah.across(face >> 1).cut(at, below, above);
                             if cost < best {
                                 best = cost;
                                 pick = candidate;
