@@ -69,6 +69,24 @@ pub enum Error {
     /// A kernel raised a status that more room cannot cure.
     #[error("a kernel stopped: {0}")]
     Kernel(&'static str),
+    /// A triangle test was asked for what only the default one does.
+    #[error(
+        "intersector {name} works with the traversals stack and brute, for closest and any hits; {asked} needs the default, exact"
+    )]
+    Intersector {
+        /// The test.
+        name: &'static str,
+        /// What was asked for.
+        asked: String,
+    },
+    /// As many triangles to leave out as rays are needed.
+    #[error("{rays} rays with {excluded} triangles to leave out; give one a ray (MISS for none)")]
+    Excluded {
+        /// Rays given.
+        rays: usize,
+        /// Triangles given.
+        excluded: usize,
+    },
     /// A tree file or tree does not hold together.
     #[error("{0}")]
     Tree(String),

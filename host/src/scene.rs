@@ -1,16 +1,23 @@
 //! A mesh with its tree on a device, ready to trace.
 
 use crate::{
-    BuildOptions, BuildTimes, Builder, Error, KdTree,
+    BuildOptions, BuildTimes, Builder, Error, Intersector, KdTree,
     build::{Built, MeshBuffers, build, upload},
     exec::{Buffer, Device, Step},
     mesh::Mesh,
     traversal::{Needs, Traversal},
 };
-use raykd_kernels::trace::{
-    JOB_WORDS, OUTCOME_INVALID, OUTCOME_STATUS, OUTCOME_WORDS, all::ALL, any::ANY, brute::BRUTE,
-    closest::CLOSEST, corners::CORNERS, node_boxes::NODE_BOXES, parents::PARENTS, rope_links::ROPE_LINKS,
-    steps::STEPS,
+use raykd_kernels::{
+    Kernel,
+    trace::{
+        JOB_WORDS, OUTCOME_INVALID, OUTCOME_STATUS, OUTCOME_WORDS,
+        all::ALL,
+        corners::{CORNERS, transforms::TRANSFORMS},
+        node_boxes::NODE_BOXES,
+        parents::PARENTS,
+        rope_links::ROPE_LINKS,
+        stack::{any::ANY, closest::CLOSEST, except::EXCEPT, steps::STEPS},
+    },
 };
 use raykd_shared::{Hit, Ray, TreeHeader, status};
 use std::time::{Duration, Instant};
@@ -81,12 +88,14 @@ pub struct Scene<'d> {
     kept: Vec<u32>,
     times: BuildTimes,
     traversal: Traversal,
+    intersector: Intersector,
     extras: Extras,
 }
 
-/// What some traversals need beside the tree.
+/// What some traversals and triangle tests need beside the tree.
 #[derive(Debug, Default)]
 struct Extras {
+    transforms: Option<Buffer>,
     parents: Option<Buffer>,
     boxes: Option<Buffer>,
     /// As they are, and optimised.
@@ -168,9 +177,9 @@ impl<'d> Scene<'d> {
     ) -> Result<Self, Error> {
         let header_buffer = device.alloc("header", size_of::<TreeHeader>() as u64)?;
         device.write(&header_buffer, 0, bytemuck::bytes_of(&built.header))?;
-        let corners = device.alloc("corners", u64::from(built.header.refs) * 48)?;
-        let buffers = vec![&header_buffer, &on_device.positions, &on_device.indices, &built.refs, &corners];
-        built.times.layout = device.run(&[Step::over(&CORNERS, built.header.refs, buffers)], false)?.total;
+        let refs = &built.refs;
+        let (corners, layout) = lay_out(device, &CORNERS, &built.header, &header_buffer, &on_device, refs)?;
+        built.times.layout = layout;
         Ok(Self {
             device,
             header: built.header,
@@ -182,6 +191,7 @@ impl<'d> Scene<'d> {
             kept: mesh.kept().to_vec(),
             times: built.times,
             traversal: Traversal::default(),
+            intersector: Intersector::default(),
             extras: Extras::default(),
         })
     }
@@ -222,8 +232,10 @@ impl<'d> Scene<'d> {
     /// same. Makes what the traversal needs beside the tree, once.
     ///
     /// # Errors
-    /// That does not fit the device, or the device failed.
+    /// It does not go with the scene's triangle test, see [`Intersector::check`]; what it needs does not fit the device, or
+    /// the device failed.
     pub fn traverse_by(&mut self, traversal: Traversal) -> Result<(), Error> {
+        self.intersector.check(traversal)?;
         let (device, header, nodes, count) =
             (self.device, &self.header_buffer, &self.nodes, self.header.nodes);
         let needs = traversal.needs();
@@ -259,6 +271,36 @@ impl<'d> Scene<'d> {
         Ok(())
     }
 
+    /// How it is told whether a ray hits a triangle.
+    pub const fn intersector(&self) -> Intersector {
+        self.intersector
+    }
+
+    /// Chooses how it is told from now on whether a ray hits a triangle, by the closest and any hits of `stack` and `brute`.
+    /// Makes what the test needs beside the tree, once. Only the default keeps what [`Scene::closest`] promises.
+    ///
+    /// # Errors
+    /// It does not go with the scene's traversal, see [`Intersector::check`]; what it needs does not fit the device, or
+    /// the device failed.
+    pub fn intersect_by(&mut self, intersector: Intersector) -> Result<(), Error> {
+        intersector.check(self.traversal)?;
+        if intersector == Intersector::Baldwin && self.extras.transforms.is_none() {
+            let (header, buffer, mesh) = (&self.header, &self.header_buffer, &self.mesh);
+            let (transforms, _) = lay_out(self.device, &TRANSFORMS, header, buffer, mesh, &self.refs)?;
+            self.extras.transforms = Some(transforms);
+        }
+        self.intersector = intersector;
+        Ok(())
+    }
+
+    /// Refuses what only the default triangle test does.
+    fn needs_exact(&self, asked: &str) -> Result<(), Error> {
+        match self.intersector {
+            Intersector::Exact => Ok(()),
+            other => Err(Error::Intersector { name: other.name(), asked: asked.to_owned() }),
+        }
+    }
+
     /// Bytes of the tree on the device as its traversal uses it: nodes, references, and parents, boxes or ropes.
     pub fn tree_bytes(&self) -> u64 {
         let more: u64 = self.more().iter().map(|buffer| buffer.bytes()).sum();
@@ -292,15 +334,40 @@ impl<'d> Scene<'d> {
             let batch = Batch::new(self.device, part)?;
             traced.upload += start.elapsed();
             traced.trace += self.run(&batch, self.traversal, query)?;
-            let start = Instant::now();
-            traced.invalid += batch.outcome(self.device)?;
-            traced.hits.extend(batch.hits(self.device)?);
-            traced.download += start.elapsed();
+            batch.finish(self.device, &mut traced)?;
         }
         Ok(traced)
     }
 
-    /// The closest hit of every ray without the tree, by testing every triangle: the oracle.
+    /// The closest or any hit of every ray among the triangles other than the one given with it, for rays that leave a
+    /// surface: `excluded` is the triangle that the ray starts on, [`MISS`](raykd_shared::MISS) for none. Uses the full stack.
+    /// What is left are neighbours of that triangle, see `docs/accuracy.md`.
+    ///
+    /// # Errors
+    /// There are not as many excluded triangles as rays, the scene's triangle test is not the default, or the device failed.
+    pub fn trace_except(&self, query: Query, rays: &[Ray], excluded: &[u32]) -> Result<Traced, Error> {
+        self.needs_exact("leaving out a triangle")?;
+        if rays.len() != excluded.len() {
+            return Err(Error::Excluded { rays: rays.len(), excluded: excluded.len() });
+        }
+        let mut traced = Traced::default();
+        let limit = self.batch_limit();
+        for (part, excluded) in rays.chunks(limit).zip(excluded.chunks(limit)) {
+            let start = Instant::now();
+            let batch = Batch::new(self.device, part)?;
+            let but = self.device.alloc("excluded", size_of_val(excluded) as u64)?;
+            self.device.write(&but, 0, bytemuck::cast_slice(excluded))?;
+            traced.upload += start.elapsed();
+            let mut buffers = batch.buffers(self);
+            buffers.push(&but);
+            batch.begin(self.device, u32::from(query == Query::Any))?;
+            traced.trace += self.device.run(&[Step::over(&EXCEPT, batch.count, buffers)], false)?.total;
+            batch.finish(self.device, &mut traced)?;
+        }
+        Ok(traced)
+    }
+
+    /// The closest hit of every ray without the tree, by testing every triangle: the oracle of the scene's triangle test.
     ///
     /// # Errors
     /// The device failed.
@@ -319,8 +386,9 @@ impl<'d> Scene<'d> {
     /// of 0 hits are only counted. Uses the full stack, once more than the ray has hits.
     ///
     /// # Errors
-    /// The device failed, or the hits of one ray do not fit it.
+    /// The device failed, the hits of one ray do not fit it, or the scene's triangle test is not the default.
     pub fn all(&self, rays: &[Ray], limit: u32) -> Result<AllHits, Error> {
+        self.needs_exact("a query for all hits")?;
         let mut all = AllHits::default();
         let room = (self.device.limit().bytes / 16 / u64::from(limit.max(1))) as usize;
         for part in rays.chunks(self.batch_limit().min(room).max(1)) {
@@ -340,12 +408,13 @@ impl<'d> Scene<'d> {
     /// The closest hit of every ray, and what finding it cost.
     ///
     /// # Errors
-    /// The device failed.
+    /// The device failed, or the scene's triangle test is not the default and the traversal not `brute`.
     pub fn steps(&self, rays: &[Ray]) -> Result<(Vec<Hit>, Vec<RaySteps>), Error> {
         if self.traversal == Traversal::Brute {
             let tests = RaySteps { tests: self.kept.len() as u32, ..RaySteps::default() };
             return Ok((self.brute(rays)?, vec![tests; rays.len()]));
         }
+        self.needs_exact("counting steps")?;
         let (mut hits, mut steps) = (Vec::new(), Vec::new());
         for part in rays.chunks(self.batch_limit()) {
             let batch = Batch::new(self.device, part)?;
@@ -368,17 +437,24 @@ impl<'d> Scene<'d> {
             return self.run_brute(batch);
         }
         let mut buffers = batch.buffers(self);
-        let kernel = match (traversal.kernel(), query) {
-            (Some(kernel), _) => {
+        let kernel = match (traversal.kernel(), self.intersector.stack(), query) {
+            (Some(kernel), ..) => {
                 buffers.push(&batch.counts);
                 buffers.extend(self.more());
                 kernel
             }
-            (None, Query::Closest) => &CLOSEST,
-            (None, Query::Any) => &ANY,
+            (None, Some(kernel), _) => kernel,
+            (None, None, Query::Closest) => &CLOSEST,
+            (None, None, Query::Any) => &ANY,
         };
         batch.begin(self.device, u32::from(query == Query::Any))?;
         Ok(self.device.run(&[Step::over(kernel, batch.count, buffers)], false)?.total)
+    }
+
+    /// The triangles of the leaves as the scene's test wants them.
+    fn leaf_triangles(&self) -> &Buffer {
+        let transforms = self.extras.transforms.as_ref().filter(|_| self.intersector == Intersector::Baldwin);
+        transforms.unwrap_or(&self.corners)
     }
 
     /// Buffers that only the scene's traversal binds.
@@ -421,7 +497,7 @@ impl<'d> Scene<'d> {
                 &batch.outcome,
                 &bests,
             ];
-            Step::over(&BRUTE, batch.count, buffers)
+            Step::over(self.intersector.brute(), batch.count, buffers)
         };
         // Without triangles one empty slice still writes the misses.
         let steps: Vec<Step<'_>> =
@@ -442,6 +518,21 @@ impl<'d> Scene<'d> {
     fn batch_limit(&self) -> usize {
         ((self.device.limit().bytes / size_of::<Ray>() as u64) as usize).min(1 << 24)
     }
+}
+
+/// Lays out the triangles of the leaves by a kernel, and says how long that took.
+fn lay_out(
+    device: &Device,
+    kernel: &'static Kernel,
+    header: &TreeHeader,
+    header_buffer: &Buffer,
+    mesh: &MeshBuffers,
+    refs: &Buffer,
+) -> Result<(Buffer, Duration), Error> {
+    let laid = device.alloc("corners", u64::from(header.refs) * 48)?;
+    let buffers = vec![header_buffer, &mesh.positions, &mesh.indices, refs, &laid];
+    let time = device.run(&[Step::over(kernel, header.refs, buffers)], false)?.total;
+    Ok((laid, time))
 }
 
 /// Rays that stay on the device, with room for their hits.
@@ -513,7 +604,7 @@ impl Batch {
             &self.job,
             &scene.header_buffer,
             &scene.nodes,
-            &scene.corners,
+            scene.leaf_triangles(),
             &self.rays,
             &self.hits,
             &self.outcome,
@@ -537,5 +628,14 @@ impl Batch {
 
     fn hits(&self, device: &Device) -> Result<Vec<Hit>, Error> {
         device.read(&self.hits, 0, self.count as usize)
+    }
+
+    /// Adds hits and how many rays were none, and the time to fetch them.
+    fn finish(&self, device: &Device, traced: &mut Traced) -> Result<(), Error> {
+        let start = Instant::now();
+        traced.invalid += self.outcome(device)?;
+        traced.hits.extend(self.hits(device)?);
+        traced.download += start.elapsed();
+        Ok(())
     }
 }

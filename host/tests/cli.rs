@@ -2,7 +2,7 @@
 //! one will do (Debian: mesa-vulkan-drivers).
 
 use raykd::{
-    BuildOptions, Device, Hit, Mesh, Ray, Scene, Traversal, hits_digest,
+    BuildOptions, Device, Hit, Intersector, Mesh, Ray, Scene, Traversal, hits_digest,
     rays::{self, Camera},
 };
 use serde_json::Value;
@@ -14,7 +14,9 @@ use std::{
 use tempfile::TempDir;
 
 /// Keys of `raykd bench --json` that other things rely on.
-const BENCH_KEYS: [&str; 26] = [
+const BENCH_KEYS: [&str; 28] = [
+    "traversal",
+    "intersector",
     "scene",
     "triangles",
     "device",
@@ -369,6 +371,22 @@ fn hits_are_counted_and_listed() {
             assert_eq!(two.iter().filter(|hit| hit.is_hit()).count(), count.min(2) as usize);
         }
     }
+}
+
+#[test]
+fn every_triangle_test_finds_what_is_easy() {
+    let folder = folder();
+    let [mesh, rays, hits] = ["two.obj", "rays", "hits"].map(|name| path(&folder, name));
+    let (given, expected) = known();
+    write_rays(&rays, &given);
+    for intersector in Intersector::ALL {
+        let name = intersector.name();
+        let line = ["trace", &mesh, "--rays", &rays, "--hits", &hits, "--json", "--intersector", name];
+        assert_eq!(json(&line)["intersector"], name);
+        assert_eq!(read_hits(&hits), expected, "{intersector}");
+    }
+    let told = bad(&["bench", "--intersector", "woop", "--traversal", "ropes"], 2);
+    has(&told, &["intersector woop works with the traversals stack and brute"]);
 }
 
 #[test]

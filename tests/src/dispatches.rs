@@ -2,7 +2,7 @@
 
 use crate::{Failure, rays::rays, same};
 use raykd::{
-    BuildOptions, Device, Error, Mesh, Scene, Traversal,
+    BuildOptions, Device, Error, Intersector, Mesh, Query, Scene, Traversal,
     exec::{Step, watch::watching},
     kernels::Access,
 };
@@ -38,8 +38,19 @@ impl Job<'_> {
         scene.closest(&rays)?;
         scene.any(&rays)?;
         scene.steps(&rays)?;
-        // In larger meshes these go so many rounds that llvmpipe may cut them short.
         let triangles = self.mesh.triangles().len();
+        let own: Vec<u32> = (0..rays.len()).map(|i| (i % triangles) as u32).collect();
+        for query in [Query::Closest, Query::Any] {
+            scene.trace_except(query, &rays, &own)?;
+        }
+        for intersector in Intersector::ALL {
+            scene.intersect_by(intersector)?;
+            scene.closest(&rays)?;
+            scene.any(&rays)?;
+            scene.brute(&rays)?;
+        }
+        scene.intersect_by(Intersector::Exact)?;
+        // In larger meshes these go so many rounds that llvmpipe may cut them short.
         if triangles <= 64 {
             scene.all(&rays, 3)?;
             for traversal in Traversal::ALL {

@@ -99,7 +99,9 @@ fn one_wrong_word_in_one_dispatch_is_traced_to_its_kernel() {
     let mesh = soup();
     let job = Job { mesh: &mesh, options: &BuildOptions::default(), seed: 1 };
     job.compare(&[cpu(), cpu()]).unwrap();
-    for name in ["boxes", "bin", "split", "scatter", "treelet", "place", "emit", "closest"] {
+    let traces = ["closest", "except", "transforms", "woop", "moeller", "plane", "baldwin"];
+    let builds = ["boxes", "bin", "split", "scatter", "treelet", "place", "emit"];
+    for name in builds.into_iter().chain(traces) {
         // What a wrong kernel of this name would have done, on the GPU.
         thread_local!(static FAULTY: std::cell::Cell<&'static str> = const { std::cell::Cell::new("") });
         FAULTY.set(name);

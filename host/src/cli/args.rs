@@ -1,6 +1,6 @@
 //! What the program can be told.
 
-use crate::{BuildOptions, Builder, Traversal};
+use crate::{BuildOptions, Builder, Error, Intersector, Traversal};
 use clap::{CommandFactory as _, Parser, Subcommand, ValueEnum, error::ErrorKind};
 use std::path::PathBuf;
 
@@ -29,6 +29,7 @@ Examples:
   raykd bench                                   the teapot on both devices
   raykd bench teapot:30 dragon --rays 1000000   two scenes, a million rays
   raykd bench dragon --device cpu --threads 1   one thread
+  raykd bench dragon --intersector moeller      another triangle test, the same rays
   raykd bench dragon --adapter nvidia --profile kernel by kernel on that GPU
   raykd bench sponza --json | jq '.[].build_ms'";
 
@@ -104,6 +105,9 @@ pub(super) struct BenchArgs {
     /// The way through the tree, see docs/traversals.md; hits do not depend on it
     #[arg(long, value_enum, value_name = "NAME", default_value_t = Traversal::Stack)]
     pub traversal: Traversal,
+    /// How triangles are tested, see docs/accuracy.md; the others lose hits
+    #[arg(long, value_enum, value_name = "NAME", default_value_t = Intersector::Exact)]
+    pub intersector: Intersector,
     /// Left out: both if there is any Vulkan adapter, a software one too, else the CPU
     #[arg(long, value_enum)]
     pub device: Option<Which>,
@@ -226,8 +230,11 @@ pub(super) struct TraceArgs {
     /// The way through the tree, see docs/traversals.md; hits do not depend on it
     #[arg(long, value_enum, value_name = "NAME", default_value_t = Traversal::Stack)]
     pub traversal: Traversal,
+    /// How triangles are tested, see docs/accuracy.md; the others lose hits
+    #[arg(long, value_enum, value_name = "NAME", default_value_t = Intersector::Exact)]
+    pub intersector: Intersector,
     /// Compare all traversals on CPU and GPU, rather than write hits
-    #[arg(long, conflicts_with_all = ["hits", "tree", "query", "any", "limit", "traversal"])]
+    #[arg(long, conflicts_with_all = ["hits", "tree", "query", "any", "limit", "traversal", "intersector"])]
     pub compare: bool,
     /// Left out: a real GPU if there is one, else the CPU
     #[arg(long, value_enum)]
@@ -259,6 +266,9 @@ pub(super) struct RenderArgs {
     /// The way through the tree, see docs/traversals.md; only heat depends on it
     #[arg(long, value_enum, value_name = "NAME", default_value_t = Traversal::Stack)]
     pub traversal: Traversal,
+    /// How triangles are tested, see docs/accuracy.md; the others lose hits
+    #[arg(long, value_enum, value_name = "NAME", default_value_t = Intersector::Exact)]
+    pub intersector: Intersector,
     /// Rays per pixel are the square of this; left out: 2 for normal, else 1
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=8))]
     pub samples: Option<u32>,
@@ -381,7 +391,26 @@ impl Args {
             (Some(_), Some(_)) if name != "bench" => {
                 conflict("--adapter is for the GPU, --threads for the CPU: use one of them")
             }
-            _ => Ok(()),
+            _ => self.check_test().or_else(|error| conflict(&error.to_string())),
+        }
+    }
+
+    /// Whether the triangle test does what is asked for.
+    fn check_test(&self) -> Result<(), Error> {
+        let (test, traversal, more) = match &self.command {
+            Command::Bench(a) => (a.intersector, a.traversal, None),
+            Command::Trace(a) => {
+                let all = matches!(a.query, Ask::Count | Ask::All);
+                (a.intersector, a.traversal, all.then_some("a query for all hits"))
+            }
+            Command::Render(a) => {
+                (a.intersector, a.traversal, (a.shading == Shading::Heat).then_some("counting steps"))
+            }
+            Command::Build(_) | Command::Devices(_) => return Ok(()),
+        };
+        match more.filter(|_| test != Intersector::Exact) {
+            Some(asked) => Err(Error::Intersector { name: test.name(), asked: asked.to_owned() }),
+            None => test.check(traversal),
         }
     }
 }
@@ -442,10 +471,14 @@ mod tests {
             "raykd build m --adapter x --threads 2",
             "raykd trace m --rays r --hits h --device cpu --adapter x",
             "raykd render m -o p --device gpu --threads 1",
+            "raykd bench --intersector woop --traversal ropes",
+            "raykd trace m --rays r --hits h --intersector plane --query all",
+            "raykd render m -o p --intersector moeller --shading heat",
         ] {
             assert_eq!(check(wrong).unwrap_err().kind(), ErrorKind::ArgumentConflict, "{wrong}");
         }
         check("raykd bench --adapter x --threads 2").unwrap();
+        check("raykd bench --intersector woop --traversal brute").unwrap();
         check("raykd build m --device cpu --threads 2").unwrap();
     }
 }

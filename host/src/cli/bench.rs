@@ -31,6 +31,8 @@ struct Row {
     triangles: usize,
     device: &'static str,
     adapter: String,
+    traversal: &'static str,
+    intersector: &'static str,
     load_ms: f64,
     /// Mesh to device.
     upload_ms: f64,
@@ -140,13 +142,15 @@ fn bench(
     stage("building");
     let options = BuildOptions { profile: args.profile, ..args.how.options() };
     let mut built = measure::build(device, mesh, &options)?;
+    // By the default triangle test: whatever is measured, the rays are the same.
+    let sets = Sets::new(name, mesh, |rays| built.scene.closest(rays))?;
     built.scene.traverse_by(args.traversal)?;
+    built.scene.intersect_by(args.intersector)?;
     stage("tracing random rays");
     let traced = measure::trace(&built.scene, Query::Closest, random)?;
     stage("tracing a picture");
     let primary = measure::time(&built.scene, Query::Closest, picture)?;
     stage("tracing the peers' rays");
-    let sets = Sets::new(name, mesh, |rays| built.scene.closest(rays))?;
     let Sets { a, b, c, d } = &sets;
     let mut rates = [0.0; 5];
     let closest = [a, b, c, d].map(|rays| (Query::Closest, rays));
@@ -161,6 +165,8 @@ fn bench(
         triangles: mesh.triangles().len(),
         device: device.kind(),
         adapter: device.name().to_owned(),
+        traversal: args.traversal.name(),
+        intersector: args.intersector.name(),
         load_ms: ms(input.load),
         upload_ms: ms(built.upload),
         build_ms: ms(built.build),

@@ -38,6 +38,7 @@ pub(super) fn run(args: &RenderArgs, out: &mut StdoutLock<'_>) -> anyhow::Result
         notes.stage(format_args!("{}: building", input.name));
         let mut scene = Scene::build(device, &input.mesh, &args.how.options())?;
         scene.traverse_by(args.traversal)?;
+        scene.intersect_by(args.intersector)?;
         notes.stage(format_args!("{}: tracing", input.name));
         let picture = render(&scene, &input.mesh, &camera, args.size, samples, shading)?;
         Ok((picture, format!("{}, {}", device.kind().to_uppercase(), device.name())))

@@ -30,6 +30,7 @@ struct Told {
     adapter: String,
     query: &'static str,
     traversal: &'static str,
+    intersector: &'static str,
     /// Reading the mesh, and the tree if it was saved.
     load_ms: f64,
     /// 0 for a tree that was saved.
@@ -115,6 +116,7 @@ fn trace(
         scene = built.scene;
     }
     scene.traverse_by(args.traversal)?;
+    scene.intersect_by(args.intersector)?;
     notes.stage(format_args!("{}: tracing {} rays", input.name, count(rays.len() as u64)));
     let ask = if args.any { Ask::Any } else { args.query };
     let query = if ask == Ask::Any { Query::Any } else { Query::Closest };
@@ -131,6 +133,7 @@ fn trace(
             Ask::All => "all",
         },
         traversal: args.traversal.name(),
+        intersector: args.intersector.name(),
         load_ms: ms(input.load),
         build_ms: ms(build),
         upload_ms: ms(upload + traced.upload),
@@ -174,12 +177,13 @@ fn print(t: &Told, hits: &Path, out: &mut StdoutLock<'_>) -> anyhow::Result<()> 
     line(
         "rays",
         format!(
-            "{} ({} hit), {} Mray/s, {} query, {}",
+            "{} ({} hit), {} Mray/s, {} query, {}, {} test",
             count(t.rays as u64),
             count(t.hits as u64),
             three(t.mrays),
             t.query,
-            t.traversal
+            t.traversal,
+            t.intersector
         ),
     )?;
     if let Some(total) = t.total_hits {

@@ -4,7 +4,9 @@
 //! But hits have an order, (`t`, triangle), in which each comes once: so this asks for the closest hit after the
 //! last one until there is none. `n` hits take `n + 1` traversals, each from the last hit on.
 
-use super::{JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, Steps, leaf::After, load, record, stack::walk};
+use super::{
+    JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, Steps, leaf::After, load, record, stack::walk, triangle::Exact,
+};
 use crate::{
     glam::{UVec4, Vec4},
     math::high,
@@ -35,7 +37,7 @@ pub fn all(
         // 1 until there are no more.
         let mut open = 1;
         while running {
-            let best = walk::<false, true, false>(&ray, pairs, corners, after, &mut steps);
+            let best = walk::<Exact, After, false>(&ray, pairs, corners, after, false, &mut steps);
             if best.triangle == MISS {
                 running = false;
                 open = 0;

@@ -10,8 +10,9 @@ use super::{
     NOTHING, Steps,
     crossing::{Crossing, Place},
     frame::{Frame, slab},
-    leaf::{self, After},
-    triangle::Best,
+    intersector::Best,
+    leaf::{self, Every},
+    triangle::Exact,
 };
 use crate::{
     glam::{UVec4, Vec4},
@@ -55,7 +56,7 @@ pub fn walk(
         // Else a hit found since makes this subtree useless.
         if enter <= best.t {
             steps.visit(here.node);
-            if !leaf::visit::<false>(ray, here.node, corners, After::NOTHING, &mut best) {
+            if !leaf::visit(Exact, ray, here.node, corners, Every, &mut best) {
                 steps.status |= status::CUT_SHORT;
             }
         }
@@ -96,8 +97,8 @@ pub fn walk(
     best
 }
 
-traversal! {
+query! {
     /// Climbs by parents.
-    BACKTRACK = |ray, pairs, corners, any, steps| walk(ray, pairs, corners, boxes, any, steps),
+    BACKTRACK counts = |_, ray, pairs, corners, any, steps| walk(ray, pairs, corners, boxes, any, steps),
     { 8 boxes: UVec4 }
 }

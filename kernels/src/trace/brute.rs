@@ -4,8 +4,9 @@
 //! enough for a driver to time out or to cut it short.
 
 use super::{
-    JOB_FROM, JOB_RAYS, JOB_TO, NOTHING, OUTCOME_STATUS, load, record,
-    triangle::{Best, test},
+    JOB_FROM, JOB_RAYS, JOB_TO, NOTHING, OUTCOME_STATUS,
+    intersector::{Best, Intersector},
+    load, record,
 };
 use crate::{
     build::boxes::vertex,
@@ -16,7 +17,7 @@ use raykd_shared::{TreeHeader, status};
 
 /// Tests ray `i` against the job's slice of the list `kept`.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
-pub fn brute(
+pub fn brute<I: Intersector>(
     i: u32,
     job: &Buf<u32>,
     header: &Buf<TreeHeader>,
@@ -30,6 +31,7 @@ pub fn brute(
 ) {
     if i < job.at(JOB_RAYS) {
         let ray = load(i, rays, &header.at(0), outcome);
+        let by = I::new(&ray);
         let from = job.at(JOB_FROM);
         let mut best = NOTHING;
         if from > 0 {
@@ -49,7 +51,8 @@ pub fn brute(
             let a = vertex(positions, indices, id, 0);
             let b = vertex(positions, indices, id, 1);
             let c = vertex(positions, indices, id, 2);
-            test(&ray, id, a, b, c, &mut best);
+            let (a, b, c) = I::lay_out(a, b, c);
+            by.test(&ray, id, a, b, c, &mut best);
             r += 1;
         }
         // Not `<`: see leaf.rs.
@@ -62,11 +65,45 @@ pub fn brute(
     }
 }
 
-kernel! {
-    /// [`brute`] over all rays.
-    map BRUTE = brute, threads 64, {
-        0 job: read u32, 1 header: read TreeHeader, 2 kept: read u32, 3 positions: read f32,
-        4 indices: read u32, 5 rays: read Vec4, 6 hits: write UVec4, 7 outcome: write u32,
-        8 bests: write UVec4,
-    }
+/// Declares the kernel of a triangle test.
+macro_rules! brute {
+    ($name:ident = $test:ty) => {
+        use super::brute;
+        use raykd_shared::TreeHeader;
+        use $crate::glam::{UVec4, Vec4};
+
+        kernel! {
+            /// All rays against a slice of the triangles.
+            map $name = brute::<$test>, threads 64, {
+                0 job: read u32, 1 header: read TreeHeader, 2 kept: read u32, 3 positions: read f32,
+                4 indices: read u32, 5 rays: read Vec4, 6 hits: write UVec4, 7 outcome: write u32,
+                8 bests: write UVec4,
+            }
+        }
+    };
+}
+
+/// By [`Exact`](crate::trace::triangle::Exact).
+pub mod brute_exact {
+    brute!(BRUTE_EXACT = crate::trace::triangle::Exact);
+}
+
+/// By [`Woop`](crate::trace::woop::Woop).
+pub mod brute_woop {
+    brute!(BRUTE_WOOP = crate::trace::woop::Woop);
+}
+
+/// By [`Moeller`](crate::trace::moeller::Moeller).
+pub mod brute_moeller {
+    brute!(BRUTE_MOELLER = crate::trace::moeller::Moeller);
+}
+
+/// By [`Plane`](crate::trace::plane::Plane).
+pub mod brute_plane {
+    brute!(BRUTE_PLANE = crate::trace::plane::Plane);
+}
+
+/// By [`Baldwin`](crate::trace::baldwin::Baldwin).
+pub mod brute_baldwin {
+    brute!(BRUTE_BALDWIN = crate::trace::baldwin::Baldwin);
 }

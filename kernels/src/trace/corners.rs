@@ -1,5 +1,6 @@
 //! The triangles of the leaves, laid out as the leaves list them: one cache line or two instead of three jumps.
 
+use super::{baldwin::Baldwin, intersector::Intersector, triangle::Exact};
 use crate::{
     build::boxes::vertex,
     glam::Vec4,
@@ -11,8 +12,9 @@ use raykd_shared::TreeHeader;
 /// compute all four lanes of a vector take a hundred cycles for one, needed or not.
 pub const NORMAL: u32 = 0x4000_0000;
 
-/// Writes the triangle of reference `i` as three points; the first one's `w` holds its number, see [`NORMAL`].
-pub fn lay_out(
+/// Writes the triangle of reference `i` as a triangle test wants it; the first vector's `w` holds its number, see
+/// [`NORMAL`].
+pub fn lay_out<I: Intersector>(
     i: u32,
     header: &Buf<TreeHeader>,
     positions: &Buf<f32>,
@@ -22,16 +24,33 @@ pub fn lay_out(
 ) {
     if i < header.at(0).refs {
         let id = refs.at(i);
-        corners.put(3 * i, vertex(positions, indices, id, 0).extend(f32::from_bits(id | NORMAL)));
-        corners.put(3 * i + 1, vertex(positions, indices, id, 1).extend(0.0));
-        corners.put(3 * i + 2, vertex(positions, indices, id, 2).extend(0.0));
+        let a = vertex(positions, indices, id, 0);
+        let b = vertex(positions, indices, id, 1);
+        let c = vertex(positions, indices, id, 2);
+        let (a, b, c) = I::lay_out(a, b, c);
+        corners.put(3 * i, a.truncate().extend(f32::from_bits(id | NORMAL)));
+        corners.put(3 * i + 1, b);
+        corners.put(3 * i + 2, c);
     }
 }
 
 kernel! {
-    /// [`lay_out`] over all references.
-    map CORNERS = lay_out, threads 64, {
+    /// The corners of all references, for most tests.
+    map CORNERS = lay_out::<Exact>, threads 64, {
         0 header: read TreeHeader, 1 positions: read f32, 2 indices: read u32, 3 refs: read u32,
         4 corners: write Vec4,
+    }
+}
+
+/// What Baldwin & Weber's test keeps instead of corners.
+pub mod transforms {
+    use super::{Baldwin, TreeHeader, Vec4, lay_out};
+
+    kernel! {
+        /// The transformations of all references.
+        map TRANSFORMS = lay_out::<Baldwin>, threads 64, {
+            0 header: read TreeHeader, 1 positions: read f32, 2 indices: read u32, 3 refs: read u32,
+            4 corners: write Vec4,
+        }
     }
 }

@@ -40,6 +40,8 @@ pub struct Frame {
     pub origin: Vec3,
     /// Reciprocals of the direction's components, of size `2^-1` to `2^40`, never infinite.
     pub inverse: Vec3,
+    /// Direction, the largest component of size 1 to 2; components below `2^-30` are 0.
+    pub direction: Vec3,
     /// `PAD * M`.
     pub pad: f32,
     /// Axis of the largest direction component.
@@ -58,6 +60,8 @@ pub struct Frame {
     pub t_max: f32,
     /// Scaled `t` is `t * 2^stretch`.
     pub stretch: i32,
+    /// Scaled coordinates are those of the mesh times `2^scale`.
+    pub scale: i32,
     /// Whether the ray is one: finite, non-zero direction, origin in range.
     pub valid: bool,
 }
@@ -194,6 +198,7 @@ impl Frame {
         Self {
             origin,
             inverse,
+            direction: Vec3::new(flush(d.x, NO_SHEAR), flush(d.y, NO_SHEAR), flush(d.z, NO_SHEAR)),
             pad,
             main,
             shear_x: flush(turned.x * along, NO_SHEAR),
@@ -203,6 +208,7 @@ impl Frame {
             t_min,
             t_max,
             stretch,
+            scale,
             valid,
         }
     }

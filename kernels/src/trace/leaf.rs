@@ -3,13 +3,57 @@
 use super::{
     corners::NORMAL,
     frame::Frame,
-    triangle::{Best, may_hit, test},
+    intersector::{Best, Intersector},
 };
 use crate::{
     glam::Vec4,
     mem::{Buf, Slots},
 };
 use raykd_shared::Node;
+
+/// Which hits count.
+pub trait Filter: Copy {
+    /// Tests triangle `id` by a test; keeps the better of it and `best` if it counts.
+    fn test<I: Intersector>(self, by: I, ray: &Frame, id: u32, corners: (Vec4, Vec4, Vec4), best: &mut Best);
+}
+
+/// All hits.
+#[derive(Clone, Copy, Debug)]
+pub struct Every;
+
+impl Filter for Every {
+    #[inline(always)]
+    fn test<I: Intersector>(
+        self,
+        by: I,
+        ray: &Frame,
+        id: u32,
+        (a, b, c): (Vec4, Vec4, Vec4),
+        best: &mut Best,
+    ) {
+        by.test(ray, id, a, b, c, best);
+    }
+}
+
+/// All hits but those of one triangle.
+#[derive(Clone, Copy, Debug)]
+pub struct Except(pub u32);
+
+impl Filter for Except {
+    #[inline(always)]
+    fn test<I: Intersector>(
+        self,
+        by: I,
+        ray: &Frame,
+        id: u32,
+        (a, b, c): (Vec4, Vec4, Vec4),
+        best: &mut Best,
+    ) {
+        if id != self.0 {
+            by.test(ray, id, a, b, c, best);
+        }
+    }
+}
 
 /// A hit that others come after: by larger `t`, or at the same `t` by a larger triangle number.
 #[derive(Clone, Copy, Debug)]
@@ -30,14 +74,33 @@ impl After {
     }
 }
 
-/// Tests the triangles of `leaf`, with `AFTER` counting only hits after that one. Returns whether it got through
+impl Filter for After {
+    #[inline(always)]
+    fn test<I: Intersector>(
+        self,
+        by: I,
+        ray: &Frame,
+        id: u32,
+        (a, b, c): (Vec4, Vec4, Vec4),
+        best: &mut Best,
+    ) {
+        let mut hit = *best;
+        by.test(ray, id, a, b, c, &mut hit);
+        if self.precedes(&hit) {
+            *best = hit;
+        }
+    }
+}
+
+/// Tests the triangles of `leaf`, counting the hits that `filter` lets through. Returns whether it got through
 /// all: some software drivers leave a loop after so many rounds whatever its condition says.
 #[inline(always)]
-pub fn visit<const AFTER: bool>(
+pub fn visit<I: Intersector, F: Filter>(
+    by: I,
     ray: &Frame,
     leaf: Node,
     corners: &Buf<Vec4>,
-    after: After,
+    filter: F,
     best: &mut Best,
 ) -> bool {
     // A descent that was cut short did not arrive at a leaf. Compilers take the opposite of a loop's condition for
@@ -50,21 +113,12 @@ pub fn visit<const AFTER: bool>(
         let mut found = false;
         while r < end && !found {
             let (a, b, c) = corners.three(3 * r);
-            found = may_hit(ray, a.truncate(), b.truncate(), c.truncate());
+            found = by.may_hit(ray, a, b, c);
             r += 1;
         }
         if found {
             let (a, b, c) = corners.three(3 * (r - 1));
-            let id = a.w.to_bits() & !NORMAL;
-            if AFTER {
-                let mut hit = *best;
-                test(ray, id, a.truncate(), b.truncate(), c.truncate(), &mut hit);
-                if after.precedes(&hit) {
-                    *best = hit;
-                }
-            } else {
-                test(ray, id, a.truncate(), b.truncate(), c.truncate(), best);
-            }
+            filter.test(by, ray, a.w.to_bits() & !NORMAL, (a, b, c), best);
         }
     }
     arrived && r == end

@@ -3,11 +3,12 @@
 //! `stack` is what raykd uses; the other traversals are the literature's, made exact. All visit the leaves that a
 //! ray meets in the same order, near before far at every node, so all find the same hits.
 
-/// Declares the kernel of a traversal: its walk for ray `i`, and buffers that only it binds.
-macro_rules! traversal {
-    ($(#[$doc:meta])* $name:ident = |$ray:ident, $pairs:ident, $corners:ident, $any:ident, $steps:ident| $walk:expr,
-     { $($b:tt $more:ident: $t:ty),* $(,)? }) => {
-        /// Answers ray `i`, and says what that took: inner nodes, leaves, tests, turns.
+/// Declares the kernel of a query: how it answers ray `i`, whether it writes counts of its steps too, and buffers that only
+/// it binds.
+macro_rules! query {
+    ($(#[$doc:meta])* $name:ident $($counts:ident)? = |$i:pat_param, $ray:ident, $pairs:ident, $corners:ident,
+     $any:pat_param, $steps:ident| $walk:expr, { $($b:tt $more:ident: $t:ty),* $(,)? }) => {
+        /// Answers ray `i`.
         #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
         pub fn answer(
             i: u32,
@@ -18,17 +19,17 @@ macro_rules! traversal {
             rays: &$crate::mem::Buf<$crate::glam::Vec4>,
             hits: &mut $crate::mem::Buf<$crate::glam::UVec4>,
             outcome: &mut $crate::mem::Buf<u32>,
-            counts: &mut $crate::mem::Buf<$crate::glam::UVec4>,
+            $($counts: &mut $crate::mem::Buf<$crate::glam::UVec4>,)?
             $($more: &$crate::mem::Buf<$t>),*
         ) {
             use $crate::{mem::{Atomics as _, Slots as _}, trace};
             if i < job.at(trace::JOB_RAYS) {
                 let $ray = &trace::load(i, rays, &header.at(0), outcome);
-                let $any = job.at(trace::JOB_ANY) != 0;
+                let ($i, $any) = (i, job.at(trace::JOB_ANY) != 0);
                 let $steps = &mut trace::Steps::default();
                 let best = $walk;
                 hits.put(i, trace::record($ray, &best));
-                counts.put(i, $steps.words());
+                $($counts.put(i, $steps.words());)?
                 if $steps.status != 0 {
                     outcome.or(trace::OUTCOME_STATUS, $steps.status);
                 }
@@ -40,7 +41,8 @@ macro_rules! traversal {
             map $name = answer, threads 64, {
                 0 job: read u32, 1 header: read raykd_shared::TreeHeader, 2 $pairs: read $crate::glam::UVec4,
                 3 $corners: read $crate::glam::Vec4, 4 rays: read $crate::glam::Vec4,
-                5 hits: write $crate::glam::UVec4, 6 outcome: write u32, 7 counts: write $crate::glam::UVec4,
+                5 hits: write $crate::glam::UVec4, 6 outcome: write u32,
+                $(7 $counts: write $crate::glam::UVec4,)?
                 $($b $more: read $t),*
             }
         }
@@ -48,17 +50,19 @@ macro_rules! traversal {
 }
 
 pub mod all;
-pub mod any;
 pub mod backtrack;
+pub mod baldwin;
 pub mod brute;
-pub mod closest;
 pub mod corners;
 pub mod crossing;
 pub mod frame;
+pub mod intersector;
 pub mod leaf;
+pub mod moeller;
 pub mod node_boxes;
 pub mod optimised_ropes;
 pub mod parents;
+pub mod plane;
 pub mod pushdown;
 pub mod restart;
 pub mod rope_links;
@@ -66,9 +70,9 @@ pub mod ropes;
 pub mod sequential;
 pub mod shortstack;
 pub mod stack;
-pub mod steps;
 pub mod trail;
 pub mod triangle;
+pub mod woop;
 
 use crate::{
     glam::{UVec4, Vec4},
@@ -76,8 +80,8 @@ use crate::{
     mem::{Atomics, Buf, Slots},
 };
 use frame::Frame;
+use intersector::Best;
 use raykd_shared::{MISS, Node, TreeHeader};
-use triangle::Best;
 
 /// Words of the job record: how many rays this dispatch has.
 pub const JOB_RAYS: u32 = 0;
@@ -85,7 +89,7 @@ pub const JOB_RAYS: u32 = 0;
 pub const JOB_FROM: u32 = 1;
 /// Brute force: where it ends.
 pub const JOB_TO: u32 = 2;
-/// Traversals other than `stack`: 1 if any hit will do, 0 for the closest.
+/// Queries of either kind: 1 if any hit will do, 0 for the closest.
 pub const JOB_ANY: u32 = 3;
 /// All hits: how many of a ray to write at most.
 pub const JOB_LIMIT: u32 = 3;

@@ -6,9 +6,9 @@
 use super::ropes::walk;
 use crate::glam::UVec4;
 
-traversal! {
+query! {
     /// Follows ropes to the smallest node beyond a side.
-    OPTIMISED_ROPES =
-        |ray, pairs, corners, any, steps| walk::<true>(ray, pairs, corners, parents, links, any, steps),
+    OPTIMISED_ROPES counts =
+        |_, ray, pairs, corners, any, steps| walk::<true>(ray, pairs, corners, parents, links, any, steps),
     { 8 parents: u32, 9 links: UVec4 }
 }

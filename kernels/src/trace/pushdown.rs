@@ -10,7 +10,7 @@ use super::restart::walk;
 /// and interval.
 pub const STATE: u32 = super::restart::STATE + 20;
 
-traversal! {
+query! {
     /// Restarts at the push-down node.
-    PUSHDOWN = |ray, pairs, corners, any, steps| walk::<true>(ray, pairs, corners, any, steps), {}
+    PUSHDOWN counts = |_, ray, pairs, corners, any, steps| walk::<true>(ray, pairs, corners, any, steps), {}
 }

@@ -10,9 +10,10 @@ use super::{
     NOTHING, Steps,
     crossing::{Crossing, Place},
     frame::Frame,
-    leaf::{self, After},
+    intersector::Best,
+    leaf::{self, Every},
     trail::Trail,
-    triangle::Best,
+    triangle::Exact,
 };
 use crate::{
     glam::{UVec4, Vec4},
@@ -88,7 +89,7 @@ pub fn walk<const PUSHDOWN: bool>(
         // Else a hit found since makes this subtree useless.
         if enter <= best.t {
             steps.visit(node);
-            if !leaf::visit::<false>(ray, node, corners, After::NOTHING, &mut best) {
+            if !leaf::visit(Exact, ray, node, corners, Every, &mut best) {
                 steps.status |= status::CUT_SHORT;
             }
         }
@@ -110,7 +111,7 @@ pub fn walk<const PUSHDOWN: bool>(
     best
 }
 
-traversal! {
+query! {
     /// Restarts at the root.
-    RESTART = |ray, pairs, corners, any, steps| walk::<false>(ray, pairs, corners, any, steps), {}
+    RESTART counts = |_, ray, pairs, corners, any, steps| walk::<false>(ray, pairs, corners, any, steps), {}
 }

@@ -12,9 +12,10 @@ use super::{
     NOTHING, Steps,
     crossing::{Crossing, Place, thick},
     frame::Frame,
-    leaf::{self, After},
+    intersector::Best,
+    leaf::{self, Every},
     rope_links::NONE,
-    triangle::Best,
+    triangle::Exact,
 };
 use crate::{
     glam::{UVec4, Vec4},
@@ -88,7 +89,7 @@ pub fn walk<const OPTIMISED: bool>(
         // Entering by a rope near an edge may lead to a leaf that the ray does not meet.
         if enter <= low(exit, best.t) {
             steps.visit(here.node);
-            if !leaf::visit::<false>(ray, here.node, corners, After::NOTHING, &mut best) {
+            if !leaf::visit(Exact, ray, here.node, corners, Every, &mut best) {
                 steps.status |= status::CUT_SHORT;
             }
         }
@@ -148,8 +149,8 @@ pub fn walk<const OPTIMISED: bool>(
     best
 }
 
-traversal! {
+query! {
     /// Follows ropes to the node beyond the whole plane.
-    ROPES = |ray, pairs, corners, any, steps| walk::<false>(ray, pairs, corners, parents, links, any, steps),
+    ROPES counts = |_, ray, pairs, corners, any, steps| walk::<false>(ray, pairs, corners, parents, links, any, steps),
     { 8 parents: u32, 9 links: UVec4 }
 }

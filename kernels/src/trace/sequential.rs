@@ -10,10 +10,11 @@ use super::{
     NOTHING, Steps,
     crossing::Crossing,
     frame::Frame,
-    leaf::{self, After},
+    intersector::Best,
+    leaf::{self, Every},
     restart::Base,
     trail::Trail,
-    triangle::Best,
+    triangle::Exact,
 };
 use crate::{
     glam::{UVec4, Vec4},
@@ -51,7 +52,7 @@ pub fn walk(ray: &Frame, pairs: &Buf<UVec4>, corners: &Buf<Vec4>, any: bool, ste
             at.level += 1;
         }
         steps.visit(at.node);
-        if !leaf::visit::<false>(ray, at.node, corners, After::NOTHING, &mut best) {
+        if !leaf::visit(Exact, ray, at.node, corners, Every, &mut best) {
             steps.status |= status::CUT_SHORT;
         }
         if at.level > MAX_DEPTH {
@@ -99,7 +100,7 @@ pub fn walk(ray: &Frame, pairs: &Buf<UVec4>, corners: &Buf<Vec4>, any: bool, ste
     best
 }
 
-traversal! {
+query! {
     /// Locates every leaf from the root.
-    SEQUENTIAL = |ray, pairs, corners, any, steps| walk(ray, pairs, corners, any, steps), {}
+    SEQUENTIAL counts = |_, ray, pairs, corners, any, steps| walk(ray, pairs, corners, any, steps), {}
 }

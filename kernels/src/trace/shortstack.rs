@@ -9,10 +9,11 @@ use super::{
     NOTHING, Steps,
     crossing::{Crossing, Place},
     frame::Frame,
-    leaf::{self, After},
+    intersector::Best,
+    leaf::{self, Every},
     restart::Base,
     trail::Trail,
-    triangle::Best,
+    triangle::Exact,
 };
 use crate::{
     glam::{UVec4, Vec4},
@@ -85,7 +86,7 @@ pub fn walk<const ENTRIES: usize>(
         // Else a hit found since makes this subtree useless.
         if enter <= best.t {
             steps.visit(node);
-            if !leaf::visit::<false>(ray, node, corners, After::NOTHING, &mut best) {
+            if !leaf::visit(Exact, ray, node, corners, Every, &mut best) {
                 steps.status |= status::CUT_SHORT;
             }
         }
@@ -121,32 +122,32 @@ pub fn walk<const ENTRIES: usize>(
 
 /// Of one entry.
 pub mod shortstack1 {
-    traversal! {
+    query! {
         /// A stack of one entry.
-        SHORTSTACK1 = |ray, pairs, corners, any, steps| super::walk::<1>(ray, pairs, corners, any, steps), {}
+        SHORTSTACK1 counts = |_, ray, pairs, corners, any, steps| super::walk::<1>(ray, pairs, corners, any, steps), {}
     }
 }
 
 /// Of two entries.
 pub mod shortstack2 {
-    traversal! {
+    query! {
         /// A stack of two entries.
-        SHORTSTACK2 = |ray, pairs, corners, any, steps| super::walk::<2>(ray, pairs, corners, any, steps), {}
+        SHORTSTACK2 counts = |_, ray, pairs, corners, any, steps| super::walk::<2>(ray, pairs, corners, any, steps), {}
     }
 }
 
 /// Of four entries.
 pub mod shortstack4 {
-    traversal! {
+    query! {
         /// A stack of four entries.
-        SHORTSTACK4 = |ray, pairs, corners, any, steps| super::walk::<4>(ray, pairs, corners, any, steps), {}
+        SHORTSTACK4 counts = |_, ray, pairs, corners, any, steps| super::walk::<4>(ray, pairs, corners, any, steps), {}
     }
 }
 
 /// Of eight entries.
 pub mod shortstack8 {
-    traversal! {
+    query! {
         /// A stack of eight entries.
-        SHORTSTACK8 = |ray, pairs, corners, any, steps| super::walk::<8>(ray, pairs, corners, any, steps), {}
+        SHORTSTACK8 counts = |_, ray, pairs, corners, any, steps| super::walk::<8>(ray, pairs, corners, any, steps), {}
     }
 }

@@ -9,8 +9,9 @@
 use super::{
     NOTHING, Steps,
     frame::{ByAxis, Frame},
-    leaf::{self, After},
-    triangle::Best,
+    intersector::{Best, Intersector},
+    leaf::{self, Every, Except, Filter},
+    triangle::Exact,
 };
 use crate::{
     glam::{UVec4, Vec4},
@@ -19,17 +20,19 @@ use crate::{
 };
 use raykd_shared::{MISS, Node, limits::MAX_DEPTH, status};
 
-/// Finds the closest hit of a ray, or with `ANY` the best one in the first leaf that has one; with `AFTER` only
-/// among the hits that come after that one. With `COUNT`, says what it did.
+/// Finds the closest hit of a ray by one triangle test, or if `any` will do the best one in the first leaf that has one,
+/// among those that `filter` lets through. With `COUNT`, says what it did.
 #[inline(always)]
-pub fn walk<const ANY: bool, const AFTER: bool, const COUNT: bool>(
+pub fn walk<I: Intersector, F: Filter, const COUNT: bool>(
     ray: &Frame,
     pairs: &Buf<UVec4>,
     corners: &Buf<Vec4>,
-    after: After,
+    filter: F,
+    any: bool,
     steps: &mut Steps,
 ) -> Best {
     let mut best = NOTHING;
+    let by = I::new(ray);
     // Entries: the node to visit, where its interval ends and where it begins.
     let mut stack = mem::stack::<UVec4, { MAX_DEPTH as usize }>();
     let (origins, inverses) = (ByAxis::new(ray.origin), ByAxis::new(ray.inverse));
@@ -83,8 +86,8 @@ pub fn walk<const ANY: bool, const AFTER: bool, const COUNT: bool>(
         if COUNT {
             steps.visit(node);
         }
-        let whole = leaf::visit::<AFTER>(ray, node, corners, after, &mut best);
-        running = !(ANY && best.triangle != MISS);
+        let whole = leaf::visit(by, ray, node, corners, filter, &mut best);
+        running = !(any && best.triangle != MISS);
         let mut searching = running;
         while searching {
             if top == 0 {
@@ -105,8 +108,56 @@ pub fn walk<const ANY: bool, const AFTER: bool, const COUNT: bool>(
             steps.status |= status::CUT_SHORT;
         }
     }
-    if top + open != 0 && !(ANY && best.triangle != MISS) {
+    if top + open != 0 && !(any && best.triangle != MISS) {
         steps.status |= status::CUT_SHORT;
     }
     best
+}
+
+/// The closest hit.
+pub mod closest {
+    use super::{Every, Exact, walk};
+
+    query! {
+        /// The closest hit, by the default triangle test.
+        CLOSEST = |_, ray, pairs, corners, _, steps|
+            walk::<Exact, Every, false>(ray, pairs, corners, Every, false, steps),
+        {}
+    }
+}
+
+/// Any hit, for shadows.
+pub mod any {
+    use super::{Every, Exact, walk};
+
+    query! {
+        /// Any hit, by the default triangle test.
+        ANY = |_, ray, pairs, corners, _, steps|
+            walk::<Exact, Every, false>(ray, pairs, corners, Every, true, steps),
+        {}
+    }
+}
+
+/// The closest hit, and what it cost.
+pub mod steps {
+    use super::{Every, Exact, walk};
+
+    query! {
+        /// The closest hit, counting steps.
+        STEPS counts = |_, ray, pairs, corners, _, steps|
+            walk::<Exact, Every, true>(ray, pairs, corners, Every, false, steps),
+        {}
+    }
+}
+
+/// Rays that leave a surface.
+pub mod except {
+    use super::{Exact, Except, walk};
+
+    query! {
+        /// The closest or any hit of another triangle than the one given with the ray.
+        EXCEPT = |i, ray, pairs, corners, any, steps|
+            walk::<Exact, Except, false>(ray, pairs, corners, Except(excluded.at(i)), any, steps),
+        { 7 excluded: u32 }
+    }
 }

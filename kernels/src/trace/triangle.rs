@@ -7,9 +7,12 @@
 //! gaps, at edges and at vertices (the paper falls back to doubles here); and since the edge functions are accurate,
 //! so is `t`, their mean of the vertices' depths, even where the ray grazes the triangle (see frame.rs).
 
-use super::frame::{Frame, component, cycle, flush};
+use super::{
+    frame::{Frame, component, cycle, flush},
+    intersector::{Best, Intersector},
+};
 use crate::{
-    glam::Vec3,
+    glam::{Vec3, Vec4},
     math::{div, exp2, exponent, product_difference, product_difference_wide},
 };
 
@@ -17,38 +20,23 @@ use crate::{
 const DEPTH_FLOOR: f32 = exp2(-46);
 const WEIGHT_FLOOR: f32 = exp2(-40);
 /// Products of numbers at least this large have exact rounding errors.
-const SMALL: f32 = exp2(-39);
-
-/// The best hit of a ray so far. `u` and `v` stay undivided until the end.
-#[derive(Clone, Copy, Debug)]
-pub struct Best {
-    /// Scaled ray parameter.
-    pub t: f32,
-    /// Triangle, or [`raykd_shared::MISS`].
-    pub triangle: u32,
-    /// Weight of the second vertex, to be divided by `det`.
-    pub u: f32,
-    /// Weight of the third vertex, to be divided by `det`.
-    pub v: f32,
-    /// Sum of the three weights.
-    pub det: f32,
-}
+pub(super) const SMALL: f32 = exp2(-39);
 
 /// A triangle's vertices seen from a ray: moved to its origin, sheared along it.
-struct Sheared {
-    ax: f32,
-    ay: f32,
-    bx: f32,
-    by: f32,
-    cx: f32,
-    cy: f32,
-    az: f32,
-    bz: f32,
-    cz: f32,
+pub(super) struct Sheared {
+    pub ax: f32,
+    pub ay: f32,
+    pub bx: f32,
+    pub by: f32,
+    pub cx: f32,
+    pub cy: f32,
+    pub az: f32,
+    pub bz: f32,
+    pub cz: f32,
 }
 
 #[inline(always)]
-fn shear(ray: &Frame, a: Vec3, b: Vec3, c: Vec3) -> Sheared {
+pub(super) fn shear(ray: &Frame, a: Vec3, b: Vec3, c: Vec3) -> Sheared {
     let ra = cycle(a - ray.origin, ray.main);
     let rb = cycle(b - ray.origin, ray.main);
     let rc = cycle(c - ray.origin, ray.main);
@@ -65,17 +53,33 @@ fn shear(ray: &Frame, a: Vec3, b: Vec3, c: Vec3) -> Sheared {
     }
 }
 
+impl Sheared {
+    /// Whether no edge function contradicts another, by rounded products alone.
+    #[inline(always)]
+    pub(super) fn agree(&self) -> bool {
+        let (up, uq) = (self.cx * self.by, self.cy * self.bx);
+        let (vp, vq) = (self.ax * self.cy, self.ay * self.cx);
+        let (wp, wq) = (self.bx * self.ay, self.by * self.ax);
+        let negative = (up < uq) | (vp < vq) | (wp < wq);
+        let positive = (up > uq) | (vp > vq) | (wp > wq);
+        !(negative & positive)
+    }
+
+    /// The depths' mean by the weights, which add up to 1 to 4, undivided.
+    #[inline(always)]
+    pub(super) fn depth(&self, ray: &Frame, u: f32, v: f32, w: f32) -> f32 {
+        let along = component(ray.inverse, ray.main);
+        flush(u, WEIGHT_FLOOR) * flush(along * self.az, DEPTH_FLOOR)
+            + flush(v, WEIGHT_FLOOR) * flush(along * self.bz, DEPTH_FLOOR)
+            + flush(w, WEIGHT_FLOOR) * flush(along * self.cz, DEPTH_FLOOR)
+    }
+}
+
 /// Whether the ray's line may pass through the triangle: no edge function contradicts another. The cheap part
 /// of the test; few triangles get past it without being hit.
 #[inline(always)]
 pub fn may_hit(ray: &Frame, a: Vec3, b: Vec3, c: Vec3) -> bool {
-    let s = shear(ray, a, b, c);
-    let (up, uq) = (s.cx * s.by, s.cy * s.bx);
-    let (vp, vq) = (s.ax * s.cy, s.ay * s.cx);
-    let (wp, wq) = (s.bx * s.ay, s.by * s.ax);
-    let negative = (up < uq) | (vp < vq) | (wp < wq);
-    let positive = (up > uq) | (vp > vq) | (wp > wq);
-    !(negative & positive)
+    shear(ray, a, b, c).agree()
 }
 
 /// The three edge functions, up to a common power of two: exact signs, sizes within `2^-22`.
@@ -131,15 +135,28 @@ pub fn test(ray: &Frame, id: u32, a: Vec3, b: Vec3, c: Vec3, best: &mut Best) {
         let unit = exp2(-exponent(u + v + w));
         let (u, v, w) = (u * unit, v * unit, w * unit);
         let det = u + v + w;
-        let along = component(ray.inverse, ray.main);
-        let depth = flush(u, WEIGHT_FLOOR) * flush(along * s.az, DEPTH_FLOOR)
-            + flush(v, WEIGHT_FLOOR) * flush(along * s.bz, DEPTH_FLOOR)
-            + flush(w, WEIGHT_FLOOR) * flush(along * s.cz, DEPTH_FLOOR);
-        let t = div(depth, det);
-        let inside = t >= ray.t_min && t <= ray.t_max;
-        let better = t < best.t || (t == best.t && id < best.triangle);
-        if inside && better {
-            *best = Best { t, triangle: id, u: v, v: w, det };
-        }
+        let t = div(s.depth(ray, u, v, w), det);
+        best.offer(ray, Best { t, triangle: id, u: v, v: w, det });
+    }
+}
+
+/// The default: [`test()`].
+#[derive(Clone, Copy, Debug)]
+pub struct Exact;
+
+impl Intersector for Exact {
+    #[inline(always)]
+    fn new(_ray: &Frame) -> Self {
+        Self
+    }
+
+    #[inline(always)]
+    fn may_hit(self, ray: &Frame, a: Vec4, b: Vec4, c: Vec4) -> bool {
+        may_hit(ray, a.truncate(), b.truncate(), c.truncate())
+    }
+
+    #[inline(always)]
+    fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) {
+        test(ray, id, a.truncate(), b.truncate(), c.truncate(), best);
     }
 }

@@ -1,0 +1,104 @@
+//! The triangle tests that there are to choose from.
+
+use crate::{Error, Traversal};
+use raykd_kernels::{
+    Kernel,
+    trace::{
+        baldwin::BALDWIN,
+        brute::{
+            brute_baldwin::BRUTE_BALDWIN, brute_exact::BRUTE_EXACT, brute_moeller::BRUTE_MOELLER,
+            brute_plane::BRUTE_PLANE, brute_woop::BRUTE_WOOP,
+        },
+        moeller::MOELLER,
+        plane::PLANE,
+        woop::WOOP,
+    },
+};
+use std::fmt;
+
+/// How it is told whether a ray hits a triangle, and where. Only [`Intersector::Exact`] keeps raykd's promises; the others
+/// are the literature's, with their failures, for comparison. See `docs/accuracy.md`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
+pub enum Intersector {
+    /// Edge functions with exact signs: no gaps, whatever the tree
+    #[default]
+    Exact,
+    /// Edge functions of rounded products (Woop, Benthin & Wald 2013)
+    Woop,
+    /// Cramer's rule (Möller & Trumbore 1997)
+    Moeller,
+    /// The point in the triangle's plane, then its edges (Snyder & Barr 1987)
+    Plane,
+    /// A stored transformation to the unit triangle (Baldwin & Weber 2016)
+    Baldwin,
+}
+
+impl Intersector {
+    /// All of them, the default first.
+    pub const ALL: [Self; 5] = [Self::Exact, Self::Woop, Self::Moeller, Self::Plane, Self::Baldwin];
+
+    /// Its name on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Exact => "exact",
+            Self::Woop => "woop",
+            Self::Moeller => "moeller",
+            Self::Plane => "plane",
+            Self::Baldwin => "baldwin",
+        }
+    }
+
+    /// Whether it goes with a way through the tree: all do with [`Intersector::Exact`], of which none loses a hit.
+    ///
+    /// # Errors
+    /// Another test with a traversal other than `stack` and `brute`.
+    pub fn check(self, traversal: Traversal) -> Result<(), Error> {
+        match (self, traversal) {
+            (Self::Exact, _) | (_, Traversal::Stack | Traversal::Brute) => Ok(()),
+            _ => Err(Error::Intersector { name: self.name(), asked: format!("traversal {traversal}") }),
+        }
+    }
+
+    /// The kernel that tests all triangles.
+    pub(crate) const fn brute(self) -> &'static Kernel {
+        match self {
+            Self::Exact => &BRUTE_EXACT,
+            Self::Woop => &BRUTE_WOOP,
+            Self::Moeller => &BRUTE_MOELLER,
+            Self::Plane => &BRUTE_PLANE,
+            Self::Baldwin => &BRUTE_BALDWIN,
+        }
+    }
+
+    /// The kernel that goes through the tree with a full stack; the default has several of its own.
+    pub(crate) const fn stack(self) -> Option<&'static Kernel> {
+        match self {
+            Self::Exact => None,
+            Self::Woop => Some(&WOOP),
+            Self::Moeller => Some(&MOELLER),
+            Self::Plane => Some(&PLANE),
+            Self::Baldwin => Some(&BALDWIN),
+        }
+    }
+}
+
+impl fmt::Display for Intersector {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+#[cfg(all(test, feature = "cli"))]
+mod tests {
+    use super::*;
+    use clap::ValueEnum as _;
+
+    #[test]
+    fn names_are_those_of_the_command_line() {
+        for (listed, &known) in Intersector::value_variants().iter().zip(&Intersector::ALL) {
+            assert_eq!(*listed, known);
+            assert_eq!(known.to_possible_value().unwrap().get_name(), known.name());
+        }
+    }
+}

@@ -1,0 +1,77 @@
+//! The test of Woop, Benthin & Wald 2013, "Watertight ray/triangle intersection", in `f32` throughout.
+//!
+//! Edge functions are differences of rounded products. Where one is 0 the paper computes all three again in `f64`;
+//! there is none on every GPU, so 0 counts as inside. Both triangles at an edge then still agree and there is no gap,
+//! but of rays within rounding of an edge some count as hits that pass it by, and which of two triangles is hit, and `t`
+//! on grazing rays, may be wrong. `exact` has the signs right instead.
+//!
+//! Sheared coordinates below `2^-39` count as 0, for all triangles at a vertex alike. The shear is by a product with
+//! the direction's reciprocal instead of a quotient, as many programs do: a rounding more, the same for all triangles.
+
+use super::{
+    frame::{Frame, flush},
+    intersector::{Best, Intersector},
+    leaf::Every,
+    stack::walk,
+    triangle::{SMALL, Sheared, shear},
+};
+use crate::{
+    glam::Vec4,
+    math::{div, exp2, exponent},
+};
+
+/// The test.
+#[derive(Clone, Copy, Debug)]
+pub struct Woop;
+
+/// The vertices seen from the ray, with products that do not underflow.
+#[inline(always)]
+fn seen(ray: &Frame, a: Vec4, b: Vec4, c: Vec4) -> Sheared {
+    let s = shear(ray, a.truncate(), b.truncate(), c.truncate());
+    Sheared {
+        ax: flush(s.ax, SMALL),
+        ay: flush(s.ay, SMALL),
+        bx: flush(s.bx, SMALL),
+        by: flush(s.by, SMALL),
+        cx: flush(s.cx, SMALL),
+        cy: flush(s.cy, SMALL),
+        ..s
+    }
+}
+
+impl Intersector for Woop {
+    #[inline(always)]
+    fn new(_ray: &Frame) -> Self {
+        Self
+    }
+
+    #[inline(always)]
+    fn may_hit(self, ray: &Frame, a: Vec4, b: Vec4, c: Vec4) -> bool {
+        seen(ray, a, b, c).agree()
+    }
+
+    #[inline(always)]
+    fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) {
+        let s = seen(ray, a, b, c);
+        let u = s.cx * s.by - s.cy * s.bx;
+        let v = s.ax * s.cy - s.ay * s.cx;
+        let w = s.bx * s.ay - s.by * s.ax;
+        let negative = u < 0.0 || v < 0.0 || w < 0.0;
+        let positive = u > 0.0 || v > 0.0 || w > 0.0;
+        // Neither: the sum of the weights is 0, a miss.
+        if negative != positive {
+            let unit = exp2(-exponent(u + v + w));
+            let (u, v, w) = (u * unit, v * unit, w * unit);
+            let inverse = div(1.0, u + v + w);
+            let t = s.depth(ray, u, v, w) * inverse;
+            best.offer(ray, Best { t, triangle: id, u: v * inverse, v: w * inverse, det: 1.0 });
+        }
+    }
+}
+
+query! {
+    /// The closest or any hit by this test.
+    WOOP = |_, ray, pairs, corners, any, steps|
+        walk::<Woop, Every, false>(ray, pairs, corners, Every, any, steps),
+    {}
+}

@@ -1,0 +1,114 @@
+//! Triangle tests on a CPU that is told to flush subnormal numbers, as GPUs may: the same bits.
+#![cfg(target_arch = "x86_64")]
+
+use raykd::{
+    BuildOptions, Intersector, Mesh, Ray, Scene,
+    kernels::{
+        glam::{Vec3, Vec4},
+        math::div,
+        trace::{
+            NOTHING, baldwin::Baldwin, frame::Frame, intersector::Intersector as Test, moeller::Moeller,
+            plane::Plane, triangle::Exact, woop::Woop,
+        },
+    },
+    rays::Random,
+    shared::{MISS, TreeHeader},
+};
+use raykd_tests::{cpu, same};
+
+/// Every triangle tested alone with every ray, by a test: bits of the hits, and of what leaves would keep.
+#[inline(never)]
+fn alone<I: Test>(mesh: &Mesh, header: &TreeHeader, rays: &[Ray], flush: bool) -> Vec<u32> {
+    let positions = mesh.scaled_positions();
+    let mut bits = Vec::new();
+    // Bits 15 and 6 of the control word flush subnormal results and operands.
+    let mut word = 0x1F80u32 | if flush { 0x8040 } else { 0 };
+    // SAFETY: only the treatment of subnormals changes, and it is what it was before this function returns.
+    unsafe { std::arch::asm!("ldmxcsr [{}]", in(reg) &raw const word) };
+    for ray in rays {
+        let [ox, oy, oz] = ray.origin;
+        let [dx, dy, dz] = ray.direction;
+        let frame = Frame::new(Vec4::new(ox, oy, oz, dx), Vec4::new(dy, dz, ray.t_min, ray.t_max), header);
+        for &id in mesh.kept().iter().filter(|_| frame.valid) {
+            let [a, b, c] =
+                mesh.triangles()[id as usize].map(|v| Vec3::from_slice(&positions[3 * v as usize..]));
+            let (a, b, c) = I::lay_out(a, b, c);
+            let mut best = NOTHING;
+            I::new(&frame).test(&frame, id, a, b, c, &mut best);
+            if best.triangle == id {
+                assert!(I::new(&frame).may_hit(&frame, a, b, c), "{ray:?} {id}");
+            }
+            bits.extend([a, b, c].iter().flat_map(|v| v.to_array().map(f32::to_bits)));
+            bits.push(best.triangle);
+            bits.extend([best.t, div(best.u, best.det), div(best.v, best.det)].map(|x| (x + 0.0).to_bits()));
+        }
+    }
+    word = 0x1F80;
+    // SAFETY: as above; this is how Rust expects it.
+    unsafe { std::arch::asm!("ldmxcsr [{}]", in(reg) &raw const word) };
+    bits
+}
+
+/// A number of `range` binades that end at `2^-least`, or often 0.
+fn spread(random: &mut Random, least: u32, range: u32) -> f32 {
+    let bits = random.bits();
+    let exponent = 127 - least + (bits >> 32) as u32 % range;
+    let size = f32::from_bits(exponent << 23 | (bits as u32 & 0x7F_FFFF));
+    [0.0, size, -size, size, -size, size, -size][(bits >> 24) as usize % 7]
+}
+
+/// A point some units in the last place away.
+fn near(random: &mut Random, point: [f32; 3]) -> [f32; 3] {
+    point.map(|x| f32::from_bits(x.to_bits() + if x == 0.0 { 0 } else { random.bits() as u32 % 8 }))
+}
+
+#[test]
+fn a_device_that_flushes_subnormals_finds_the_same() {
+    let mut random = Random::new(9);
+    let mut hits = [0; 5];
+    for _ in 0..300 {
+        // Triangles from the size of the mesh down to where coordinates end, some of them both large and small.
+        let mut positions = Vec::new();
+        let mut spans = Vec::new();
+        for _ in 0..20 {
+            let least = 1 + (random.bits() % 60) as u32;
+            let span = [(least, 1 + least.min(6)), (60, 60)][usize::from(random.bits().is_multiple_of(4))];
+            spans.push(span);
+            let corner = |random: &mut Random| [(); 3].map(|()| spread(random, span.0, span.1));
+            let a = corner(&mut random);
+            // Every third so small that edges are a few units in the last place.
+            let small = random.bits().is_multiple_of(3);
+            for _ in 0..3 {
+                positions.push(if small { near(&mut random, a) } else { corner(&mut random) });
+            }
+        }
+        let mesh = Mesh::new(positions, (0..20).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect()).unwrap();
+        let mut rays = Vec::new();
+        for (triangle, &(least, range)) in mesh.triangles().iter().zip(&spans) {
+            // At a corner, or at the middle, from afar or near.
+            let [a, b, c] = triangle.map(|v| mesh.positions()[v as usize]);
+            let middle = [0, 1, 2].map(|i| a[i] * 0.5 + b[i] * 0.25 + c[i] * 0.25);
+            for target in [a, middle] {
+                let (least, range) = [(least, range), (60, 60)][usize::from(random.bits().is_multiple_of(2))];
+                let far = [(); 3].map(|()| spread(&mut random, least, range));
+                let from = if random.bits().is_multiple_of(3) { near(&mut random, target) } else { far };
+                rays.push(Ray::new(from, [0, 1, 2].map(|i| target[i] - from[i])));
+            }
+            let way = [(); 3].map(|()| spread(&mut random, least, range));
+            rays.push(Ray { t_min: f32::NEG_INFINITY, ..Ray::new(middle, way) });
+        }
+        let header = *Scene::build(cpu(), &mesh, &BuildOptions::default()).unwrap().header();
+        let mut check = |n: usize, run: fn(&Mesh, &TreeHeader, &[Ray], bool) -> Vec<u32>| {
+            let kept = run(&mesh, &header, &rays, false);
+            same(Intersector::ALL[n].name(), &kept, &run(&mesh, &header, &rays, true)).unwrap();
+            hits[n] += kept.chunks(16).filter(|words| words[12] != MISS).count();
+        };
+        check(0, alone::<Exact>);
+        check(1, alone::<Woop>);
+        check(2, alone::<Moeller>);
+        check(3, alone::<Plane>);
+        check(4, alone::<Baldwin>);
+    }
+    println!("hits: {hits:?}");
+    assert!(hits.iter().all(|&n| n > 2000), "{hits:?}");
+}
