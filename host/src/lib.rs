@@ -15,6 +15,8 @@ mod render;
 #[cfg(feature = "cli")]
 mod report;
 mod scene;
+#[cfg(feature = "stress")]
+pub mod stress;
 mod traversal;
 mod tree;
 

@@ -2,6 +2,7 @@
 
 use crate::Error;
 use std::{
+    fs::{self, File},
     io::{self, BufWriter, Write},
     path::Path,
 };
@@ -15,7 +16,12 @@ pub fn check(path: &Path) -> Result<(), Error> {
     if path.is_dir() {
         return Err(fail(io::ErrorKind::IsADirectory.into()));
     }
-    beside(path).map(drop).map_err(fail)
+    if is_no_file(path) { Ok(()) } else { beside(path).map(drop).map_err(fail) }
+}
+
+/// Whether something is there that must not be replaced by a file: a device, a pipe.
+fn is_no_file(path: &Path) -> bool {
+    fs::metadata(path).is_ok_and(|it| !it.is_file() && !it.is_dir())
 }
 
 /// A new file in the same folder.
@@ -33,15 +39,22 @@ fn beside(path: &Path) -> io::Result<tempfile::NamedTempFile> {
     })
 }
 
-/// Writes a file beside `path` and moves it there when it is complete.
+/// Writes a file beside `path` and moves it there when it is complete. A link stays one; what is no file, as
+/// `/dev/stdout`, is written to as it is.
 ///
 /// # Errors
 /// The folder or the file cannot be written, or the disk is full; `path` is then as it was.
 pub fn write_whole(
     path: &Path,
-    write: impl FnOnce(&mut BufWriter<&mut std::fs::File>) -> io::Result<()>,
+    write: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>,
 ) -> Result<(), Error> {
     let fail = |source| Error::Io { path: path.to_owned(), source };
+    if is_no_file(path) {
+        let mut target = fs::OpenOptions::new().write(true).open(path).map_err(fail)?;
+        let mut buffered = BufWriter::new(&mut target);
+        return write(&mut buffered).and_then(|()| buffered.flush()).map_err(fail);
+    }
+    let path = &fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     let mut temporary = beside(path).map_err(fail)?;
     let mut buffered = BufWriter::new(temporary.as_file_mut());
     write(&mut buffered).and_then(|()| buffered.flush()).map_err(fail)?;

@@ -170,7 +170,7 @@ fn known() -> ([[f32; 8]; 7], [Record; 7]) {
 #[test]
 fn help_has_examples() {
     let general = good(&["--help"]);
-    for name in ["bench", "build", "trace", "render", "devices"] {
+    for name in ["bench", "build", "trace", "render", "stress", "devices"] {
         has(&general, &[name, "Examples:", "Exit code"]);
         let help = good(&[name, "--help"]);
         has(&help, &["Usage: raykd", "Examples:", &format!("raykd {name}")]);

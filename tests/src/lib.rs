@@ -5,7 +5,7 @@ pub mod covers;
 pub mod dispatches;
 pub mod exact;
 pub mod meshes;
-pub mod oracle;
+pub mod one_by_one;
 pub mod rays;
 pub mod trees;
 

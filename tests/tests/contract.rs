@@ -7,7 +7,7 @@ use raykd::{
 };
 use raykd_tests::{
     cpu, devices,
-    meshes::{Family, RANDOM, Recipe, Welded, ZOO, icosphere},
+    meshes::{Family, RANDOM, Recipe, Welded, ZOO, icosphere, loose, moved},
     rays::rays,
     same,
 };
@@ -35,12 +35,6 @@ fn hits(mesh: &Mesh, rays: &[Ray]) -> Vec<Hit> {
 
 fn ids(mesh: &Mesh, rays: &[Ray]) -> Vec<u32> {
     hits(mesh, rays).iter().map(|hit| hit.triangle).collect()
-}
-
-/// Triangles that share no vertices.
-fn loose(triangles: &[[[f32; 3]; 3]]) -> Mesh {
-    let corners = triangles.iter().flatten().copied().collect();
-    Mesh::new(corners, (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect()).unwrap()
 }
 
 /// One right triangle in the plane `z = 0`.
@@ -431,4 +425,110 @@ fn parallel_walls_are_told_apart() {
     assert_eq!(ids(&mesh, &[down(-1.0, -1.0), down(1.0, 1.0)]), [2000, 0]);
     let near = [1.000_001f32, 1.0].map(|z| CORNER.map(|[x, y, _]| [x, y, z]));
     assert_eq!(ids(&loose(&near), &[down(1.0, 1.0), Ray::new([1.0; 3], [0.0, 0.0, 1.0])]), [0, 1]);
+}
+
+/// A soup of corners at multiples of 1/64 from -1 to 1, which two triangles fill: exact at every scale.
+fn lattice_soup() -> Mesh {
+    let mut random = Random::new(77);
+    let mut corner = || [(); 3].map(|()| (random.bits() % 129) as f32 / 64.0 - 1.0);
+    let mut triangles: Vec<_> = (0..100).map(|_| [corner(), corner(), corner()]).collect();
+    triangles.push([[-1.0, -1.0, -1.0], [1.0, 1.0, -1.0], [1.0, 1.0, 1.0]]);
+    loose(&triangles)
+}
+
+#[test]
+fn scales_are_exact_to_the_ends_of_their_range() {
+    let mesh = lattice_soup();
+    let mut random = Random::new(3);
+    let directions: Vec<[f32; 3]> = (0..500).map(|_| [(); 3].map(|()| random.unit() as f32 - 0.5)).collect();
+    let rays = |factor: f32| -> Vec<Ray> {
+        directions.iter().map(|d| Ray::new([0.0; 3], d.map(|x| x * factor))).collect()
+    };
+    let expected = hits(&mesh, &rays(1.0));
+    assert!(expected.iter().filter(|hit| hit.is_hit()).count() > 400);
+    // Extents of twice that: the first and last there are, and those on either side of where scaling begins.
+    for (k, scaled) in [
+        (-138, true),
+        (-137, true),
+        (-12, true),
+        (-11, false),
+        (19, false),
+        (20, true),
+        (126, true),
+        (127, true),
+    ] {
+        // In steps, for the powers themselves are subnormal at one end.
+        let half = 2f32.powi(k / 2);
+        let rest = 2f32.powi(k - k / 2);
+        let grown = moved(&mesh, |p| p.map(|x| x * half * rest));
+        assert_eq!(grown.scale() != 1.0, scaled, "2^{k}");
+        // So that neither `t` nor directions are subnormal.
+        let same_hits: Vec<Hit> = expected.iter().map(|hit| Hit { t: hit.t * rest, ..*hit }).collect();
+        same(&format!("2^{k}"), &same_hits, &hits(&grown, &rays(half))).unwrap();
+    }
+    let positions = mesh.positions().iter().map(|p| p.map(|x| x * 2f32.powi(-70) * 2f32.powi(-69))).collect();
+    let error = Mesh::new(positions, mesh.triangles().to_vec()).unwrap_err().to_string();
+    assert!(error.contains("less than 2^-137"), "{error}");
+}
+
+#[test]
+fn origins_count_as_long_as_digits_of_the_mesh_are_left() {
+    let mesh = lattice_soup();
+    for k in [0, 63, -63] {
+        let factor = 2f32.powi(k);
+        let grown = moved(&mesh, |p| p.map(|x| x * factor));
+        // In units of the mesh as the kernels see it.
+        let limit = 2f32.powi(30) / grown.scale();
+        let from = |x: f32| Ray::new([x, 0.0, 0.0], [-1.0, 0.0, 0.0]);
+        for named in devices() {
+            let scene = Scene::build(&named.device, &grown, &BuildOptions::default()).unwrap();
+            let invalid = |x: f32| scene.trace(Query::Closest, &[from(x)]).unwrap().invalid;
+            let found = [limit.next_down(), -limit.next_down(), limit, -limit].map(invalid);
+            assert_eq!(found, [0, 0, 1, 1], "2^{k} by {}", named.name);
+        }
+    }
+}
+
+#[test]
+fn subnormal_numbers_in_rays_are_zeros() {
+    let mesh = lattice_soup();
+    let tiny = f32::from_bits(0x007F_FFFF);
+    let smallest = f32::MIN_POSITIVE;
+    let with = |x: f32| {
+        let ray = |origin, direction| Ray::new(origin, direction);
+        [
+            ray([x, 0.3, 0.1], [0.3, 0.2, 1.0]),
+            ray([0.1, -x, 0.1], [1.0, 0.2, 0.4]),
+            ray([0.1, 0.2, 0.1], [x, 0.7, 0.4]),
+            ray([0.1, 0.2, 0.1], [0.5, 0.7, -x]),
+            ray([0.0, 0.0, 0.0], [x, -x, x]),
+            Ray { t_min: x, ..ray([0.5, 0.3, 0.1], [0.3, 0.2, 1.0]) },
+            Ray { t_max: x, ..ray([0.5, 0.3, 0.1], [0.3, 0.2, 1.0]) },
+        ]
+    };
+    same("subnormal", &hits(&mesh, &with(0.0)), &hits(&mesh, &with(tiny))).unwrap();
+    // The next larger number is one: of a direction it makes a ray.
+    let found = hits(&mesh, &with(smallest));
+    assert!(found[4].is_hit() && !hits(&mesh, &with(tiny))[4].is_hit());
+}
+
+/// Rows of the README's table name tests that there are.
+#[test]
+fn every_row_of_the_contract_has_its_test() {
+    let readme = include_str!("../../README.md");
+    let tests = concat!(include_str!("contract.rs"), include_str!("hits.rs"), include_str!("oracle.rs"));
+    let table = readme.split_once("## The contract").unwrap().1;
+    let rows: Vec<&str> = table.lines().skip_while(|line| !line.starts_with("|---")).skip(1).collect();
+    let rows = rows.iter().take_while(|line| line.starts_with('|'));
+    let mut count = 0;
+    for row in rows {
+        let names = row.trim_end_matches('|').rsplit('|').next().unwrap();
+        let names: Vec<&str> = names.split('`').skip(1).step_by(2).collect();
+        assert!(!names.is_empty(), "no test: {row}");
+        for name in names {
+            assert!(tests.contains(&format!("fn {name}(")), "no test {name}: {row}");
+        }
+        count += 1;
+    }
+    assert!(count > 8);
 }

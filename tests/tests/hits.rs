@@ -5,7 +5,7 @@ use raykd::{BuildOptions, Builder, Hit, Mesh, Query, Scene, kernels::math::ldexp
 use raykd_tests::{
     Failure, cases, cpu, devices, gpu,
     meshes::{Family, Recipe, traceable_mesh},
-    oracle::Oracle,
+    one_by_one::OneByOne,
     rays::rays,
     same,
 };
@@ -34,7 +34,7 @@ fn trace_everywhere(mesh: &Mesh, options: &BuildOptions, seed: u64, count: usize
     let brute = Scene::build(gpu(), mesh, options)?.brute(&rays)?;
     same(&name("brute force", "GPU", &brute), &expected, &brute)?;
 
-    let oracle = Oracle::new(mesh, reference.header());
+    let oracle = OneByOne::new(mesh, reference.header());
     for ((ray, closest), any) in rays.iter().zip(&expected).zip(any_hits.iter().flatten()) {
         let fail =
             |what: &str| Err(Failure(format!("{what}: {any:?}, the closest being {closest:?}, for {ray:?}")));

@@ -10,7 +10,7 @@ use raykd::{
 use raykd_tests::{
     cases, cpu, devices,
     meshes::{icosphere, small_mesh},
-    oracle::Oracle,
+    one_by_one::OneByOne,
     rays::rays,
     same,
 };
@@ -29,7 +29,7 @@ proptest! {
             .enumerate()
             .map(|(i, hit)| if i % 5 == 0 { (i % mesh.triangles().len()) as u32 } else { hit.triangle })
             .collect();
-        let oracle = Oracle::new(&mesh, scene.header());
+        let oracle = OneByOne::new(&mesh, scene.header());
         let others = |i: usize| {
             let mut hits = oracle.all(&rays[i]);
             hits.retain(|hit| hit.triangle != excluded[i]);

@@ -4,8 +4,8 @@ use proptest::prelude::*;
 use raykd::{BuildOptions, Hit, Mesh, Query, Scene, Traversal};
 use raykd_tests::{
     Failure, cases, cpu, gpu,
-    meshes::{Family, Recipe, icosphere, small_mesh, traceable_mesh},
-    oracle::Oracle,
+    meshes::{Family, RANDOM, Recipe, ZOO, icosphere, small_mesh, traceable_mesh},
+    one_by_one::OneByOne,
     rays::rays,
     same,
 };
@@ -29,7 +29,7 @@ fn traverse_everywhere(mesh: &Mesh, options: &BuildOptions, seed: u64, count: us
     let mut scenes = both(mesh, options)?;
     let rays = rays(mesh, scenes[0].tree()?.view(), count, seed);
     let expected = scenes[0].brute(&rays)?;
-    let oracle = Oracle::new(mesh, scenes[0].header());
+    let oracle = OneByOne::new(mesh, scenes[0].header());
     for traversal in Traversal::ALL {
         let (mut any_hits, mut counts) = (None, None);
         for scene in &mut scenes {
@@ -64,7 +64,7 @@ fn traverse_everywhere(mesh: &Mesh, options: &BuildOptions, seed: u64, count: us
 fn all_everywhere(mesh: &Mesh, seed: u64, count: usize) -> Result<(), Failure> {
     let scenes = both(mesh, &BuildOptions::default())?;
     let rays = rays(mesh, scenes[0].tree()?.view(), count, seed);
-    let oracle = Oracle::new(mesh, scenes[0].header());
+    let oracle = OneByOne::new(mesh, scenes[0].header());
     let expected: Vec<Vec<Hit>> = rays.iter().map(|ray| oracle.all(ray)).collect();
     let totals: Vec<u32> = expected.iter().map(|hits| hits.len() as u32).collect();
     for scene in &scenes {
@@ -108,6 +108,36 @@ fn every_traversal_agrees_on_closed_meshes() {
     for mesh in [icosphere(3), lattice, Mesh::teapot(3)] {
         traverse_everywhere(&mesh, &BuildOptions::default(), 7, 3000).unwrap();
         all_everywhere(&mesh, 8, 500).unwrap();
+    }
+}
+
+/// What a ray may cost at most: it goes forward in the order of leaves, and into each once.
+#[test]
+fn no_traversal_visits_a_leaf_twice() {
+    for family in RANDOM.into_iter().chain(ZOO) {
+        let mesh = Recipe { family, size: 200, seed: 9 }.mesh();
+        let mut scene = Scene::build(cpu(), &mesh, &BuildOptions::default()).unwrap();
+        let tree = scene.tree().unwrap();
+        let report = tree.validate().unwrap();
+        let rays = rays(&mesh, tree.view(), 2000, 10);
+        let mut most = 0;
+        for traversal in Traversal::ALL.into_iter().filter(|&t| t != Traversal::Brute) {
+            scene.traverse_by(traversal).unwrap();
+            let (_, steps) = scene.steps(&rays).unwrap();
+            for (ray, steps) in rays.iter().zip(steps) {
+                assert!(steps.leaves <= report.leaves, "{family:?} by {traversal}: {steps:?}, {ray:?}");
+                assert!(
+                    steps.tests <= tree.view().header.refs,
+                    "{family:?} by {traversal}: {steps:?}, {ray:?}"
+                );
+                most = most.max(steps.leaves);
+            }
+            if traversal == Traversal::Stack {
+                let (_, steps) = scene.steps(&rays).unwrap();
+                assert!(steps.iter().all(|steps| steps.inner <= report.inner), "{family:?}");
+            }
+        }
+        assert!(most > 1 || report.leaves == 1, "{family:?}: {most} leaves of {}", report.leaves);
     }
 }
 

@@ -11,6 +11,7 @@ Examples:
   raykd build mesh.ply -o mesh.kd        build a tree and save it
   raykd trace mesh.ply --rays r --hits h trace a file of rays
   raykd render dragon -o dragon.png      make a picture
+  raykd stress                           the scenes in which ray tracers fail
   raykd devices                          what raykd can run on
 
 A scene is a mesh file (.obj, .ply, either also .gz) or a name: teapot, teapot:LEVEL, dragon,
@@ -62,6 +63,17 @@ Examples:
   raykd render dragon -o heat.png --shading heat --size 1920x1080
   raykd render sponza -o hall.png --eye=-10,4,0 --target 10,5,0 --fov 70";
 
+const STRESS_EXAMPLES: &str = "\
+Examples:
+  raykd stress                                  all scenes and methods, a minute or less
+  raykd stress --list                           what there is
+  raykd stress --scene slivers --method exact   one scene, by all ways with the exact test
+  raykd stress --scene dragon --method exact    rays at a mesh of one's own, against the exact answers
+  raykd stress --scene leaks --rays 1000000000 --method exact/stack --device gpu
+                                                a billion rays at each of five surfaces without gaps
+  raykd stress --json > f.json; raykd stress --replay f.json
+                                                the rays that failed, once more";
+
 const DEVICES_EXAMPLES: &str = "\
 Every adapter computes some thousand sums and products, which are compared with the CPU's. One
 that rounds otherwise, contracts or rearranges would build other trees: it is refused, unless
@@ -86,6 +98,7 @@ pub(super) enum Command {
     Trace(TraceArgs),
     Render(RenderArgs),
     Devices(DevicesArgs),
+    Stress(StressArgs),
 }
 
 /// Build and trace scenes, time both, and compare the devices byte by byte.
@@ -302,6 +315,40 @@ pub(super) struct DevicesArgs {
     pub json: bool,
 }
 
+/// Trace the scenes in which ray tracers fail, and judge every answer exactly.
+///
+/// Each scene is traced by each method: a triangle test and a way to find triangles, or a form of the literature
+/// with its traps (textbook/..., on the CPU only). A failure is an answer that is not exact even for triangles moved
+/// by a few ULP of the distance, a miss where there is no gap, a difference from brute force with the same test or
+/// from the CPU's bytes. Exit code 1 if a method fails where it is not known to (docs/accuracy.md).
+#[derive(Debug, Parser)]
+#[command(after_help = STRESS_EXAMPLES)]
+pub(super) struct StressArgs {
+    /// Scenes of these names, or meshes as other commands take them; left out: all but leaks
+    #[arg(long = "scene", value_name = "NAME", value_delimiter = ',')]
+    pub scenes: Vec<String>,
+    /// Methods whose names start like this; left out: all
+    #[arg(long = "method", value_name = "NAME", value_delimiter = ',')]
+    pub methods: Vec<String>,
+    /// Rays a scene; of leaks, a surface
+    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=1_000_000_000_000))]
+    pub rays: u64,
+    /// Trace the failing rays of an earlier --json output again
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["scenes", "methods", "rays", "list"])]
+    pub replay: Option<PathBuf>,
+    /// List scenes and methods
+    #[arg(long)]
+    pub list: bool,
+    /// Left out: both if there is any Vulkan adapter, a software one too, else the CPU
+    #[arg(long, value_enum)]
+    pub device: Option<Which>,
+    #[command(flatten)]
+    pub machine: MachineArgs,
+    /// Print JSON: one array, an object per scene, method and device
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// More about the devices to run on.
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct MachineArgs {
@@ -377,6 +424,9 @@ impl Args {
             Command::Render(a) => {
                 ("render", a.device == Some(One::Cpu), a.device == Some(One::Gpu), &a.machine)
             }
+            Command::Stress(a) => {
+                ("stress", a.device == Some(Which::Cpu), a.device == Some(Which::Gpu), &a.machine)
+            }
             Command::Devices(_) => return Ok(()),
         };
         let conflict = |what: &str| {
@@ -388,7 +438,7 @@ impl Args {
         match (&machine.adapter, machine.threads) {
             (Some(_), _) if cpu => conflict("--adapter names a GPU, --device cpu uses none"),
             (_, Some(_)) if gpu => conflict("--threads is for the CPU, --device gpu does not use it"),
-            (Some(_), Some(_)) if name != "bench" => {
+            (Some(_), Some(_)) if name != "bench" && name != "stress" => {
                 conflict("--adapter is for the GPU, --threads for the CPU: use one of them")
             }
             _ => self.check_test().or_else(|error| conflict(&error.to_string())),
@@ -406,7 +456,7 @@ impl Args {
             Command::Render(a) => {
                 (a.intersector, a.traversal, (a.shading == Shading::Heat).then_some("counting steps"))
             }
-            Command::Build(_) | Command::Devices(_) => return Ok(()),
+            Command::Build(_) | Command::Stress(_) | Command::Devices(_) => return Ok(()),
         };
         match more.filter(|_| test != Intersector::Exact) {
             Some(asked) => Err(Error::Intersector { name: test.name(), asked: asked.to_owned() }),

@@ -146,6 +146,7 @@ pub(super) const fn is_software(_: &Device) -> bool {
 #[cfg(all(test, feature = "gpu"))]
 mod tests {
     use super::*;
+    use crate::{BuildOptions, Mesh, Scene};
 
     /// Work that fails on GPUs.
     fn work(device: &Device) -> Result<&'static str, Error> {
@@ -165,6 +166,25 @@ mod tests {
     fn cpu_takes_over_where_nobody_asked_for_the_gpu() {
         assert_eq!(on_gpu(true).run(&Notes::new(true), work).unwrap(), "done");
         assert!(on_gpu(false).run(&Notes::new(true), work).is_err());
+    }
+
+    /// The device goes away between building and tracing, as late as it can.
+    #[test]
+    fn device_lost_halfway_costs_nothing_but_time() {
+        let mesh = Mesh::teapot(2);
+        let rays = crate::rays::random(mesh.bounds(), 500, 1);
+        let work = |device: &Device| {
+            let scene = Scene::build(device, &mesh, &BuildOptions::default())?;
+            scene.closest(&rays)?;
+            if let Device::Gpu(gpu) = device {
+                gpu.lose();
+            }
+            scene.closest(&rays)
+        };
+        let expected = work(&Device::cpu()).unwrap();
+        assert_eq!(on_gpu(true).run(&Notes::new(true), work).unwrap(), expected);
+        let error = on_gpu(false).run(&Notes::new(true), work).unwrap_err().to_string();
+        assert!(error.contains("lost") && error.contains("--device cpu"), "{error}");
     }
 
     #[test]

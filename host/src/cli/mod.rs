@@ -1,4 +1,4 @@
-//! The command line: `raykd bench`, `build`, `trace`, `render` and `devices`.
+//! The command line: `raykd bench`, `build`, `trace`, `render`, `stress` and `devices`.
 
 mod args;
 mod bench;
@@ -11,6 +11,7 @@ mod machine;
 mod measure;
 mod notes;
 mod render;
+mod stress;
 mod trace;
 
 use args::{Args, Command};
@@ -44,6 +45,7 @@ fn run(args: Args, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
         Command::Bench(args) => return bench::run(&args, out),
         Command::Build(args) => return build::run(&args, out),
         Command::Trace(args) => return trace::run(&args, out),
+        Command::Stress(args) => return stress::run(&args, out),
         Command::Render(args) => render::run(&args, out)?,
         Command::Devices(args) => devices::run(&args, out)?,
     }

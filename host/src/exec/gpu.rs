@@ -161,6 +161,13 @@ impl Gpu {
         self.link.device.adapter_info().device_type == wgpu::DeviceType::Cpu
     }
 
+    /// Loses the device, as a driver might.
+    #[cfg(test)]
+    pub(crate) fn lose(&self) {
+        self.link.device.destroy();
+        self.link.device.poll(wgpu::PollType::Poll).expect("it can be asked");
+    }
+
     pub(super) fn name(&self) -> &str {
         &self.link.name
     }
@@ -406,8 +413,7 @@ mod tests {
         let small = gpu.alloc("small", 64).unwrap();
         let large = gpu.alloc("large", 1 << 20).unwrap();
         gpu.write(&large, 0, &[1; 1 << 20]).unwrap();
-        gpu.link.device.destroy();
-        gpu.link.device.poll(wgpu::PollType::Poll).unwrap();
+        gpu.lose();
         for _ in 0..2 {
             let mut out = [0; 64];
             assert!(matches!(gpu.write(&small, 0, &[0; 64]), Err(Error::DeviceFailed { .. })));

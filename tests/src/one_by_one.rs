@@ -1,4 +1,4 @@
-//! What hits are right, without a tree and without a kernel: every triangle is tested, one by one.
+//! What the exact test says of every triangle, one by one, without a tree and without a kernel.
 
 use raykd::{
     Hit, Mesh, Ray,
@@ -13,13 +13,13 @@ use std::borrow::Cow;
 
 /// A mesh to be asked.
 #[derive(Debug)]
-pub struct Oracle<'a> {
+pub struct OneByOne<'a> {
     mesh: &'a Mesh,
     header: TreeHeader,
     positions: Cow<'a, [f32]>,
 }
 
-impl<'a> Oracle<'a> {
+impl<'a> OneByOne<'a> {
     /// Of a mesh and the header of any of its trees.
     pub fn new(mesh: &'a Mesh, header: &TreeHeader) -> Self {
         Self { mesh, header: *header, positions: mesh.scaled_positions() }

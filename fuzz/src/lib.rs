@@ -1,0 +1,105 @@
+//! What must hold of any bytes: no panic, no hang, no memory beyond the input's order, and right answers.
+
+use raykd::{
+    BuildOptions, Device, KdTree, Mesh, Ray, Scene,
+    exec::Cpu,
+    shared::{LAYOUT_VERSION, TreeHeader},
+    stress::{SLACK, is_ray, settled},
+};
+use raykd_oracle::Oracle;
+use sha2::{Digest as _, Sha256};
+use std::{path::Path, sync::LazyLock};
+
+static CPU: LazyLock<Device> = LazyLock::new(|| Device::Cpu(Cpu::with_threads(1).expect("a thread")));
+
+/// The numbers in bytes.
+fn floats(bytes: &[u8]) -> Vec<f32> {
+    bytes.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
+}
+
+/// Hits are those of brute force, and exact but for rounding.
+fn trace(mesh: &Mesh, scene: &Scene<'_>, rays: &[Ray]) {
+    let hits = scene.closest(rays).expect("a CPU does it");
+    let brute = scene.brute(rays).expect("a CPU does it");
+    assert_eq!(bytemuck::cast_slice::<_, u8>(&hits), bytemuck::cast_slice::<_, u8>(&brute), "{rays:?}");
+    let oracle = Oracle::new(mesh.positions(), mesh.triangles());
+    for (ray, hit) in rays.iter().zip(&hits) {
+        let ray = settled(ray);
+        let reach = oracle.reach(ray.origin);
+        if is_ray(&ray) && reach * f64::from(mesh.scale()) < f64::from(1 << 30) {
+            let crossings = oracle.crossings(&ray);
+            let fault = oracle.judge(&ray, &crossings, hit, SLACK * reach);
+            assert_eq!(fault, None, "{ray:?}: {hit:?}, exactly {crossings:?}");
+        }
+    }
+}
+
+/// Rays at a mesh's box.
+fn around(mesh: &Mesh) -> Vec<Ray> {
+    raykd::rays::random(mesh.bounds(), 8, 1)
+}
+
+/// A mesh file.
+pub fn mesh(name: &str, bytes: &[u8]) {
+    if let Ok(mesh) = Mesh::from_bytes(Path::new(name), bytes.to_vec()) {
+        let scene = Scene::build(&CPU, &mesh, &BuildOptions::default()).expect("a CPU builds it");
+        trace(&mesh, &scene, &around(&mesh));
+    }
+}
+
+/// A tree file, as it is and with a head and a checksum that fit.
+pub fn tree(bytes: &[u8]) {
+    static TEAPOT: LazyLock<Mesh> = LazyLock::new(|| Mesh::teapot(1));
+    static HEADER: LazyLock<TreeHeader> = LazyLock::new(|| {
+        *Scene::build(&CPU, &TEAPOT, &BuildOptions::default()).expect("a CPU builds it").header()
+    });
+    assert!(KdTree::from_bytes(bytes).is_err(), "a checksum by chance");
+    // The first byte says how many words are references.
+    let Some((&refs, rest)) = bytes.split_first() else { return };
+    let words = rest.len() / 4;
+    let refs = usize::from(refs).min(words);
+    let nodes = (words - refs) / 2;
+    let header =
+        TreeHeader { nodes: nodes as u32, refs: refs as u32, depth: (rest.len() % 49) as u32, ..*HEADER };
+    let mut file = b"raykd-kd".to_vec();
+    file.extend(LAYOUT_VERSION.to_le_bytes());
+    file.extend(bytemuck::bytes_of(&header));
+    file.extend(&rest[..nodes * 8 + refs * 4]);
+    file.extend(Sha256::digest(&file).as_slice());
+    let Ok(tree) = KdTree::from_bytes(&file) else { return };
+    // Wrong trees may lose hits; they must not do harm.
+    if let Ok(scene) = Scene::with_tree(&CPU, &TEAPOT, &tree) {
+        scene.closest(&around(&TEAPOT)).expect("a CPU does it");
+    }
+}
+
+/// Rays at the teapot.
+pub fn rays(bytes: &[u8]) {
+    static TEAPOT: LazyLock<(Mesh, Scene<'static>)> = LazyLock::new(|| {
+        let mesh = Mesh::teapot(2);
+        let scene = Scene::build(&CPU, &mesh, &BuildOptions::default()).expect("a CPU builds it");
+        (mesh, scene)
+    });
+    let rays: Vec<Ray> =
+        floats(bytes).chunks_exact(8).map(|f| bytemuck::cast(<[f32; 8]>::try_from(f).unwrap())).collect();
+    trace(&TEAPOT.0, &TEAPOT.1, &rays);
+}
+
+/// Triangles, and a ray in every fourth place.
+pub fn triangles(bytes: &[u8]) {
+    let numbers = floats(bytes);
+    let (mut corners, mut rays) = (Vec::new(), Vec::new());
+    for (i, chunk) in numbers.chunks_exact(9).enumerate() {
+        if i % 4 == 3 {
+            rays.push(Ray::new([chunk[0], chunk[1], chunk[2]], [chunk[3], chunk[4], chunk[5]]));
+        } else {
+            corners.extend(chunk.chunks_exact(3).map(|p| [p[0], p[1], p[2]]));
+        }
+    }
+    let count = corners.len() as u32 / 3;
+    if let Ok(mesh) = Mesh::new(corners, (0..count).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect()) {
+        let scene = Scene::build(&CPU, &mesh, &BuildOptions::default()).expect("a CPU builds it");
+        rays.extend(around(&mesh));
+        trace(&mesh, &scene, &rays);
+    }
+}

@@ -1,0 +1,129 @@
+//! What goes wrong around the program: disks, memory, interruptions. Output files appear whole or not at all.
+#![cfg(unix)]
+
+use raykd::{Device, Error, KdTree};
+use std::{
+    fs,
+    path::Path,
+    process::{Command, Output, Stdio},
+    thread,
+    time::Duration,
+};
+use tempfile::TempDir;
+
+/// The program after shell commands that limit it; `{}` in the line is a folder's path.
+fn limited(limits: &str, line: &str, folder: &TempDir) -> Output {
+    let line = line.replace("{}", folder.path().to_str().unwrap());
+    let script = format!("{limits}; exec '{}' {line}", env!("CARGO_BIN_EXE_raykd"));
+    Command::new("bash").args(["-c", &script]).stdin(Stdio::null()).output().unwrap()
+}
+
+fn told(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn names(folder: &TempDir) -> Vec<String> {
+    let entry = |e: Result<fs::DirEntry, _>| e.unwrap().file_name().into_string().unwrap();
+    fs::read_dir(folder.path()).unwrap().map(entry).collect()
+}
+
+/// The commands that write files, each to `out`.
+const WRITERS: [&str; 3] = [
+    "build teapot -o {}/out --device cpu",
+    "render teapot -o {}/out.png --size 200x200 --device cpu",
+    "trace teapot --rays {}/rays --hits {}/out --device cpu",
+];
+
+fn with_rays() -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let rays = raykd::rays::random(([-9.0; 3], [9.0; 3]), 20_000, 1);
+    fs::write(folder.path().join("rays"), bytemuck::cast_slice::<_, u8>(&rays)).unwrap();
+    folder
+}
+
+#[test]
+fn full_disk_keeps_the_old_file() {
+    let folder = with_rays();
+    for line in WRITERS {
+        let name = if line.contains("png") { "out.png" } else { "out" };
+        let file = folder.path().join(name);
+        fs::write(&file, "old").unwrap();
+        // No file may grow beyond 8 KiB.
+        let output = limited("trap '' XFSZ; ulimit -f 8", line, &folder);
+        let message = told(&output);
+        assert_eq!(output.status.code(), Some(1), "{line}: {message}");
+        assert!(message.contains(name) && message.contains("too large"), "{line}: {message}");
+        assert_eq!(fs::read(&file).unwrap(), b"old");
+        assert!(names(&folder).iter().all(|name| !name.starts_with(".raykd")), "{:?}", names(&folder));
+        fs::remove_file(&file).unwrap();
+    }
+}
+
+#[test]
+fn devices_and_links_are_written_to_and_not_replaced() {
+    let folder = with_rays();
+    let before = fs::metadata("/dev/full").unwrap().file_type();
+    let output = limited(":", "build teapot -o /dev/full --device cpu", &folder);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(told(&output).contains("No space left on device"), "{}", told(&output));
+    assert_eq!(fs::metadata("/dev/full").unwrap().file_type(), before);
+
+    let [link, target] = ["link", "target"].map(|name| folder.path().join(name));
+    fs::write(&target, "old").unwrap();
+    std::os::unix::fs::symlink(&target, &link).unwrap();
+    assert!(limited(":", "build teapot -o {}/link --device cpu", &folder).status.success());
+    assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+    KdTree::load(&target).unwrap();
+}
+
+#[test]
+fn unwritable_places_are_named_before_the_work_begins() {
+    let folder = with_rays();
+    // Not even root can make files there.
+    let output = limited(":", "build none-such-mesh.obj -o /proc/out --device cpu", &folder);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(told(&output).contains("/proc/out"), "{}", told(&output));
+}
+
+#[test]
+fn interrupted_runs_leave_whole_files_or_none() {
+    let folder = tempfile::tempdir().unwrap();
+    let tree = folder.path().join("tree");
+    let mut whole = 0;
+    for (i, signal) in ["INT", "TERM", "KILL"].iter().cycle().take(12).enumerate() {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_raykd"))
+            .args(["build", "teapot:12", "--device", "cpu", "-o"])
+            .arg(&tree)
+            .stdout(Stdio::null())
+            .spawn()
+            .unwrap();
+        thread::sleep(Duration::from_millis(10 * i as u64));
+        let _ = Command::new("kill").args([&format!("-{signal}"), &child.id().to_string()]).status();
+        child.wait().unwrap();
+        if tree.exists() {
+            KdTree::load(&tree).unwrap();
+            whole += 1;
+            fs::remove_file(&tree).unwrap();
+        }
+    }
+    assert!(whole < 12, "no run was interrupted");
+}
+
+#[test]
+fn too_little_memory_is_told_and_nothing_is_written() {
+    let folder = with_rays();
+    for megabytes in [64, 128, 256] {
+        let limits = format!("ulimit -v {}", megabytes << 10);
+        let output = limited(&limits, "build teapot:300 -o {}/out --device cpu --threads 1", &folder);
+        assert!(!output.status.success(), "{megabytes} MB were enough");
+        assert!(told(&output).contains("memory"), "{megabytes} MB: {}", told(&output));
+        assert!(!Path::new(&folder.path().join("out")).exists());
+    }
+}
+
+#[test]
+fn a_buffer_that_no_machine_has_room_for_is_an_error() {
+    let error = Device::cpu().alloc("everything", 1 << 46).unwrap_err();
+    assert!(matches!(error, Error::OutOfMemory { .. } | Error::TooLarge { .. }), "{error}");
+    assert!(error.to_string().contains("everything"), "{error}");
+}

@@ -1,0 +1,39 @@
+//! The fuzzers' corpus, and what they found: `fuzz/` says how they run.
+
+#[expect(unreachable_pub, reason = "elsewhere it is a library")]
+#[path = "../../fuzz/src/lib.rs"]
+mod fuzz;
+
+use std::path::Path;
+
+/// What a file of the corpus is given to.
+type Target = fn(&[u8]);
+
+const TARGETS: [(&str, Target); 5] = [
+    ("obj", |bytes| fuzz::mesh("fuzz.obj", bytes)),
+    ("ply", |bytes| fuzz::mesh("fuzz.ply", bytes)),
+    ("tree", fuzz::tree),
+    ("rays", fuzz::rays),
+    ("triangles", fuzz::triangles),
+];
+
+#[test]
+fn the_corpus_does_no_harm() {
+    for (name, target) in TARGETS {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz/corpus").join(name);
+        let mut files = 0;
+        for entry in std::fs::read_dir(&folder).unwrap() {
+            target(&std::fs::read(entry.unwrap().path()).unwrap());
+            files += 1;
+        }
+        assert!(files > 0, "{} is empty", folder.display());
+    }
+}
+
+/// Three findings of one kind: the judge took triangles that are thinner than rounding for planes with a slope.
+#[test]
+fn needles_thinner_than_rounding_are_judged_by_their_reach() {
+    let flat = [0.0, 0.0, 0.0, 1.000_122, 0.0, 0.0, 0.0, 1.0, 0.0];
+    let needle = [0.0, 0.0, 2.199_023_3e12, 0.0, 1.220_712_3e-4, -1.074_790_4e8, 1.9e-35, 0.0, 0.0f32];
+    fuzz::triangles(bytemuck::cast_slice(&[flat, needle]));
+}
