@@ -71,8 +71,10 @@ pub struct BuildOptions {
     /// Price of a reference: how many tests a ray through the scene it has to save, times the number of triangles.
     /// 0 takes every split that saves anything; more makes trees smaller where that costs least.
     pub price: f32,
-    /// Most references a triangle, on average; the price is doubled until the tree keeps to it. A scene that needs more
-    /// gets slow. [`Builder::Median`], which weighs no costs, does not keep to it.
+    /// Nodes of more references are cut whatever the price: long leaves hold up the rays beside.
+    pub long: u32,
+    /// Most references a triangle, on average: `price` and `long` are doubled until the tree keeps to it. A scene that
+    /// needs more gets slow. [`Builder::Median`] weighs no costs, [`Builder::Zhou`] none in large nodes: they may not keep to it.
     pub budget: Option<f32>,
     /// Factor on the cost of planes that cut off empty space, from 0 to 1.
     pub empty: f32,
@@ -93,6 +95,7 @@ impl Default for BuildOptions {
             cost_step: 1.0,
             cost_test: 1.0,
             price: 5.0,
+            long: 16,
             budget: None,
             empty: 0.9,
             max_depth: MAX_DEPTH,
@@ -110,7 +113,7 @@ impl BuildOptions {
         let d: [f32; 3] = std::array::from_fn(|i| hi[i] - lo[i]);
         let area = d[0] * d[1] + d[1] * d[2] + d[2] * d[0];
         let price = self.price * self.cost_test * area / mesh.kept().len().max(1) as f32;
-        Costs { step: self.cost_step, test: self.cost_test, price, empty: self.empty }
+        Costs { step: self.cost_step, test: self.cost_test, price, long: self.long, empty: self.empty }
     }
 }
 
@@ -234,8 +237,8 @@ fn params(mesh: &Mesh, options: &BuildOptions, room: Room, max_depth: u32) -> Bu
         level_refs: room.level_refs,
         treelet_refs: room.treelet_refs,
         active: room.active,
-        top_nodes: 2 * room.treelets,
         treelets: room.treelets,
+        long: costs.long,
         rule: options.builder.rule() | if options.clip { rule::CLIP } else { 0 },
         small: options.builder.small(),
         price: costs.price,
@@ -319,7 +322,7 @@ fn attempt_build(
     let sides = arena.alloc("sides", room.active, 8)?;
     let targets = arena.alloc("targets", room.active, 8)?;
     let sizes = arena.alloc("sizes", room.active, 8)?;
-    let top = arena.alloc("top", params.top_nodes, 8)?;
+    let top = arena.alloc("top", 2 * params.treelets, 8)?;
     let treelets = arena.alloc("treelets", room.treelets, 48)?;
     let treelet_refs = arena.alloc("treelet refs", room.treelet_refs, 4)?;
     let scratch = arena.alloc("treelet nodes", scratch_base(room.treelet_refs, room.treelets), 8)?;

@@ -108,18 +108,23 @@ impl<'d> Scene<'d> {
     /// # Errors
     /// The mesh does not fit the device, or the device failed.
     pub fn build(device: &'d Device, mesh: &Mesh, options: &BuildOptions) -> Result<Self, Error> {
-        let most = options.budget.map_or(u32::MAX, |b| (b.max(1.0) * mesh.kept().len() as f32) as u32);
+        let triangles = mesh.kept().len() as f32;
+        let most = options.budget.map_or(u32::MAX, |b| (b.max(1.0) * triangles) as u32);
         let mut options = options.clone();
-        let mut retries = 0;
+        let (mut retries, mut before) = (0, u32::MAX);
         loop {
             let mut scene = Self::build_once(device, mesh, &options)?;
-            // Far enough from any price that a tree may be worth.
-            let kept = scene.header.refs <= most || options.builder == Builder::Median || retries >= 64;
-            if kept {
+            // Planes that are not chosen by cost stay where they are; no other saves so much.
+            let settled = scene.header.refs == before
+                && options.long as f32 >= triangles
+                && options.price >= triangles * triangles;
+            if scene.header.refs <= most || settled || options.builder == Builder::Median {
                 scene.times.retries += retries;
                 return Ok(scene);
             }
+            before = scene.header.refs;
             options.price = (2.0 * options.price).max(0.25);
+            options.long = options.long.max(1).saturating_mul(2);
             retries += 1;
         }
     }

@@ -26,10 +26,10 @@ pub struct BuildParams {
     pub treelet_refs: u32,
     /// Room in the list of active nodes of a level.
     pub active: u32,
-    /// Room for the nodes above the treelets.
-    pub top_nodes: u32,
-    /// Room in the list of treelets.
+    /// Room in the list of treelets, and for as many pairs of nodes above them.
     pub treelets: u32,
+    /// References have no price in nodes of more.
+    pub long: u32,
     /// How planes are chosen: bits of [`rule`].
     pub rule: u32,
     /// Nodes of at most this many references leave the level loop; at most [`crate::limits::TREELET`].

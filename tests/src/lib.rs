@@ -57,12 +57,14 @@ pub fn any_options(builder: impl Strategy<Value = Builder>) -> impl Strategy<Val
     let costs = prop::sample::select(vec![0.0, 0.1, 1.0, 3.0, 50.0]);
     let price = prop::sample::select(vec![0.0, 5.0, 1e9]);
     let empty = prop::sample::select(vec![1.0, 0.9, 0.0]);
+    let long = prop::sample::select(vec![0, 16, u32::MAX]);
     let depth = prop_oneof![Just(48), 0u32..=48];
-    (costs.clone(), costs, price, empty, depth, builder, any::<bool>()).prop_map(
-        |(cost_step, cost_test, price, empty, max_depth, builder, clip)| BuildOptions {
+    (costs.clone(), costs, (price, long), empty, depth, builder, any::<bool>()).prop_map(
+        |(cost_step, cost_test, (price, long), empty, max_depth, builder, clip)| BuildOptions {
             cost_step,
             cost_test,
             price,
+            long,
             empty,
             max_depth,
             builder,

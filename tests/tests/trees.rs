@@ -70,6 +70,22 @@ fn the_teapot_builds_the_same_tree_everywhere() {
 }
 
 #[test]
+fn budgets_are_kept() {
+    let meshes = [Mesh::teapot(10), Recipe { family: Family::Soup, size: 500, seed: 3 }.mesh()];
+    for (mesh, builder) in meshes.iter().flat_map(|m| [Builder::Binned, Builder::Exact].map(|b| (m, b))) {
+        let refs = |budget| {
+            let options = BuildOptions { budget, builder, price: 0.0, ..BuildOptions::default() };
+            build_everywhere(mesh, &options).unwrap().view().refs.len() as f32 / mesh.kept().len() as f32
+        };
+        let free = refs(None);
+        for budget in [2.0, 1.5, 1.0] {
+            let kept = refs(Some(budget));
+            assert!(kept <= budget && budget < free, "{builder:?}: {kept} for {budget}, {free} without");
+        }
+    }
+}
+
+#[test]
 fn identical_triangles_end_in_one_leaf() {
     let mesh = Recipe { family: Family::Identical, size: 3000, seed: 1 }.mesh();
     let tree = build_everywhere(&mesh, &BuildOptions::default()).unwrap();

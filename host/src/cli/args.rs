@@ -154,7 +154,7 @@ pub(super) struct TreeArgs {
     /// Price of a reference: tests a ray it has to save, times the number of triangles; more makes smaller trees
     #[arg(long, value_name = "X", value_parser = within(0.0_f32, 1e9))]
     pub price: Option<f32>,
-    /// Most references a triangle, on average, at least 1: the price is doubled until the tree keeps to it
+    /// Most references a triangle, on average, at least 1: the price is doubled until the tree keeps to it (median and zhou may not)
     #[arg(long, value_name = "X", value_parser = within(1.0_f32, 1e6))]
     pub budget: Option<f32>,
     /// Factor on the cost of planes that cut off empty space, from 0 to 1

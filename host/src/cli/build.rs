@@ -80,6 +80,15 @@ pub(super) fn run(args: &BuildArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
         notes.stage(format_args!("writing {}", path.display()));
         tree.save(path)?;
     }
+    if let Some(budget) = args.how.budget
+        && told.refs > (f64::from(budget) * told.kept as f64) as u32
+    {
+        let each = f64::from(told.refs) / told.kept as f64;
+        notes.note(format_args!(
+            "{} does not keep to the budget: {each:.2} references a triangle",
+            told.builder
+        ));
+    }
     notes.clear();
     if args.json { write_json(out, &told) } else { print(&told, args, out) }?;
     Ok(ExitCode::SUCCESS)

@@ -127,7 +127,7 @@ pub fn alloc(
     let treelet_base = state.at(STATE_TREELETS);
     let ref_base = state.at(STATE_TREELET_REFS);
     let fits = state.at(STATE_STATUS) == 0
-        && top_base + 2 * total(KINDS, blocks, PAIRS) <= params.top_nodes
+        && top_base + 2 * total(KINDS, blocks, PAIRS) <= 2 * params.treelets
         && treelet_base + total(KINDS, blocks, TREELETS) <= params.treelets
         && ref_base + total(KINDS, blocks, TREELET_REFS) <= params.treelet_refs
         && total(KINDS, blocks, ACTIVE) <= params.active

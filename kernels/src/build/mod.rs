@@ -204,6 +204,9 @@ pub struct Costs {
     pub test: f32,
     /// Of a reference, whoever passes: see [`BuildParams::price`].
     pub price: f32,
+    /// But in nodes of more references than this they have no price: a long leaf holds up all rays of a warp, more than
+    /// its area tells.
+    pub long: u32,
     /// Factor on planes that cut off empty space (Wald & Havran 2006, section 3.1), if they pay without it.
     pub empty: f32,
 }
@@ -212,12 +215,15 @@ impl Costs {
     /// Those of a build.
     #[inline(always)]
     pub fn of(params: &BuildParams) -> Self {
-        Self { step: params.cost_step, test: params.cost_test, price: params.price, empty: params.empty }
+        Self {
+            step: params.cost_step,
+            test: params.cost_test,
+            price: params.price,
+            long: params.long,
+            empty: params.empty,
+        }
     }
 }
-
-/// References have no price in longer nodes: a long leaf holds up all rays of a warp, more than its area tells.
-const LONG: u32 = 16;
 
 /// The surface area heuristic in one node, with costs that scale with area (Wald & Havran 2006, equation 5).
 #[derive(Clone, Copy, Debug)]
@@ -246,7 +252,7 @@ impl Sah {
         let d = hi - lo;
         let (x, y, z) = (flat(d.x), flat(d.y), flat(d.z));
         let area = x * y + y * z + z * x;
-        let costs = Costs { price: if count > LONG { 0.0 } else { costs.price }, ..costs };
+        let costs = Costs { price: if count > costs.long { 0.0 } else { costs.price }, ..costs };
         let tests = area * count as f32 * costs.test;
         Self {
             lo,
