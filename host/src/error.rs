@@ -69,6 +69,14 @@ pub enum Error {
     /// A kernel raised a status that more room cannot cure.
     #[error("a kernel stopped: {0}")]
     Kernel(&'static str),
+    /// A file of measured costs is of no use.
+    #[error("{}: {what}; `raykd calibrate` measures anew", path.display())]
+    Calibration {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        what: String,
+    },
     /// A triangle test was asked for what only the default one does.
     #[error(
         "intersector {name} works with the traversals stack and brute, for closest and any hits; {asked} needs the default, exact"

@@ -12,6 +12,7 @@ use crate::{BuildOptions, KdTree, build::most_refs, mesh::Mesh};
 use raykd_kernels::{
     build::{
         Costs, Sah,
+        bin::{ordered, unordered},
         clip::{Bounds, clip_plane},
     },
     glam::Vec3,
@@ -37,15 +38,8 @@ const PLANAR: u64 = 1 << 30;
 const START: u64 = 2 << 30;
 const KIND: u64 = 3 << 30;
 
-/// A number as an integer of the same order; there is no -0.
-fn ordered(x: f32) -> u32 {
-    let bits = x.to_bits();
-    if bits >> 31 == 0 { bits | 1 << 31 } else { !bits }
-}
-
 fn position(event: Event) -> f32 {
-    let bits = (event >> 32) as u32;
-    f32::from_bits(if bits >> 31 == 1 { bits & !(1 << 31) } else { !bits })
+    unordered((event >> 32) as u32)
 }
 
 fn event(at: f32, kind: u64, reference: u32) -> Event {

@@ -9,6 +9,8 @@ pub mod exec;
 mod intersector;
 pub mod mesh;
 pub mod output;
+#[cfg(feature = "plan")]
+pub mod plan;
 pub mod rays;
 #[cfg(feature = "cli")]
 mod render;

@@ -130,9 +130,13 @@ impl<'d> Scene<'d> {
     }
 
     fn build_once(device: &'d Device, mesh: &Mesh, options: &BuildOptions) -> Result<Self, Error> {
-        if options.builder == Builder::Exact {
+        if options.builder == Builder::Exact || options.max_depth == 0 {
             let start = Instant::now();
-            let tree = device.install(|| crate::exact::build(mesh, options));
+            let tree = if options.max_depth == 0 {
+                KdTree::leaf(mesh, options)
+            } else {
+                device.install(|| crate::exact::build(mesh, options))
+            };
             let build = start.elapsed();
             let mut scene = Self::place(device, mesh, &tree)?;
             scene.times.build = build;

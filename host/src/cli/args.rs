@@ -12,6 +12,8 @@ Examples:
   raykd trace mesh.ply --rays r --hits h trace a file of rays
   raykd render dragon -o dragon.png      make a picture
   raykd stress                           the scenes in which ray tracers fail
+  raykd chart --quick                    what raykd knows about itself, drawn
+  raykd calibrate                        measure costs, for --quality auto
   raykd devices                          what raykd can run on
 
 A scene is a mesh file (.obj, .ply, either also .gz) or a name: teapot, teapot:LEVEL, dragon,
@@ -32,6 +34,8 @@ Examples:
   raykd bench dragon --device cpu --threads 1   one thread
   raykd bench dragon --intersector moeller      another triangle test, the same rays
   raykd bench dragon --adapter nvidia --profile kernel by kernel on that GPU
+  raykd bench dragon --json > old.json          then, with a newer raykd:
+  raykd bench dragon --compare-with old.json    what has changed, and how sure that is
   raykd bench sponza --json | jq '.[].build_ms'";
 
 const BUILD_EXAMPLES: &str = "\
@@ -74,6 +78,20 @@ Examples:
   raykd stress --json > f.json; raykd stress --replay f.json
                                                 the rays that failed, once more";
 
+const CHART_EXAMPLES: &str = "\
+Examples:
+  raykd chart --quick                           the teapot, into charts/index.html
+  raykd chart dragon sponza stadium -o out      three scenes
+  raykd chart dragon --peers peers.json         other crates too, see peers/README.md
+  raykd chart teapot --device cpu --rays 4096   small";
+
+const CALIBRATE_EXAMPLES: &str = "\
+Examples:
+  raykd calibrate                               all devices, into the cache
+  raykd calibrate --device cpu -o cpu.json      one device, into a file
+  raykd render dragon -o d.png --quality auto   uses what was measured
+  raykd calibrate --check teapot dragon sponza  was auto right?";
+
 const DEVICES_EXAMPLES: &str = "\
 Every adapter computes some thousand sums and products, which are compared with the CPU's. One
 that rounds otherwise, contracts or rearranges would build other trees: it is refused, unless
@@ -99,6 +117,8 @@ pub(super) enum Command {
     Render(RenderArgs),
     Devices(DevicesArgs),
     Stress(StressArgs),
+    Chart(ChartArgs),
+    Calibrate(CalibrateArgs),
 }
 
 /// Build and trace scenes, time both, and compare the devices byte by byte.
@@ -134,6 +154,9 @@ pub(super) struct BenchArgs {
     /// Time every kernel of the build too
     #[arg(long)]
     pub profile: bool,
+    /// Measure three times, and tell how that differs from what another version wrote with --json
+    #[arg(long, value_name = "FILE.json", conflicts_with = "profile")]
+    pub compare_with: Option<PathBuf>,
 }
 
 /// How the tree is built. Hits do not depend on it.
@@ -160,6 +183,18 @@ pub(super) struct TreeArgs {
     /// Factor on the cost of planes that cut off empty space, from 0 to 1
     #[arg(long, value_name = "X", value_parser = within(0.0_f32, 1.0))]
     pub empty: Option<f32>,
+}
+
+/// How much is done for the rays. Hits do not depend on it.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct AmountArgs {
+    /// auto: device, builder and traversal that take the least time for this scene and so many rays
+    #[arg(long, value_enum, default_value_t = Quality::Usual, conflicts_with_all =
+        ["builder", "no_clip", "cost_step", "cost_test", "price", "budget", "empty"])]
+    pub quality: Quality,
+    /// Costs of the device by `raykd calibrate -o FILE`, for --quality auto; left out: those kept, or measured now
+    #[arg(long, value_name = "FILE")]
+    pub costs: Option<PathBuf>,
 }
 
 impl TreeArgs {
@@ -205,6 +240,11 @@ pub(super) struct BuildArgs {
     pub machine: MachineArgs,
     #[command(flatten)]
     pub how: TreeArgs,
+    #[command(flatten)]
+    pub amount: AmountArgs,
+    /// How many rays the tree is for, with --quality auto
+    #[arg(long, value_name = "N", default_value_t = 1_000_000, value_parser = clap::value_parser!(u64).range(1..))]
+    pub rays: u64,
     /// Print JSON
     #[arg(long)]
     pub json: bool,
@@ -229,7 +269,8 @@ pub(super) struct TraceArgs {
     #[arg(long, value_name = "FILE", required_unless_present = "compare")]
     pub hits: Option<PathBuf>,
     /// Use this tree, saved by raykd build -o, rather than building one
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["builder", "no_clip", "cost_step", "cost_test", "price", "budget", "empty"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all =
+        ["builder", "no_clip", "cost_step", "cost_test", "price", "budget", "empty", "quality"])]
     pub tree: Option<PathBuf>,
     /// What to ask of each ray
     #[arg(long, value_enum, default_value_t = Ask::Closest)]
@@ -241,7 +282,7 @@ pub(super) struct TraceArgs {
     #[arg(long, value_name = "K", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=65536))]
     pub limit: u32,
     /// The way through the tree, see docs/traversals.md; hits do not depend on it
-    #[arg(long, value_enum, value_name = "NAME", default_value_t = Traversal::Stack)]
+    #[arg(long, value_enum, value_name = "NAME", default_value_t = Traversal::Stack, conflicts_with = "quality")]
     pub traversal: Traversal,
     /// How triangles are tested, see docs/accuracy.md; the others lose hits
     #[arg(long, value_enum, value_name = "NAME", default_value_t = Intersector::Exact)]
@@ -256,6 +297,8 @@ pub(super) struct TraceArgs {
     pub machine: MachineArgs,
     #[command(flatten)]
     pub how: TreeArgs,
+    #[command(flatten)]
+    pub amount: AmountArgs,
     /// Print JSON
     #[arg(long)]
     pub json: bool,
@@ -277,7 +320,7 @@ pub(super) struct RenderArgs {
     #[arg(long, value_enum, default_value_t = Shading::Normal)]
     pub shading: Shading,
     /// The way through the tree, see docs/traversals.md; only heat depends on it
-    #[arg(long, value_enum, value_name = "NAME", default_value_t = Traversal::Stack)]
+    #[arg(long, value_enum, value_name = "NAME", default_value_t = Traversal::Stack, conflicts_with = "quality")]
     pub traversal: Traversal,
     /// How triangles are tested, see docs/accuracy.md; the others lose hits
     #[arg(long, value_enum, value_name = "NAME", default_value_t = Intersector::Exact)]
@@ -304,6 +347,8 @@ pub(super) struct RenderArgs {
     pub machine: MachineArgs,
     #[command(flatten)]
     pub how: TreeArgs,
+    #[command(flatten)]
+    pub amount: AmountArgs,
 }
 
 /// List what raykd can run on: adapters, drivers, limits, and whether they compute exactly.
@@ -349,6 +394,57 @@ pub(super) struct StressArgs {
     pub json: bool,
 }
 
+/// Measure scenes, and draw what raykd knows about itself: one page without links, and SVG, PNG and CSV files.
+///
+/// The first scene is also traced by every triangle test and traversal. Times are the best of some.
+#[derive(Debug, Parser)]
+#[command(after_help = CHART_EXAMPLES)]
+pub(super) struct ChartArgs {
+    /// Scene names, mesh files, or stress scenes (`raykd stress --list`); the teapot if there are none
+    #[arg(value_name = "SCENE")]
+    pub scenes: Vec<String>,
+    /// Folder to write index.html and the figures to
+    #[arg(short, long, value_name = "DIR", default_value = "charts")]
+    pub output: PathBuf,
+    /// Less of everything: the teapot within two minutes on two cores
+    #[arg(long)]
+    pub quick: bool,
+    /// About so many rays for each measurement; left out: as many as the device likes
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(256..=1 << 26))]
+    pub rays: Option<u32>,
+    /// What peers/ wrote with --json, for a figure of other crates
+    #[arg(long, value_name = "FILE")]
+    pub peers: Option<PathBuf>,
+    /// Left out: both if there is any Vulkan adapter, a software one too, else the CPU
+    #[arg(long, value_enum)]
+    pub device: Option<Which>,
+    #[command(flatten)]
+    pub machine: MachineArgs,
+}
+
+/// Measure what trees cost on this machine's devices, for --quality auto, and keep that in the user's cache.
+///
+/// Teapots of some sizes are built and traced by every choice that auto has. The cache is the folder named by
+/// RAYKD_CACHE, or raykd in the system's. --check measures scenes instead, and tells how well auto would do there.
+#[derive(Debug, Parser)]
+#[command(after_help = CALIBRATE_EXAMPLES)]
+pub(super) struct CalibrateArgs {
+    /// Write the costs of one device to this file, not to the cache
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// Compare auto's choices with the best in hindsight, for 1e3 to 1e9 rays at these scenes
+    #[arg(long, value_name = "SCENE", num_args = 1.., conflicts_with = "output")]
+    pub check: Vec<String>,
+    /// Left out: both if there is any Vulkan adapter, a software one too, else the CPU
+    #[arg(long, value_enum)]
+    pub device: Option<Which>,
+    #[command(flatten)]
+    pub machine: MachineArgs,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
 /// More about the devices to run on.
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct MachineArgs {
@@ -380,6 +476,15 @@ pub(super) enum One {
     Cpu,
     /// The best Vulkan adapter, a software one too
     Gpu,
+}
+
+/// How a tree is chosen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum Quality {
+    /// The default, or what the other options say
+    Usual,
+    /// The right amount for the scene and the rays
+    Auto,
 }
 
 /// One device or both.
@@ -427,6 +532,12 @@ impl Args {
             Command::Stress(a) => {
                 ("stress", a.device == Some(Which::Cpu), a.device == Some(Which::Gpu), &a.machine)
             }
+            Command::Chart(a) => {
+                ("chart", a.device == Some(Which::Cpu), a.device == Some(Which::Gpu), &a.machine)
+            }
+            Command::Calibrate(a) => {
+                ("calibrate", a.device == Some(Which::Cpu), a.device == Some(Which::Gpu), &a.machine)
+            }
             Command::Devices(_) => return Ok(()),
         };
         let conflict = |what: &str| {
@@ -438,7 +549,7 @@ impl Args {
         match (&machine.adapter, machine.threads) {
             (Some(_), _) if cpu => conflict("--adapter names a GPU, --device cpu uses none"),
             (_, Some(_)) if gpu => conflict("--threads is for the CPU, --device gpu does not use it"),
-            (Some(_), Some(_)) if name != "bench" && name != "stress" => {
+            (Some(_), Some(_)) if matches!(name, "build" | "trace" | "render") => {
                 conflict("--adapter is for the GPU, --threads for the CPU: use one of them")
             }
             _ => self.check_test().or_else(|error| conflict(&error.to_string())),
@@ -456,7 +567,7 @@ impl Args {
             Command::Render(a) => {
                 (a.intersector, a.traversal, (a.shading == Shading::Heat).then_some("counting steps"))
             }
-            Command::Build(_) | Command::Stress(_) | Command::Devices(_) => return Ok(()),
+            _ => return Ok(()),
         };
         match more.filter(|_| test != Intersector::Exact) {
             Some(asked) => Err(Error::Intersector { name: test.name(), asked: asked.to_owned() }),

@@ -2,6 +2,7 @@
 
 use super::{
     args::BenchArgs,
+    changes,
     input::{Input, RepairCounts},
     machine::{Machines, at_fault, is_software},
     measure::{self, Kernel, mrays, ms},
@@ -24,7 +25,7 @@ const SEED: u64 = 2026;
 const PICTURE: u32 = 2048;
 
 /// One scene on one device.
-#[derive(Debug, Default, serde::Serialize)]
+#[derive(Clone, Debug, Default, serde::Serialize)]
 struct Row {
     scene: String,
     /// In the file.
@@ -82,15 +83,34 @@ struct Row {
 
 pub(super) fn run(args: &BenchArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
     let notes = Notes::new(args.json);
-    let mut machines = Machines::choose(args.device, &args.machine, &notes)?;
+    if let Some(path) = &args.compare_with {
+        let before = changes::read(path)?;
+        let runs =
+            (0..changes::RUNS).map(|_| Ok(rows(args, &notes)?.0)).collect::<anyhow::Result<Vec<_>>>()?;
+        notes.clear();
+        return changes::tell(&before, &runs.concat(), args.json, out);
+    }
+    let (rows, machines) = rows(args, &notes)?;
+    notes.clear();
+    if args.json {
+        write_json(out, &rows)?;
+    } else {
+        print(&rows, &machines, out)?;
+    }
+    Ok(if differ(&rows) { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+/// Measures all scenes on all devices.
+fn rows(args: &BenchArgs, notes: &Notes) -> anyhow::Result<(Vec<Row>, Machines)> {
+    let mut machines = Machines::choose(args.device, &args.machine, notes)?;
     let names = if args.scenes.is_empty() { &["teapot".to_owned()] } else { args.scenes.as_slice() };
     let mut rows = Vec::new();
     for name in names {
-        let input = Input::load(name, &notes)?;
+        let input = Input::load(name, notes)?;
         let random = rays::random(input.mesh.bounds(), args.rays as usize, SEED);
         let picture = rays::Camera::framing(input.mesh.bounds()).rays(PICTURE, PICTURE);
         let first = rows.len();
-        let measure = |device| bench(device, &input, &random, &picture, args, &notes);
+        let measure = |device| bench(device, &input, &random, &picture, args, notes);
         if let Some(cpu) = &machines.cpu {
             rows.push(measure(cpu)?);
         }
@@ -105,13 +125,7 @@ pub(super) fn run(args: &BenchArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
         }
         compare(&mut rows[first..]);
     }
-    notes.clear();
-    if args.json {
-        write_json(out, &rows)?;
-    } else {
-        print(&rows, &machines, out)?;
-    }
-    Ok(if differ(&rows) { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+    Ok((rows, machines))
 }
 
 /// Notes whether both devices gave the same for a scene.

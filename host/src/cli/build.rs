@@ -1,17 +1,17 @@
 //! `raykd build`: one tree, its statistics and its file.
 
 use super::{
+    amount,
     args::BuildArgs,
     bench::kernel_table,
     builders,
     input::{Input, RepairCounts},
-    machine::Machine,
     measure::{self, Kernel, ms},
     notes::Notes,
     write_json,
 };
 use crate::{
-    BuildOptions, Device, Error, KdTree, output,
+    BuildOptions, Device, Error, KdTree, Traversal, output,
     report::{bytes, count, three},
 };
 use std::{
@@ -56,6 +56,8 @@ struct Told {
     expected_tests: f64,
     /// SHA-256 of header, nodes and references.
     digest: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    auto: Option<amount::Told>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     kernels: Vec<Kernel>,
 }
@@ -72,10 +74,14 @@ pub(super) fn run(args: &BuildArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
         output::check(path)?;
     }
     let input = Input::load(args.mesh.as_deref().unwrap_or_default(), &notes)?;
-    let machine = Machine::choose(args.device, &args.machine, &notes)?;
+    let job = (&input.mesh, args.rays);
+    let device = (args.device, &args.machine);
+    let amount = amount::decide(&args.amount, &args.how, Traversal::default(), device, job, &notes)?;
     notes.stage(format_args!("{}: building", input.name));
-    let options = BuildOptions { profile: args.profile, ..args.how.options() };
-    let (told, tree) = machine.run(&notes, |device| build(device, &input, &options))?;
+    let options = BuildOptions { profile: args.profile, ..amount.options };
+    let (mut told, tree) = amount.machine.run(&notes, |device| build(device, &input, &options))?;
+    let before = told.upload_ms + told.build_ms + told.layout_ms;
+    told.auto = amount.plan.map(|plan| amount::Told::new(&plan, before, None));
     if let Some(path) = &args.output {
         notes.stage(format_args!("writing {}", path.display()));
         tree.save(path)?;
@@ -127,6 +133,7 @@ fn build(device: &Device, input: &Input, options: &BuildOptions) -> Result<(Told
         expected_steps: report.expected_steps,
         expected_tests: report.expected_tests,
         digest: built.tree.digest(),
+        auto: None,
         kernels: built.kernels,
     };
     Ok((told, built.tree))
@@ -188,6 +195,9 @@ fn print(t: &Told, args: &BuildArgs, out: &mut StdoutLock<'_>) -> anyhow::Result
             t.cost_test
         ),
     )?;
+    if let Some(auto) = &t.auto {
+        line("auto", auto.words())?;
+    }
     line("digest", t.digest.clone())?;
     if let Some(path) = &args.output {
         line("saved", path.display().to_string())?;

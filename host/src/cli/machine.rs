@@ -38,6 +38,11 @@ impl Machine {
         })
     }
 
+    /// A device that was chosen already.
+    pub(super) const fn of(device: Device, automatic: bool) -> Self {
+        Self { device, automatic }
+    }
+
     /// Does the work; if a device that nobody asked for fails, once more on the CPU.
     pub(super) fn run<T>(
         self,
@@ -89,6 +94,19 @@ impl Machines {
     pub(super) fn iter(&self) -> impl Iterator<Item = &Device> {
         self.cpu.iter().chain(&self.gpu)
     }
+}
+
+/// The devices to choose among: the one asked for, or the CPU and, if there is one, a real GPU.
+pub(super) fn candidates(
+    wish: Option<One>,
+    more: &MachineArgs,
+    notes: &Notes,
+) -> anyhow::Result<Vec<Device>> {
+    let asked = wish.is_some() || more.adapter.is_some() || more.threads.is_some();
+    if asked {
+        return Ok(vec![Machine::choose(wish, more, notes)?.device]);
+    }
+    Ok(std::iter::once(cpu(more)?).chain(hardware().ok()).collect())
 }
 
 /// Whether another device might do better.

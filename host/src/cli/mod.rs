@@ -1,9 +1,13 @@
-//! The command line: `raykd bench`, `build`, `trace`, `render`, `stress` and `devices`.
+//! The command line: `raykd bench`, `build`, `trace`, `render`, `stress`, `chart`, `calibrate` and `devices`.
 
+mod amount;
 mod args;
 mod bench;
 mod build;
 mod builders;
+mod calibrate;
+mod changes;
+mod chart;
 mod compare;
 mod devices;
 mod input;
@@ -47,6 +51,8 @@ fn run(args: Args, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
         Command::Trace(args) => return trace::run(&args, out),
         Command::Stress(args) => return stress::run(&args, out),
         Command::Render(args) => render::run(&args, out)?,
+        Command::Chart(args) => chart::run(&args, out)?,
+        Command::Calibrate(args) => calibrate::run(&args, out)?,
         Command::Devices(args) => devices::run(&args, out)?,
     }
     Ok(ExitCode::SUCCESS)

@@ -17,6 +17,18 @@ impl Notes {
         Self(bar)
     }
 
+    /// From now on shows how many of so many jobs are done, and about how long the others will take.
+    pub(super) fn expect(&self, jobs: usize) {
+        self.0.set_length(jobs as u64);
+        let style = ProgressStyle::with_template("{spinner} {pos} of {len}, about {eta} left: {wide_msg}");
+        self.0.set_style(style.expect("a valid template"));
+    }
+
+    /// One of them is done.
+    pub(super) fn step(&self) {
+        self.0.inc(1);
+    }
+
     /// Says what happens now.
     pub(super) fn stage(&self, what: impl Display) {
         self.0.set_message(what.to_string());

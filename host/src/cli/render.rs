@@ -1,9 +1,10 @@
 //! `raykd render`: a picture.
 
 use super::{
+    amount,
     args::{RenderArgs, Shading as Wish},
     input::Input,
-    machine::Machine,
+    measure::ms,
     notes::Notes,
 };
 use crate::{
@@ -14,7 +15,10 @@ use crate::{
 };
 use anyhow::{Context as _, bail};
 use image::{ExtendedColorType, ImageEncoder as _, codecs::png::PngEncoder};
-use std::io::{self, StdoutLock, Write as _};
+use std::{
+    io::{self, StdoutLock, Write as _},
+    time::Instant,
+};
 
 pub(super) fn run(args: &RenderArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
     let notes = Notes::new(false);
@@ -25,7 +29,6 @@ pub(super) fn run(args: &RenderArgs, out: &mut StdoutLock<'_>) -> anyhow::Result
     output::check(&args.output)?;
     let input = Input::load(&args.mesh, &notes)?;
     let camera = camera(args, &input.mesh)?;
-    let machine = Machine::choose(args.device, &args.machine, &notes)?;
     let shading = match args.shading {
         Wish::Normal => Shading::Normal,
         Wish::Depth => Shading::Depth,
@@ -34,16 +37,23 @@ pub(super) fn run(args: &RenderArgs, out: &mut StdoutLock<'_>) -> anyhow::Result
         Wish::Ao => Shading::Ao,
     };
     let samples = args.samples.unwrap_or(if shading == Shading::Normal { 2 } else { 1 });
-    let draw = |device: &Device| -> Result<(Picture, String), Error> {
+    let rays = u64::from(args.size[0]) * u64::from(args.size[1]) * u64::from(samples * samples);
+    let device = (args.device, &args.machine);
+    let amount =
+        amount::decide(&args.amount, &args.how, args.traversal, device, (&input.mesh, rays), &notes)?;
+    let draw = |device: &Device| -> Result<(Picture, String, [f64; 2]), Error> {
         notes.stage(format_args!("{}: building", input.name));
-        let mut scene = Scene::build(device, &input.mesh, &args.how.options())?;
-        scene.traverse_by(args.traversal)?;
+        let mut scene = Scene::build(device, &input.mesh, &amount.options)?;
+        scene.traverse_by(amount.traversal)?;
         scene.intersect_by(args.intersector)?;
         notes.stage(format_args!("{}: tracing", input.name));
+        let start = Instant::now();
         let picture = render(&scene, &input.mesh, &camera, args.size, samples, shading)?;
-        Ok((picture, format!("{}, {}", device.kind().to_uppercase(), device.name())))
+        let times = scene.times();
+        let spent = [times.upload + times.build + times.layout, start.elapsed()].map(ms);
+        Ok((picture, format!("{}, {}", device.kind().to_uppercase(), device.name()), spent))
     };
-    let (picture, device) = machine.run(&notes, draw)?;
+    let (picture, device, [before, shown]) = amount.machine.run(&notes, draw)?;
     notes.stage("writing the picture");
     let [width, height] = args.size;
     output::write_whole(&args.output, |file| {
@@ -57,6 +67,9 @@ pub(super) fn run(args: &RenderArgs, out: &mut StdoutLock<'_>) -> anyhow::Result
     notes.clear();
     let seen = format!("{} of {} rays hit", count(picture.hits), count(picture.rays));
     writeln!(out, "{}: {width}x{height}, {seen}, {device}", args.output.display())?;
+    if let Some(plan) = &amount.plan {
+        writeln!(out, "auto: {}", amount::Told::new(plan, before, Some(shown)).words())?;
+    }
     Ok(())
 }
 

@@ -1,16 +1,16 @@
 //! `raykd trace`: a file of rays to a file of hits.
 
 use super::{
+    amount,
     args::{Ask, TraceArgs},
     compare,
     input::Input,
-    machine::Machine,
     measure::{self, mrays, ms},
     notes::Notes,
     write_json,
 };
 use crate::{
-    Device, Error, KdTree, Query, Ray, Scene, digest_of, hits_digest, output,
+    BuildOptions, Device, Error, KdTree, Query, Ray, Scene, Traversal, digest_of, hits_digest, output,
     report::{count, three},
 };
 use anyhow::bail;
@@ -51,6 +51,14 @@ struct Told {
     /// Of the tree.
     digest: String,
     hits_digest: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    auto: Option<amount::Told>,
+    /// Laying out the leaves, after the build.
+    #[serde(skip)]
+    layout_ms: f64,
+    /// Of the upload, the rays.
+    #[serde(skip)]
+    ray_upload_ms: f64,
 }
 
 pub(super) fn run(args: &TraceArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
@@ -64,9 +72,20 @@ pub(super) fn run(args: &TraceArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
     let start = Instant::now();
     let tree = args.tree.as_deref().map(KdTree::load).transpose()?;
     input.load += start.elapsed();
-    let machine = Machine::choose(args.device, &args.machine, &notes)?;
-    let work = |device: &Device| trace(device, &input, tree.as_ref(), args, rays, &notes);
-    let (told, bytes) = machine.run(&notes, work)?;
+    let job = (&input.mesh, rays.len() as u64);
+    let device = (args.device, &args.machine);
+    let amount = amount::decide(&args.amount, &args.how, args.traversal, device, job, &notes)?;
+    let how = (&amount.options, amount.traversal);
+    let work = |device: &Device| trace(device, &input, tree.as_ref(), args, how, rays, &notes);
+    let (mut told, bytes) = amount.machine.run(&notes, work)?;
+    told.auto = amount.plan.map(|plan| {
+        let rays = told.ray_upload_ms + told.trace_ms + told.download_ms;
+        amount::Told::new(
+            &plan,
+            told.upload_ms - told.ray_upload_ms + told.build_ms + told.layout_ms,
+            Some(rays),
+        )
+    });
     notes.stage(format_args!("writing {}", hits.display()));
     output::write_whole(hits, |file| file.write_all(&bytes))?;
     notes.clear();
@@ -100,6 +119,7 @@ fn trace(
     input: &Input,
     tree: Option<&KdTree>,
     args: &TraceArgs,
+    (options, traversal): (&BuildOptions, Traversal),
     rays: &[Ray],
     notes: &Notes,
 ) -> Result<(Told, Vec<u8>), Error> {
@@ -111,11 +131,11 @@ fn trace(
         (build, upload, digest) = (Duration::ZERO, scene.times().upload, tree.digest());
     } else {
         notes.stage(format_args!("{}: building", input.name));
-        let built = measure::build(device, mesh, &args.how.options())?;
+        let built = measure::build(device, mesh, options)?;
         (build, upload, digest) = (built.build, built.upload, built.tree.digest());
         scene = built.scene;
     }
-    scene.traverse_by(args.traversal)?;
+    scene.traverse_by(traversal)?;
     scene.intersect_by(args.intersector)?;
     notes.stage(format_args!("{}: tracing {} rays", input.name, count(rays.len() as u64)));
     let ask = if args.any { Ask::Any } else { args.query };
@@ -132,7 +152,7 @@ fn trace(
             Ask::Count => "count",
             Ask::All => "all",
         },
-        traversal: args.traversal.name(),
+        traversal: traversal.name(),
         intersector: args.intersector.name(),
         load_ms: ms(input.load),
         build_ms: ms(build),
@@ -146,6 +166,9 @@ fn trace(
         invalid: traced.invalid,
         digest,
         hits_digest: hits_digest(&traced.hits),
+        auto: None,
+        layout_ms: ms(scene.times().layout),
+        ray_upload_ms: ms(traced.upload),
     };
     if matches!(ask, Ask::Closest | Ask::Any) {
         return Ok((told, bytemuck::cast_slice(&traced.hits).to_vec()));
@@ -192,6 +215,9 @@ fn print(t: &Told, hits: &Path, out: &mut StdoutLock<'_>) -> anyhow::Result<()> 
     if t.invalid > 0 {
         let why = "with NaN, infinite or zero directions, or origins out of range";
         line("invalid", format!("{} ({why}): they hit nothing", count(t.invalid.into())))?;
+    }
+    if let Some(auto) = &t.auto {
+        line("auto", auto.words())?;
     }
     line("tree", t.digest.clone())?;
     line("hits", t.hits_digest.clone())?;

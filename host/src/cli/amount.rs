@@ -1,0 +1,94 @@
+//! `--quality auto`: device, builder and traversal by what a scene and a number of rays need.
+
+use super::{
+    args::{AmountArgs, MachineArgs, One, Quality, TreeArgs},
+    calibrate,
+    machine::{Machine, candidates},
+    notes::Notes,
+};
+use crate::{
+    BuildOptions, Mesh, Traversal,
+    plan::{Calibration, Plan, choose},
+    report::{count, three},
+};
+
+/// What a command shall run on and how.
+#[derive(Debug)]
+pub(super) struct Amount {
+    pub machine: Machine,
+    pub options: BuildOptions,
+    pub traversal: Traversal,
+    /// How auto came to that.
+    pub plan: Option<Plan>,
+}
+
+/// What was asked for; or, with `--quality auto`, what so many rays at this mesh need.
+pub(super) fn decide(
+    amount: &AmountArgs,
+    tree: &TreeArgs,
+    traversal: Traversal,
+    device: (Option<One>, &MachineArgs),
+    (mesh, rays): (&Mesh, u64),
+    notes: &Notes,
+) -> anyhow::Result<Amount> {
+    let (wish, more) = device;
+    if amount.quality == Quality::Usual {
+        let machine = Machine::choose(wish, more, notes)?;
+        return Ok(Amount { machine, options: tree.options(), traversal, plan: None });
+    }
+    let mut devices = candidates(wish, more, notes)?;
+    let all: Vec<Calibration> = devices
+        .iter()
+        .map(|device| calibrate::costs(device, amount.costs.as_deref(), notes))
+        .collect::<anyhow::Result<_>>()?;
+    let plan = choose(mesh, rays, &all.iter().collect::<Vec<_>>());
+    let automatic = devices.len() > 1;
+    let machine = Machine::of(devices.swap_remove(plan.device), automatic);
+    let (options, traversal) = (plan.choice.options(), plan.choice.traversal(mesh.kept().len()));
+    Ok(Amount { machine, options, traversal, plan: Some(plan) })
+}
+
+/// What auto predicted, and what it took.
+#[derive(Clone, Debug, serde::Serialize)]
+pub(super) struct Told {
+    choice: &'static str,
+    rays: u64,
+    predicted_build_ms: f64,
+    predicted_rays_ms: f64,
+    predicted_ms: f64,
+    measured_ms: f64,
+}
+
+impl Told {
+    /// Times in milliseconds; `rays_ms` is 0 where none were traced, and then none are predicted either.
+    pub(super) fn new(plan: &Plan, before_ms: f64, rays_ms: Option<f64>) -> Self {
+        let build = plan.cost.before_ms();
+        let rays = if rays_ms.is_some() { plan.cost.rays_ms(plan.rays as f64) } else { 0.0 };
+        Self {
+            choice: plan.choice.name,
+            rays: plan.rays,
+            predicted_build_ms: build,
+            predicted_rays_ms: rays,
+            predicted_ms: build + rays,
+            measured_ms: before_ms + rays_ms.unwrap_or(0.0),
+        }
+    }
+
+    /// In words.
+    pub(super) fn words(&self) -> String {
+        let tree =
+            if self.choice == "none" { "no tree".to_owned() } else { format!("a {} tree", self.choice) };
+        let rays = if self.predicted_rays_ms > 0.0 {
+            format!(" + rays {}", three(self.predicted_rays_ms))
+        } else {
+            String::new()
+        };
+        format!(
+            "{tree} for {} rays: predicted {} ms (build {}{rays}), measured {} ms",
+            count(self.rays),
+            three(self.predicted_ms),
+            three(self.predicted_build_ms),
+            three(self.measured_ms)
+        )
+    }
+}

@@ -1,0 +1,147 @@
+//! `raykd chart`: measure, and draw what raykd knows about itself on one page.
+
+mod accuracy;
+mod data;
+mod draw;
+mod figure;
+mod growth;
+mod lazy;
+mod page;
+mod peers;
+mod scale;
+mod talk;
+mod totals;
+mod trees;
+
+pub(super) use totals::{Verdict, say};
+
+use super::{args::ChartArgs, input::Input, machine::Machines, notes::Notes};
+use crate::{
+    output,
+    report::{Table, count},
+};
+use anyhow::Context as _;
+use data::{Data, Effort};
+use figure::Figure;
+use std::{
+    fs,
+    io::{StdoutLock, Write as _},
+    process::Command,
+    time::{Instant, SystemTime},
+};
+
+pub(super) fn run(args: &ChartArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
+    let notes = Notes::new(false);
+    let start = Instant::now();
+    let peers = args.peers.as_deref().map(peers::read).transpose()?.unwrap_or_default();
+    let folder = &args.output;
+    fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
+    output::check(&folder.join("index.html"))?;
+    let (inputs, machines) =
+        (inputs(&args.scenes, &notes)?, Machines::choose(args.device, &args.machine, &notes)?);
+    let effort = Effort { quick: args.quick, rays: args.rays.unwrap_or(0) as usize };
+    let mut jobs = data::scenes(&inputs, &machines, effort);
+    jobs.extend(data::accuracy(&inputs[0], &machines, effort));
+    jobs.extend(data::lazy(&inputs, &machines));
+    jobs.extend(data::growth(&machines, effort));
+    jobs.extend(data::calibrations(&machines, effort));
+    let data = data::run(jobs, &notes)?;
+    notes.stage("drawing");
+    let mut drawn = Vec::new();
+    for figure in figures(&data, &inputs, &peers) {
+        let svg = draw::svg(&figure)?;
+        write(args, &figure, "svg", svg.as_bytes())?;
+        write(args, &figure, "png", &draw::png(&figure)?)?;
+        write(args, &figure, "csv", figure.grid.csv().as_bytes())?;
+        drawn.push((figure, svg));
+    }
+    let made = made(&machines);
+    let page = page::page("raykd in charts", &drawn, &made);
+    output::write_whole(&folder.join("index.html"), |file| file.write_all(page.as_bytes()))?;
+    notes.clear();
+    for (figure, _) in &drawn {
+        writeln!(out, "{}: {}\n", figure.title, figure.say)?;
+    }
+    let took = start.elapsed().as_secs();
+    writeln!(
+        out,
+        "{} figures in {}, {took} s",
+        count(drawn.len() as u64),
+        folder.join("index.html").display()
+    )?;
+    Ok(())
+}
+
+fn inputs(names: &[String], notes: &Notes) -> anyhow::Result<Vec<Input>> {
+    let usual = ["teapot".to_owned()];
+    let names = if names.is_empty() { &usual } else { names };
+    names.iter().map(|name| data::input(name, notes)).collect()
+}
+
+fn write(args: &ChartArgs, figure: &Figure, ending: &str, bytes: &[u8]) -> anyhow::Result<()> {
+    let path = args.output.join(format!("{}.{ending}", figure.file));
+    Ok(output::write_whole(&path, |file| file.write_all(bytes))?)
+}
+
+/// All figures, by number.
+fn figures(data: &Data, inputs: &[Input], peers: &[peers::Peer]) -> Vec<Figure> {
+    let scenes: Vec<&str> = inputs.iter().map(|input| input.name.as_str()).collect();
+    let mut all: Vec<Figure> = accuracy::figure(data, scenes[0]).into_iter().collect();
+    for scene in &scenes {
+        all.extend(trees::figures(data, scene));
+        all.extend(totals::figure(data, scene));
+    }
+    all.extend(growth::sizes(data));
+    all.extend(growth::threads(data));
+    all.extend(talk::figures(data, &scenes));
+    all.extend(peers::figures(peers));
+    all.extend(lazy::figure(data));
+    all.extend(totals::auto(&verdicts(data, inputs)));
+    all.sort_by_key(|figure| figure.file.as_bytes()[0]);
+    all
+}
+
+fn verdicts(data: &Data, inputs: &[Input]) -> Vec<Verdict> {
+    let meshes: Vec<_> = inputs.iter().map(|input| (input.name.as_str(), &input.mesh)).collect();
+    totals::verdicts(data, &meshes)
+}
+
+/// `raykd calibrate --check`: what auto would choose for scenes, and what all choices take there.
+pub(super) fn check(names: &[String], machines: &Machines, notes: &Notes) -> anyhow::Result<Vec<Verdict>> {
+    let inputs = inputs(names, notes)?;
+    let effort = Effort { quick: false, rays: 0 };
+    let mut jobs = data::choices(&inputs, machines, effort);
+    jobs.extend(data::calibrations(machines, effort));
+    Ok(verdicts(&data::run(jobs, notes)?, &inputs))
+}
+
+/// The verdicts, for people.
+pub(super) fn verdict_table(verdicts: &[Verdict]) -> Table {
+    let grid = totals::table(verdicts);
+    let mut table = Table::new(grid.titles);
+    grid.rows.into_iter().for_each(|row| table.row(row));
+    table
+}
+
+/// Machine, driver, date, commit and command.
+fn made(machines: &Machines) -> Vec<String> {
+    let mut made: Vec<String> = machines
+        .iter()
+        .map(|device| format!("{}: {}", device.kind().to_uppercase(), device.name()))
+        .collect();
+    let now = humantime::format_rfc3339_seconds(SystemTime::now());
+    // Of the checkout that this was built in, if it still is one.
+    let git = Command::new("git")
+        .args(["-C", env!("CARGO_MANIFEST_DIR"), "rev-parse", "--short=12", "HEAD"])
+        .output();
+    let commit = git
+        .ok()
+        .filter(|git| git.status.success())
+        .map(|git| String::from_utf8_lossy(&git.stdout).trim().to_owned());
+    let commit = commit.map_or_else(String::new, |commit| format!(", commit {commit}"));
+    let debug = if cfg!(debug_assertions) { ", with debug checks" } else { "" };
+    made.push(format!("raykd {}{commit}{debug}, {now}", env!("CARGO_PKG_VERSION")));
+    let command: Vec<String> = std::env::args().skip(1).collect();
+    made.push(format!("raykd {}", command.join(" ")));
+    made
+}

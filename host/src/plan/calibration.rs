@@ -1,0 +1,296 @@
+//! What choices cost on one device, measured on meshes of several sizes, kept in a file.
+
+use super::{CHOICES, Choice, Cost, cost, look};
+use crate::{BuildOptions, Device, Error, Mesh, Scene, mesh::teapot_level_for};
+use std::{
+    io::{Read as _, Write as _},
+    path::{Path, PathBuf},
+};
+
+/// Sizes of the meshes: teapots, cut finer and finer.
+const SIZES: [u32; 5] = [200, 1_000, 8_000, 64_000, 512_000];
+/// A mesh is the last one if the default builder takes so long, in milliseconds.
+const SLOW: f64 = 300.0;
+/// A calibration file is not larger.
+const MOST_BYTES: u64 = 1 << 20;
+
+/// What all choices cost on one device.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Calibration {
+    /// raykd's version: another one has other costs.
+    pub version: String,
+    /// `cpu` or `gpu`.
+    pub device: String,
+    /// Name of the adapter or processor.
+    pub name: String,
+    /// Triangles, and steps of a ray in a coarse copy of the mesh, by rising size.
+    pub steps: Vec<(u32, f64)>,
+    /// Of every choice, by rising size.
+    pub costs: Vec<Cost>,
+}
+
+/// Rays by which a device is measured: enough to fill it.
+pub(crate) fn rays_for(device: &Device) -> usize {
+    match device {
+        Device::Cpu(_) => 1 << 15,
+        #[cfg(feature = "gpu")]
+        Device::Gpu(gpu) => 1 << if gpu.is_software() { 15 } else { 20 },
+    }
+}
+
+impl Calibration {
+    /// Measures a device; `told` hears which share is done.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn of(device: &Device, told: impl Fn(f64)) -> Result<Self, Error> {
+        Self::over(device, &SIZES, told)
+    }
+
+    /// The same by small meshes only: quick, and less sure of large ones.
+    ///
+    /// # Errors
+    /// The device failed.
+    #[cfg(feature = "cli")]
+    pub(crate) fn small(device: &Device) -> Result<Self, Error> {
+        Self::over(device, &SIZES[..3], |_| ())
+    }
+
+    pub(super) fn over(device: &Device, sizes: &[u32], told: impl Fn(f64)) -> Result<Self, Error> {
+        let (mut costs, mut steps) = (Vec::new(), Vec::new());
+        let all = (sizes.len() * CHOICES.len()) as f64;
+        for (at, &size) in sizes.iter().enumerate() {
+            let mesh = Mesh::teapot(teapot_level_for(size));
+            let usual = Scene::build(device, &mesh, &BuildOptions::default())?;
+            let rays = super::usual_rays(&mesh, rays_for(device), |rays| usual.closest(rays))?;
+            let slow = usual.times().build.as_secs_f64() * 1e3 > SLOW;
+            drop(usual);
+            steps.push((mesh.kept().len() as u32, look::steps(&mesh)?));
+            for (number, choice) in CHOICES.iter().enumerate() {
+                told((at * CHOICES.len() + number) as f64 / all);
+                costs.push(cost::measure(device, &mesh, choice, &rays)?.0);
+            }
+            if slow {
+                break;
+            }
+        }
+        Ok(Self {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            device: device.kind().to_owned(),
+            name: device.name().to_owned(),
+            steps,
+            costs,
+        })
+    }
+
+    /// Reads the file that [`Calibration::save`] wrote for this device.
+    ///
+    /// # Errors
+    /// The file cannot be read, or is no calibration, or is not that of this device and version.
+    pub fn load(path: &Path, device: &Device) -> Result<Self, Error> {
+        let fail = |source| Error::Io { path: path.to_owned(), source };
+        let mut bytes = Vec::new();
+        let file = std::fs::File::open(path).map_err(fail)?;
+        file.take(MOST_BYTES).read_to_end(&mut bytes).map_err(fail)?;
+        let wrong = |what: String| Error::Calibration { path: path.to_owned(), what };
+        let read: Self = serde_json::from_slice(&bytes).map_err(|error| wrong(error.to_string()))?;
+        if read.version != env!("CARGO_PKG_VERSION") {
+            return Err(wrong(format!("it is of raykd {}", read.version)));
+        }
+        if (read.device.as_str(), read.name.as_str()) != (device.kind(), device.name()) {
+            return Err(wrong(format!("it is of {}, not of {}", read.name, device.name())));
+        }
+        let numbers = |c: &Cost| [c.upload_ms, c.build_ms, c.launch_ms, c.ray_ns, c.transfer_ns];
+        let steps = read.steps.iter().map(|&(_, steps)| steps);
+        if read.costs.iter().flat_map(numbers).chain(steps).any(|x| !(x.is_finite() && x >= 0.0)) {
+            return Err(wrong("a cost is negative or no number".to_owned()));
+        }
+        let known = |choice: &Choice| read.costs.iter().any(|cost| cost.choice == choice.name);
+        if !CHOICES.iter().all(known) {
+            return Err(wrong("a choice has no costs".to_owned()));
+        }
+        Ok(read)
+    }
+
+    /// Writes it to a file, whole or not at all.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn save(&self, path: &Path) -> Result<(), Error> {
+        crate::output::write_whole(path, |file| {
+            serde_json::to_writer_pretty(&mut *file, self)?;
+            writeln!(file)
+        })
+    }
+
+    /// What a choice costs for so many triangles: read between the sizes measured, each cost a power of the size, and
+    /// beyond them by the last two. If `steps` says how many a ray takes in a coarse copy of the mesh, rays cost as many
+    /// times more than in a teapot.
+    pub(super) fn predict(&self, choice: &Choice, triangles: u32, steps: Option<f64>) -> Option<Cost> {
+        let costs: Vec<&Cost> = self.costs.iter().filter(|cost| cost.choice == choice.name).collect();
+        let first = costs.first()?;
+        let read = |number: fn(&Cost) -> f64| {
+            let points = costs.iter().map(|cost| (f64::from(cost.triangles), number(cost)));
+            power(&points.collect::<Vec<_>>(), f64::from(triangles))
+        };
+        let here: Vec<_> = self.steps.iter().map(|&(n, steps)| (f64::from(n), steps)).collect();
+        let harder = steps.map_or(1.0, |steps| steps / power(&here, f64::from(triangles)).max(1e-3));
+        let harder = if choice.has_tree() { harder } else { 1.0 };
+        Some(Cost {
+            choice: first.choice.clone(),
+            triangles,
+            upload_ms: read(|cost| cost.upload_ms),
+            build_ms: read(|cost| cost.build_ms),
+            launch_ms: read(|cost| cost.launch_ms),
+            ray_ns: read(|cost| cost.ray_ns) * harder,
+            transfer_ns: read(|cost| cost.transfer_ns),
+            bytes: read(|cost| cost.bytes as f64) as u64,
+        })
+    }
+}
+
+/// Reads between points by rising x, as if y were a power of x between two of them.
+fn power(points: &[(f64, f64)], x: f64) -> f64 {
+    let logs: Vec<(f64, f64)> = points.iter().map(|&(x, y)| (x.max(1.0).ln(), y.max(1e-9).ln())).collect();
+    let x = x.max(1.0).ln();
+    let [(x0, y0), (x1, y1)] = match logs.windows(2).find(|pair| x <= pair[1].0).or(logs.windows(2).last()) {
+        Some(pair) => [pair[0], pair[1]],
+        None => return points.first().map_or(0.0, |point| point.1),
+    };
+    // Below the smallest mesh nothing gets cheaper than there.
+    if x <= x0 || x1 <= x0 {
+        return y0.exp();
+    }
+    (y0 + (x - x0) / (x1 - x0) * (y1 - y0)).exp()
+}
+
+/// The file of a device in the user's cache: in the folder that `RAYKD_CACHE` names, or the system's.
+///
+/// # Errors
+/// No folder is named, and the system has none.
+pub fn cache(device: &Device) -> Result<PathBuf, Error> {
+    let folder = |name: &str, more: &str| {
+        let folder = std::env::var_os(name).filter(|folder| !folder.is_empty());
+        folder.map(|folder| Path::new(&folder).join(more))
+    };
+    let folder = folder("RAYKD_CACHE", "")
+        .or_else(|| folder("XDG_CACHE_HOME", "raykd"))
+        .or_else(|| folder("LOCALAPPDATA", "raykd"))
+        .or_else(|| {
+            folder("HOME", if cfg!(target_os = "macos") { "Library/Caches/raykd" } else { ".cache/raykd" })
+        });
+    let letter = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '-' };
+    let name: String = format!("{}-{}", device.kind(), device.name()).chars().map(letter).collect();
+    let missing = || Error::Calibration {
+        path: PathBuf::from(format!("{name}.json")),
+        what: "there is no folder to keep it in; name one by RAYKD_CACHE".to_owned(),
+    };
+    Ok(folder.ok_or_else(missing)?.join(format!("{name}.json")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::choose;
+
+    #[test]
+    fn powers_are_read_exactly() {
+        let points = [(10.0, 1.0), (100.0, 10.0), (1000.0, 1000.0)];
+        let near = |x: f64, y: f64| (power(&points, x) / y - 1.0).abs() < 1e-9;
+        assert!(near(10.0, 1.0) && near(100.0, 10.0) && near(1000.0, 1000.0));
+        assert!(near(50.0, 5.0), "linear between the first two");
+        assert!(near(1e4, 1e5), "square beyond the last");
+        assert!(near(1.0, 1.0), "no cheaper than the first");
+        assert_eq!(power(&[(5.0, 7.0)], 100.0), 7.0);
+    }
+
+    fn made() -> Calibration {
+        // Better trees take longer to build.
+        let cost = |choice: &Choice, quality: f64, triangles: u32| Cost {
+            choice: choice.name.to_owned(),
+            triangles,
+            upload_ms: 0.0,
+            build_ms: if choice.has_tree() { f64::from(triangles) * 1e-3 * quality } else { 0.0 },
+            launch_ms: 0.01,
+            ray_ns: if choice.has_tree() { 1000.0 / quality } else { f64::from(triangles) * 10.0 },
+            transfer_ns: 1.0,
+            bytes: u64::from(triangles) * 10,
+        };
+        let sizes = [100, 100_000];
+        let all = CHOICES.iter().enumerate();
+        let costs = all.flat_map(|(at, choice)| sizes.map(|size| cost(choice, 1.0 + at as f64, size)));
+        Calibration {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            device: "cpu".to_owned(),
+            name: Device::cpu().name().to_owned(),
+            steps: vec![(100, 10.0), (100_000, 20.0)],
+            costs: costs.collect(),
+        }
+    }
+
+    #[test]
+    fn more_rays_get_better_trees() {
+        let (calibration, mesh) = (made(), Mesh::teapot(8));
+        let name = |rays| choose(&mesh, rays, &[&calibration]).choice.name;
+        assert_eq!(name(1), "none");
+        assert_eq!(name(3_000), "shallow");
+        assert_eq!(name(1_000_000_000), CHOICES[8].name);
+    }
+
+    #[test]
+    fn of_like_times_the_smallest_tree() {
+        let mut calibration = made();
+        for cost in &mut calibration.costs {
+            (cost.build_ms, cost.ray_ns) = (1.0, 100.0);
+            cost.bytes = if cost.choice == "zhou" { 10 } else { 20 };
+            cost.launch_ms = 0.0;
+        }
+        let plan = |c: &Calibration| choose(&Mesh::teapot(4), 100_000, &[c]).choice.name;
+        assert_eq!(plan(&calibration), "zhou");
+        // 4 % slower is still like; 10 % is not.
+        let slow = |calibration: &mut Calibration, factor: f64| {
+            let of = calibration.costs.iter_mut().filter(|cost| cost.choice == "zhou");
+            of.for_each(|cost| (cost.build_ms, cost.ray_ns) = (factor, 100.0 * factor));
+        };
+        slow(&mut calibration, 1.04);
+        assert_eq!(plan(&calibration), "zhou");
+        slow(&mut calibration, 1.1);
+        assert_ne!(plan(&calibration), "zhou");
+    }
+
+    #[test]
+    fn files_come_back_and_others_are_refused() {
+        let (folder, device) = (tempfile::tempdir().unwrap(), Device::cpu());
+        let path = folder.path().join("c.json");
+        let good = made();
+        good.save(&path).unwrap();
+        assert_eq!(Calibration::load(&path, &device).unwrap(), good);
+        let refused = |calibration: Calibration, why: &str| {
+            calibration.save(&path).unwrap();
+            let told = Calibration::load(&path, &device).unwrap_err().to_string();
+            assert!(told.contains(why) && told.contains("raykd calibrate"), "{told}");
+        };
+        refused(Calibration { version: "0.0.1".to_owned(), ..good.clone() }, "raykd 0.0.1");
+        refused(Calibration { name: "Abacus".to_owned(), ..good.clone() }, "Abacus");
+        refused(Calibration { costs: good.costs[2..].to_vec(), ..good.clone() }, "no costs");
+        let mut negative = good.clone();
+        negative.costs[3].ray_ns = -1.0;
+        refused(negative, "negative");
+        std::fs::write(&path, "{ nonsense").unwrap();
+        let told = Calibration::load(&path, &device).unwrap_err().to_string();
+        assert!(told.contains("c.json") && told.contains("line 1"), "{told}");
+    }
+
+    #[test]
+    fn measured_costs_are_costs() {
+        let device = Device::cpu();
+        let calibration = Calibration::over(&device, &[200, 1000], |_| ()).unwrap();
+        assert_eq!(calibration.costs.len(), 2 * CHOICES.len());
+        for cost in &calibration.costs {
+            assert!(cost.build_ms >= 0.0 && cost.ray_ns > 0.0 && cost.bytes > 0, "{cost:?}");
+        }
+        // Testing all triangles costs more a ray, the more there are.
+        let none: Vec<_> = calibration.costs.iter().filter(|cost| cost.choice == "none").collect();
+        assert!(none[1].ray_ns > 1.5 * none[0].ray_ns, "{none:?}");
+    }
+}

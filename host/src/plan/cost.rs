@@ -1,0 +1,187 @@
+//! What a choice costs: measured once, on one mesh and device.
+
+use super::Choice;
+use crate::{
+    Device, Error, Hit, Mesh, Query, Ray, Scene,
+    rays::{Camera, bounces},
+};
+use std::time::{Duration, Instant};
+
+/// Repeated until nothing was faster for so long, at least [`TIMES`] times;
+const ENOUGH: Duration = Duration::from_millis(30);
+/// on a graphics card longer, because its clocks rise.
+const AWAKE: Duration = Duration::from_millis(150);
+const TIMES: usize = 3;
+/// Nothing is repeated after this time.
+const LONG: Duration = Duration::from_secs(2);
+/// Tests of triangles that brute force is given; few rays tell what it costs.
+const TESTS: usize = 1 << 26;
+/// Rays so few that they take as long as a launch.
+const FEW: usize = 64;
+
+/// What a mesh and rays cost by one [`Choice`].
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Cost {
+    /// Name of the choice.
+    pub choice: String,
+    /// Triangles in the tree.
+    pub triangles: u32,
+    /// Mesh to device, in milliseconds.
+    pub upload_ms: f64,
+    /// The build and the layout of leaves, in milliseconds.
+    pub build_ms: f64,
+    /// Once a batch of rays, in milliseconds.
+    pub launch_ms: f64,
+    /// A ray, nanoseconds: mean of a picture's and a bounce from each hit.
+    pub ray_ns: f64,
+    /// A ray to the device and its hit back, nanoseconds.
+    pub transfer_ns: f64,
+    /// Bytes of nodes and references.
+    pub bytes: u64,
+}
+
+impl Cost {
+    /// All but the rays, in milliseconds.
+    pub fn before_ms(&self) -> f64 {
+        self.upload_ms + self.build_ms
+    }
+
+    /// Tracing so many rays and moving them, in milliseconds.
+    pub fn rays_ms(&self, rays: f64) -> f64 {
+        self.launch_ms + rays * (self.ray_ns + self.transfer_ns) * 1e-6
+    }
+
+    /// From the mesh to the last hit, in milliseconds.
+    pub fn total_ms(&self, rays: f64) -> f64 {
+        self.before_ms() + self.rays_ms(rays)
+    }
+
+    /// Millions of rays a second, while there are enough of them.
+    pub fn mrays(&self) -> f64 {
+        1e3 / self.ray_ns
+    }
+}
+
+/// Builds and traces until the costs are known.
+///
+/// # Errors
+/// The mesh does not fit the device, or it failed.
+pub fn measure<'d>(
+    device: &'d Device,
+    mesh: &Mesh,
+    choice: &Choice,
+    rays: &[Ray],
+) -> Result<(Cost, Scene<'d>), Error> {
+    let options = choice.options();
+    // The best of each: what else the machine does only ever slows things down.
+    let (mut upload, mut build) = (Duration::MAX, Duration::MAX);
+    let mut scene = Scene::build(device, mesh, &options)?;
+    repeat(device, || {
+        scene = Scene::build(device, mesh, &options)?;
+        let times = scene.times();
+        upload = upload.min(times.upload);
+        build = build.min(times.build + times.layout);
+        Ok(times.build)
+    })?;
+    let kept = mesh.kept().len();
+    scene.traverse_by(choice.traversal(kept))?;
+    let most = if choice.has_tree() { rays.len() } else { few_enough(kept) };
+    let many = spread(rays, most);
+    let (few_time, _) = traced(&scene, &spread(rays, FEW))?;
+    let (time, transfer) = traced(&scene, &many)?;
+    let count = many.len().max(1) as f64;
+    // A launch of few rays takes as long as its longest ray: at most what there is to gain by more of them.
+    let ray_ns = ((ns(time) - ns(few_time)) / (count - FEW as f64).max(1.0)).max(0.2 * ns(time) / count);
+    Ok((
+        Cost {
+            choice: choice.name.to_owned(),
+            triangles: kept as u32,
+            upload_ms: ns(upload) * 1e-6,
+            build_ms: ns(build) * 1e-6,
+            launch_ms: (ns(time) - count * ray_ns).max(0.0) * 1e-6,
+            ray_ns,
+            transfer_ns: ns(transfer) / count,
+            bytes: scene.tree_bytes(),
+        },
+        scene,
+    ))
+}
+
+/// Millions of rays a second, as the scene is traced; of brute force by few of them.
+///
+/// # Errors
+/// The device failed.
+#[cfg(feature = "cli")]
+pub(crate) fn speed(scene: &Scene<'_>, rays: &[Ray]) -> Result<f64, Error> {
+    let brute = scene.traversal() == crate::Traversal::Brute;
+    let most = if brute { few_enough(scene.header().refs as usize) } else { rays.len() };
+    let rays = spread(rays, most);
+    Ok(rays.len() as f64 * 1e3 / ns(traced(scene, &rays)?.0))
+}
+
+/// Rays for which all triangles can be tested in a reasonable time.
+fn few_enough(triangles: usize) -> usize {
+    (TESTS / triangles.max(1)).max(8 * FEW)
+}
+
+/// Best times of tracing rays, and of moving them to the device and their hits back.
+fn traced(scene: &Scene<'_>, rays: &[Ray]) -> Result<(Duration, Duration), Error> {
+    let (mut trace, mut moved) = (Duration::MAX, Duration::MAX);
+    repeat(scene.device(), || {
+        let start = Instant::now();
+        let resident = scene.resident(rays)?;
+        let upload = start.elapsed();
+        let time = resident.trace(Query::Closest)?;
+        trace = trace.min(time);
+        let start = Instant::now();
+        resident.hits()?;
+        moved = moved.min(upload + start.elapsed());
+        Ok(time)
+    })?;
+    Ok((trace, moved))
+}
+
+/// Does work that says how long it took, until it gets no faster.
+fn repeat(device: &Device, mut work: impl FnMut() -> Result<Duration, Error>) -> Result<(), Error> {
+    let enough = if device.kind() == "cpu" { ENOUGH } else { AWAKE };
+    let start = Instant::now();
+    let (mut best, mut since) = (Duration::MAX, start);
+    for times in 1.. {
+        let time = work()?;
+        if time < best.mul_f64(0.98) {
+            (best, since) = (time, Instant::now());
+        }
+        if start.elapsed() > LONG || times >= TIMES && since.elapsed() > enough {
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// So many of the rays, from all over them; all if there are not so many.
+fn spread(rays: &[Ray], count: usize) -> Vec<Ray> {
+    if count >= rays.len() {
+        return rays.to_vec();
+    }
+    (0..count).map(|i| rays[i * rays.len() / count.max(1)]).collect()
+}
+
+/// About so many rays of the usual kind: a picture of the whole mesh, and a bounce from each hit.
+///
+/// # Errors
+/// Those of `closest`, which finds the picture's hits.
+pub fn usual_rays<E>(
+    mesh: &Mesh,
+    count: usize,
+    closest: impl FnOnce(&[Ray]) -> Result<Vec<Hit>, E>,
+) -> Result<Vec<Ray>, E> {
+    let side = ((count as f64 / 1.5).sqrt() as u32).max(8);
+    let mut rays = Camera::framing(mesh.bounds()).rays(side, side);
+    let hits = closest(&rays)?;
+    rays.extend(bounces(mesh, &rays, &hits, 1));
+    Ok(rays)
+}
+
+fn ns(time: Duration) -> f64 {
+    time.as_nanos() as f64
+}

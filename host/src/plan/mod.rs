@@ -1,0 +1,152 @@
+//! The right amount: what a scene and a number of rays need, from costs that were measured once on each device.
+//!
+//! A [`Calibration`] holds what each [`Choice`] cost on teapots of several sizes; [`choose`] reads between them and adds
+//! up what the whole job would take. If that is long enough, a coarse copy of the mesh is looked at first: how
+//! many steps a ray takes there, as against a teapot. All choices give the same hits.
+//!
+//! ```no_run
+//! # fn main() -> Result<(), raykd::Error> {
+//! let mesh = raykd::Mesh::load("dragon.ply.gz".as_ref())?;
+//! let device = raykd::Device::best();
+//! let costs = raykd::plan::Calibration::of(&device, |done| eprintln!("{:.0} %", 100.0 * done))?;
+//! let plan = raykd::plan::choose(&mesh, 1_000_000, &[&costs]);
+//! let mut scene = raykd::Scene::build(&device, &mesh, &plan.choice.options())?;
+//! scene.traverse_by(plan.choice.traversal(mesh.kept().len()))?;
+//! # Ok(()) }
+//! ```
+
+mod calibration;
+mod cost;
+mod look;
+
+#[cfg(feature = "cli")]
+pub(crate) use calibration::rays_for;
+pub use calibration::{Calibration, cache};
+#[cfg(feature = "cli")]
+pub(crate) use cost::speed;
+pub use cost::{Cost, measure, usual_rays};
+
+use crate::{BuildOptions, Builder, Mesh, Traversal};
+
+/// A kind of tree, or none, and a way through it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Choice {
+    /// What it is called.
+    pub name: &'static str,
+    builder: Builder,
+    price: Option<f32>,
+    long: Option<u32>,
+    depth: Option<u32>,
+}
+
+const fn choice(name: &'static str, builder: Builder) -> Choice {
+    Choice { name, builder, price: None, long: None, depth: None }
+}
+
+/// Triangles that `stack` tests in one leaf.
+const LONG_LEAF: usize = 1 << 15;
+
+/// What there is to choose from: no tree, shallow ones, and those of all builders; small ones too.
+pub const CHOICES: [Choice; 9] = [
+    Choice { depth: Some(0), ..choice("none", Builder::Median) },
+    Choice { depth: Some(6), ..choice("shallow", Builder::Median) },
+    Choice { depth: Some(12), ..choice("halfway", Builder::Median) },
+    choice("median", Builder::Median),
+    choice("zhou", Builder::Zhou),
+    choice("binned", Builder::Binned),
+    Choice { price: Some(40.0), long: Some(64), ..choice("binned-small", Builder::Binned) },
+    choice("exact", Builder::Exact),
+    Choice { price: Some(40.0), long: Some(64), ..choice("exact-small", Builder::Exact) },
+];
+
+impl Choice {
+    /// The choice of this name.
+    pub fn named(name: &str) -> Option<Self> {
+        CHOICES.into_iter().find(|choice| choice.name == name)
+    }
+
+    /// A choice of one's own: a builder and the price of a reference.
+    pub const fn of(name: &'static str, builder: Builder, price: f32) -> Self {
+        Self { price: Some(price), ..choice(name, builder) }
+    }
+
+    /// How its tree is built.
+    pub fn options(&self) -> BuildOptions {
+        let usual = BuildOptions::default();
+        BuildOptions {
+            builder: self.builder,
+            price: self.price.unwrap_or(usual.price),
+            long: self.long.unwrap_or(usual.long),
+            max_depth: self.depth.unwrap_or(usual.max_depth),
+            ..usual
+        }
+    }
+
+    /// Whether there is more than one leaf.
+    pub const fn has_tree(&self) -> bool {
+        !matches!(self.depth, Some(0))
+    }
+
+    /// How rays are traced: `stack` was the fastest way through a tree everywhere (`docs/traversals.md`), and through a
+    /// single leaf too, but software drivers end its loop if that is long.
+    pub const fn traversal(&self, triangles: usize) -> Traversal {
+        if self.has_tree() || triangles <= LONG_LEAF { Traversal::Stack } else { Traversal::Brute }
+    }
+}
+
+/// What [`choose`] chose.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// Which of the calibrations, and so which device.
+    pub device: usize,
+    /// How to build and trace.
+    pub choice: Choice,
+    /// What it will cost.
+    pub cost: Cost,
+    /// How many rays that is for.
+    pub rays: u64,
+}
+
+impl Plan {
+    /// From the mesh to the last hit, in milliseconds, as predicted.
+    pub fn total_ms(&self) -> f64 {
+        self.cost.total_ms(self.rays as f64)
+    }
+}
+
+/// Jobs that take less are not worth a look at the mesh, in milliseconds: ten times as long as it takes itself,
+const LOOK_MS: f64 = 30.0;
+/// and for each triangle.
+const LOOK_EACH_MS: f64 = 4e-4;
+
+/// How much more time than the best choice's a smaller tree may take.
+const SLACK: f64 = 1.05;
+
+/// Of all choices on all devices that were calibrated, the smallest tree within 5 % of the least predicted time.
+/// The rays are taken to be of the usual kind, see [`usual_rays`].
+///
+/// # Panics
+/// There is no calibration.
+pub fn choose(mesh: &Mesh, rays: u64, calibrations: &[&Calibration]) -> Plan {
+    let triangles = mesh.kept().len() as u32;
+    let plan = among(triangles, rays, None, calibrations);
+    if plan.total_ms() < LOOK_MS + LOOK_EACH_MS * f64::from(triangles) {
+        return plan;
+    }
+    among(triangles, rays, look::steps(mesh).ok(), calibrations)
+}
+
+fn among(triangles: u32, rays: u64, steps: Option<f64>, calibrations: &[&Calibration]) -> Plan {
+    let mut plans = Vec::new();
+    for (device, calibration) in calibrations.iter().enumerate() {
+        for choice in CHOICES {
+            if let Some(cost) = calibration.predict(&choice, triangles, steps) {
+                plans.push(Plan { device, choice, cost, rays });
+            }
+        }
+    }
+    let best = plans.iter().map(Plan::total_ms).fold(f64::INFINITY, f64::min);
+    let good = plans.into_iter().filter(|plan| plan.total_ms() <= best * SLACK);
+    let order = |plan: &Plan| (plan.cost.bytes, (plan.total_ms() * 1e6) as u64);
+    good.min_by_key(order).expect("calibrations have costs of some choice")
+}

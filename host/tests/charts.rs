@@ -1,0 +1,169 @@
+//! `raykd chart`, `raykd calibrate` and `--quality auto` from outside, on the CPU.
+
+use raykd::{
+    Device, Mesh, Ray,
+    exec::Cpu,
+    plan::{CHOICES, Calibration, Cost},
+    rays,
+};
+use std::{
+    fs,
+    path::Path,
+    process::{Command, Output, Stdio},
+};
+
+fn raykd(line: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_raykd"));
+    command.args(line).stdin(Stdio::null()).output().unwrap()
+}
+
+fn told(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
+}
+
+/// Costs by which this choice is the best one.
+fn favouring(name: &str) -> Calibration {
+    let cost = |choice: &str, triangles: u32| Cost {
+        choice: choice.to_owned(),
+        triangles,
+        upload_ms: 0.1,
+        build_ms: if choice == name { 1.0 } else { 100.0 },
+        launch_ms: 0.0,
+        ray_ns: 1.0,
+        transfer_ns: 1.0,
+        bytes: 1000,
+    };
+    Calibration {
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        device: "cpu".to_owned(),
+        name: Device::Cpu(Cpu::with_threads(1).unwrap()).name().to_owned(),
+        steps: vec![(100, 10.0), (1000, 10.0)],
+        costs: CHOICES.iter().flat_map(|c| [cost(c.name, 100), cost(c.name, 1000)]).collect(),
+    }
+}
+
+/// Rays at the teapot in a file.
+fn rays_file(folder: &Path) -> String {
+    let rays: Vec<Ray> = rays::random(Mesh::teapot(4).bounds(), 3000, 1);
+    let path = folder.join("rays");
+    fs::write(&path, bytemuck::cast_slice(&rays)).unwrap();
+    path.display().to_string()
+}
+
+#[test]
+fn whatever_auto_chooses_hits_are_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (rays, hits, costs) = (rays_file(folder.path()), path("hits"), path("costs.json"));
+    let line = ["trace", "teapot", "--rays", &rays, "--hits", &hits, "--threads", "1"];
+    assert!(raykd(&line).status.success());
+    let expected = fs::read(&hits).unwrap();
+    for choice in CHOICES {
+        favouring(choice.name).save(costs.as_ref()).unwrap();
+        fs::remove_file(&hits).unwrap();
+        let output = raykd(&[line.as_slice(), &["--quality", "auto", "--costs", &costs, "--json"]].concat());
+        assert!(output.status.success(), "{}", told(&output));
+        let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(json["auto"]["choice"], choice.name);
+        assert!(json["auto"]["predicted_ms"].as_f64() > Some(1.0), "{json}");
+        assert!(json["auto"]["measured_ms"].as_f64() > Some(0.0), "{json}");
+        assert_eq!(fs::read(&hits).unwrap(), expected, "{}", choice.name);
+    }
+}
+
+#[test]
+fn auto_tells_what_it_chose_in_words() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (costs, picture) = (path("costs.json"), path("a.png"));
+    favouring("halfway").save(costs.as_ref()).unwrap();
+    let auto = ["--threads", "1", "--quality", "auto", "--costs", &costs];
+    let build = raykd(&[["build", "teapot"].as_slice(), &auto, &["--rays", "5000"]].concat());
+    assert!(told(&build).contains("a halfway tree for 5,000 rays: predicted 1.1"), "{}", told(&build));
+    let render = ["render", "teapot", "--size", "64x32", "--samples", "1", "-o", &picture];
+    let render = raykd(&[render.as_slice(), &auto].concat());
+    assert!(told(&render).contains("a halfway tree for 2,048 rays: predicted"), "{}", told(&render));
+}
+
+#[test]
+fn costs_of_no_use_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let costs = folder.path().join("costs.json").display().to_string();
+    let build = |more: &[&str]| {
+        let line = ["build", "teapot", "--threads", "1", "--quality", "auto", "--costs", &costs];
+        raykd(&[line.as_slice(), more].concat())
+    };
+    let missing = build(&[]);
+    assert_eq!(missing.status.code(), Some(1));
+    assert!(told(&missing).contains("costs.json"), "{}", told(&missing));
+    fs::write(&costs, "[]").unwrap();
+    let damaged = build(&[]);
+    assert_eq!(damaged.status.code(), Some(1));
+    assert!(told(&damaged).contains("`raykd calibrate` measures anew"), "{}", told(&damaged));
+    let mut other = favouring("none");
+    other.name = "Analytical Engine".to_owned();
+    other.save(costs.as_ref()).unwrap();
+    assert!(told(&build(&[])).contains("Analytical Engine"));
+    // What auto decides cannot be decided otherwise too.
+    assert_eq!(build(&["--builder", "zhou"]).status.code(), Some(2));
+}
+
+#[test]
+fn a_page_and_its_figures() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let peers = folder.path().join("peers.json");
+    let peer = r#"[{"scene": "teapot", "peer": "a <b>", "build_ms": 2, "mrays_a": 1, "mrays_b": 4, "mrays_c": 2,
+        "mrays_d": 3, "mrays_d_any": null, "wrong": 7, "unclear": 0, "any_differs": 0}]"#;
+    fs::write(&peers, peer).unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_raykd"))
+        .args(["chart", "teapot:2", "--quick", "--rays", "256", "--device", "cpu", "--threads", "2", "-o"])
+        .args([&out, Path::new("--peers"), &peers])
+        .env("RAYKD_CACHE", folder.path())
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", told(&output));
+
+    let page = fs::read_to_string(out.join("index.html")).unwrap();
+    let options = roxmltree::ParsingOptions { allow_dtd: true, ..Default::default() };
+    let html = roxmltree::Document::parse_with_options(&page, options).unwrap();
+    let figures: Vec<_> = html.descendants().filter(|node| node.has_tag_name("figure")).collect();
+    let names: Vec<&str> = figures.iter().filter_map(|figure| figure.attribute("id")).collect();
+    for name in [
+        "1-accuracy",
+        "2-builders-teapot-2",
+        "2-sah-teapot-2",
+        "3-total-teapot-2",
+        "4-bytes-teapot-2",
+        "5-size",
+        "5-threads",
+        "6-talk-build",
+        "6-talk-rays",
+        "7-peers-teapot",
+        "8-auto",
+        "9-lazy",
+    ] {
+        assert!(names.contains(&name), "{name} is not among {names:?}");
+    }
+    for figure in figures {
+        let name = figure.attribute("id").unwrap();
+        let marks = |tag| figure.descendants().filter(|node| node.tag_name().name() == tag).count();
+        assert!(marks("svg") == 1 && marks("text") > 5 && marks("td") > 2, "{name}");
+        let caption = figure.children().find(|node| node.has_tag_name("figcaption")).unwrap();
+        assert!(caption.text().is_some_and(|text| text.len() > 20), "{name}");
+        roxmltree::Document::parse(&fs::read_to_string(out.join(format!("{name}.svg"))).unwrap()).unwrap();
+        let png = image::open(out.join(format!("{name}.png"))).unwrap();
+        assert!(png.width() == 1280 && png.to_rgb8().pixels().any(|pixel| pixel.0 != [255; 3]), "{name}");
+        let csv = fs::read_to_string(out.join(format!("{name}.csv"))).unwrap();
+        assert!(csv.lines().count() >= 2, "{name}: {csv}");
+    }
+    // Needs nothing from elsewhere, and says where it comes from.
+    for foreign in ["src=", "href=", "url(", "@import"] {
+        assert!(!page.contains(foreign), "{foreign}");
+    }
+    let footer = html.descendants().find(|node| node.has_tag_name("footer")).unwrap();
+    let footer: String = footer.descendants().filter_map(|node| node.text()).collect();
+    for part in ["CPU: ", "2 threads", env!("CARGO_PKG_VERSION"), "chart teapot:2 --quick"] {
+        assert!(footer.contains(part), "{part}: {footer}");
+    }
+}
