@@ -76,8 +76,7 @@ impl Told {
 
     /// In words.
     pub(super) fn words(&self) -> String {
-        let tree =
-            if self.choice == "none" { "no tree".to_owned() } else { format!("a {} tree", self.choice) };
+        let tree = if self.choice == "none" { "no tree".to_owned() } else { format!("{} tree", self.choice) };
         let rays = if self.predicted_rays_ms > 0.0 {
             format!(" + rays {}", three(self.predicted_rays_ms))
         } else {
