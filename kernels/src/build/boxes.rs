@@ -1,20 +1,17 @@
 //! The box of every triangle.
 
-use super::clip::Bounds;
 use crate::{
     glam::{Vec3, Vec4},
+    math::{high, low},
     mem::{Buf, Slots},
 };
 use raykd_shared::BuildParams;
 
-/// The vertices of triangle `id` of an indexed mesh.
+/// Vertex `corner` of triangle `id` of an indexed mesh.
 #[inline(always)]
-pub fn triangle(positions: &Buf<f32>, indices: &Buf<u32>, id: u32) -> (Vec3, Vec3, Vec3) {
-    let vertex = move |positions: &Buf<f32>, i: u32| {
-        Vec3::new(positions.at(3 * i), positions.at(3 * i + 1), positions.at(3 * i + 2))
-    };
-    let (a, b, c) = (indices.at(3 * id), indices.at(3 * id + 1), indices.at(3 * id + 2));
-    (vertex(positions, a), vertex(positions, b), vertex(positions, c))
+pub fn vertex(positions: &Buf<f32>, indices: &Buf<u32>, id: u32, corner: u32) -> Vec3 {
+    let p = indices.at(3 * id + corner) * 3;
+    Vec3::new(positions.at(p), positions.at(p + 1), positions.at(p + 2))
 }
 
 /// Writes the box of triangle `i` as two points.
@@ -26,8 +23,11 @@ pub fn bound(
     boxes: &mut Buf<Vec4>,
 ) {
     if i < params.at(0).triangles {
-        let (a, b, c) = triangle(positions, indices, i);
-        let Bounds { lo, hi } = Bounds::of(a, b, c);
+        let a = vertex(positions, indices, i, 0);
+        let b = vertex(positions, indices, i, 1);
+        let c = vertex(positions, indices, i, 2);
+        let lo = Vec3::new(low(low(a.x, b.x), c.x), low(low(a.y, b.y), c.y), low(low(a.z, b.z), c.z));
+        let hi = Vec3::new(high(high(a.x, b.x), c.x), high(high(a.y, b.y), c.y), high(high(a.z, b.z), c.z));
         boxes.put(2 * i, lo.extend(0.0));
         boxes.put(2 * i + 1, hi.extend(0.0));
     }
