@@ -498,6 +498,15 @@ pub(super) enum Which {
     Both,
 }
 
+impl From<One> for Which {
+    fn from(one: One) -> Self {
+        match one {
+            One::Cpu => Self::Cpu,
+            One::Gpu => Self::Gpu,
+        }
+    }
+}
+
 /// What a picture shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum Shading {
@@ -516,28 +525,14 @@ pub(super) enum Shading {
 impl Args {
     /// Finds contradictions that clap does not see by itself.
     pub(super) fn check(&self) -> Result<(), clap::Error> {
-        let (name, cpu, gpu, machine) = match &self.command {
-            Command::Bench(a) => {
-                ("bench", a.device == Some(Which::Cpu), a.device == Some(Which::Gpu), &a.machine)
-            }
-            Command::Build(a) => {
-                ("build", a.device == Some(One::Cpu), a.device == Some(One::Gpu), &a.machine)
-            }
-            Command::Trace(a) => {
-                ("trace", a.device == Some(One::Cpu), a.device == Some(One::Gpu), &a.machine)
-            }
-            Command::Render(a) => {
-                ("render", a.device == Some(One::Cpu), a.device == Some(One::Gpu), &a.machine)
-            }
-            Command::Stress(a) => {
-                ("stress", a.device == Some(Which::Cpu), a.device == Some(Which::Gpu), &a.machine)
-            }
-            Command::Chart(a) => {
-                ("chart", a.device == Some(Which::Cpu), a.device == Some(Which::Gpu), &a.machine)
-            }
-            Command::Calibrate(a) => {
-                ("calibrate", a.device == Some(Which::Cpu), a.device == Some(Which::Gpu), &a.machine)
-            }
+        let (name, device, machine) = match &self.command {
+            Command::Bench(a) => ("bench", a.device, &a.machine),
+            Command::Build(a) => ("build", a.device.map(Which::from), &a.machine),
+            Command::Trace(a) => ("trace", a.device.map(Which::from), &a.machine),
+            Command::Render(a) => ("render", a.device.map(Which::from), &a.machine),
+            Command::Stress(a) => ("stress", a.device, &a.machine),
+            Command::Chart(a) => ("chart", a.device, &a.machine),
+            Command::Calibrate(a) => ("calibrate", a.device, &a.machine),
             Command::Devices(_) => return Ok(()),
         };
         let conflict = |what: &str| {
@@ -547,8 +542,12 @@ impl Args {
             Err(command.error(ErrorKind::ArgumentConflict, what))
         };
         match (&machine.adapter, machine.threads) {
-            (Some(_), _) if cpu => conflict("--adapter names a GPU, --device cpu uses none"),
-            (_, Some(_)) if gpu => conflict("--threads is for the CPU, --device gpu does not use it"),
+            (Some(_), _) if device == Some(Which::Cpu) => {
+                conflict("--adapter names a GPU, --device cpu uses none")
+            }
+            (_, Some(_)) if device == Some(Which::Gpu) => {
+                conflict("--threads is for the CPU, --device gpu does not use it")
+            }
             (Some(_), Some(_)) if matches!(name, "build" | "trace" | "render") => {
                 conflict("--adapter is for the GPU, --threads for the CPU: use one of them")
             }

@@ -1,7 +1,7 @@
 //! `raykd build --compare`: every builder on every device, in one table; `--scaling`: cost against size.
 
 use super::{
-    args::{BuildArgs, One, Which},
+    args::{BuildArgs, Which},
     input::Input,
     machine::{Machines, at_fault},
     measure::{self, mrays, ms},
@@ -58,8 +58,7 @@ struct Size {
 }
 
 fn machines(args: &BuildArgs, notes: &Notes) -> anyhow::Result<Machines> {
-    let wish = args.device.map(|one| if one == One::Cpu { Which::Cpu } else { Which::Gpu });
-    Machines::choose(wish, &args.machine, notes)
+    Machines::choose(args.device.map(Which::from), &args.machine, notes)
 }
 
 pub(super) fn compare(args: &BuildArgs, notes: &Notes, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
@@ -78,7 +77,7 @@ pub(super) fn compare(args: &BuildArgs, notes: &Notes, out: &mut StdoutLock<'_>)
             let options = BuildOptions { builder, profile: false, ..args.how.options() };
             match row(device, &input, &options, &mut sets) {
                 Ok(row) => rows.push(row),
-                Err(error) if machines.automatic && device.kind() == "gpu" && at_fault(&error) => {
+                Err(error) if machines.can_spare(device, &error) => {
                     notes.note(format_args!("{error}; going on without it"));
                 }
                 Err(error) => return Err(error.into()),
@@ -90,9 +89,7 @@ pub(super) fn compare(args: &BuildArgs, notes: &Notes, out: &mut StdoutLock<'_>)
     if args.json {
         write_json(out, &rows)?;
     } else {
-        for device in machines.iter() {
-            writeln!(out, "{}  {}", device.kind().to_uppercase(), device.name())?;
-        }
+        machines.write_names(out)?;
         let triangles = count(input.mesh.triangles().len() as u64);
         writeln!(
             out,

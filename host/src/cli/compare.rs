@@ -1,9 +1,9 @@
 //! `raykd trace --compare`: every traversal on every device, in one table.
 
 use super::{
-    args::{One, TraceArgs, Which},
+    args::{TraceArgs, Which},
     input::Input,
-    machine::{Machines, at_fault},
+    machine::Machines,
     measure::{self, mrays},
     notes::Notes,
     write_json,
@@ -60,14 +60,13 @@ pub(super) fn run(
     out: &mut StdoutLock<'_>,
 ) -> anyhow::Result<ExitCode> {
     let input = Input::load(&args.mesh, notes)?;
-    let wish = args.device.map(|one| if one == One::Cpu { Which::Cpu } else { Which::Gpu });
-    let machines = Machines::choose(wish, &args.machine, notes)?;
+    let machines = Machines::choose(args.device.map(Which::from), &args.machine, notes)?;
     let mut sets = None;
     let mut rows = Vec::new();
     for device in machines.iter() {
         match compare(device, &input, &args.how.options(), given, &mut sets, notes) {
             Ok(more) => rows.extend(more),
-            Err(error) if machines.automatic && device.kind() == "gpu" && at_fault(&error) => {
+            Err(error) if machines.can_spare(device, &error) => {
                 notes.note(format_args!("{error}; going on with the CPU alone"));
             }
             Err(error) => return Err(error.into()),
@@ -78,9 +77,7 @@ pub(super) fn run(
     if args.json {
         write_json(out, &rows)?;
     } else {
-        for device in machines.iter() {
-            writeln!(out, "{}  {}", device.kind().to_uppercase(), device.name())?;
-        }
+        machines.write_names(out)?;
         if let Some(sets) = &sets {
             let [primary, diffuse, shadow] =
                 [&sets.primary, &sets.diffuse, &sets.shadow].map(|set| count(set.len() as u64));

@@ -5,6 +5,7 @@ use super::{
     notes::Notes,
 };
 use crate::{Device, Error, exec::Cpu};
+use std::io::{self, Write};
 
 /// The device of a command that uses one.
 #[derive(Debug)]
@@ -88,6 +89,19 @@ impl Machines {
             },
         };
         Ok(Self { cpu, gpu, automatic })
+    }
+
+    /// Whether to go on without a device that failed so: nobody asked for it.
+    pub(super) fn can_spare(&self, device: &Device, error: &Error) -> bool {
+        self.automatic && device.kind() == "gpu" && at_fault(error)
+    }
+
+    /// Says which they are, a line each.
+    pub(super) fn write_names(&self, out: &mut impl Write) -> io::Result<()> {
+        for device in self.iter() {
+            writeln!(out, "{}  {}", device.kind().to_uppercase(), device.name())?;
+        }
+        Ok(())
     }
 
     /// All of them, the CPU first.

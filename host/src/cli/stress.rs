@@ -1,12 +1,6 @@
 //! `raykd stress`: scenes in which ray tracers fail, by every method, judged exactly.
 
-use super::{
-    args::StressArgs,
-    input::Input,
-    machine::{Machines, at_fault},
-    notes::Notes,
-    write_json,
-};
+use super::{args::StressArgs, input::Input, machine::Machines, notes::Notes, write_json};
 use crate::{
     Device, Error, Hit, Intersector, Ray, rays,
     rays::Camera,
@@ -186,7 +180,7 @@ fn stress(
                 ));
                 match row(&mut trial, method, device, args.rays, None) {
                     Ok(row) => rows.push(row),
-                    Err(error) if machines.automatic && device.kind() == "gpu" && at_fault(&error) => {
+                    Err(error) if machines.can_spare(device, &error) => {
                         notes.note(format_args!("{error}; going on without"));
                     }
                     Err(error) => return Err(error.into()),
@@ -345,9 +339,7 @@ fn replay(failed: &[Row], machines: &Machines, notes: &Notes) -> anyhow::Result<
 fn print(rows: &[Row], machines: &Machines, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
     /// Rows that are read one by one.
     const FEW: usize = 60;
-    for device in machines.iter() {
-        writeln!(out, "{}  {}", device.kind().to_uppercase(), device.name())?;
-    }
+    machines.write_names(out)?;
     let table = if rows.len() > FEW { matrix(rows) } else { list_of(rows) };
     writeln!(out, "{table}")?;
     for row in rows.iter().filter(|row| !row.ok) {
