@@ -20,6 +20,39 @@ use crate::{
 };
 use raykd_shared::{MISS, Node, limits::MAX_DEPTH, status};
 
+/// Whether a ray goes to the far child first, and whether it goes to both; by whether its interval is `past` the near child,
+/// ends `before` the far one, and which of them is empty: such a leaf is not worth a visit beside another child.
+#[inline(always)]
+fn way(past: bool, before: bool, near_empty: bool, far_empty: bool) -> (bool, bool) {
+    if cfg!(target_arch = "spirv") {
+        chosen(past, before, near_empty, far_empty)
+    } else {
+        taken(past, before, near_empty, far_empty)
+    }
+}
+
+/// [`way`] without branches: lanes of a GPU go different ways at every step.
+#[inline(always)]
+fn chosen(past: bool, before: bool, near_empty: bool, far_empty: bool) -> (bool, bool) {
+    let only = before | far_empty;
+    let over = past | (!only & near_empty);
+    (over, !(over | only))
+}
+
+/// [`way`] by branches: a CPU guesses them, and goes on before it knows.
+#[inline(always)]
+fn taken(past: bool, before: bool, near_empty: bool, far_empty: bool) -> (bool, bool) {
+    if past {
+        (true, false)
+    } else if before || far_empty {
+        (false, false)
+    } else if near_empty {
+        (true, false)
+    } else {
+        (false, true)
+    }
+}
+
 /// Finds the closest hit of a ray by one triangle test, or if `any` will do the best one in the first leaf that has one,
 /// among those that `filter` lets through. With `COUNT`, says what it did.
 #[inline(always)]
@@ -62,16 +95,8 @@ pub fn walk<I: Intersector, F: Filter, const COUNT: bool>(
             let back = inverse < 0.0;
             let near = if back { above } else { below };
             let far = if back { below } else { above };
-            // An empty leaf beside another child is not worth a visit.
-            if last < enter {
-                node = far;
-            } else if first > exit || far.is_empty() {
-                node = near;
-                exit = low(exit, last);
-            } else if near.is_empty() {
-                node = far;
-                enter = high(enter, first);
-            } else {
+            let (over, both) = way(last < enter, first > exit, near.is_empty(), far.is_empty());
+            if both {
                 if top < MAX_DEPTH {
                     let (word0, word1) = far.words();
                     stack.put(top, UVec4::new(word0, word1, exit.to_bits(), first.to_bits()));
@@ -79,9 +104,11 @@ pub fn walk<I: Intersector, F: Filter, const COUNT: bool>(
                 } else {
                     steps.status |= status::STACK;
                 }
-                node = near;
-                exit = low(exit, last);
             }
+            node = if over { far } else { near };
+            let (begins, ends) = (high(enter, first), low(exit, last));
+            enter = if over { begins } else { enter };
+            exit = if over { exit } else { ends };
         }
         if COUNT {
             steps.visit(node);
@@ -159,5 +186,18 @@ pub mod except {
         EXCEPT = |i, ray, pairs, corners, any, steps|
             walk::<Exact, Except, false>(ray, pairs, corners, Except(excluded.at(i)), any, steps),
         { 7 excluded: u32 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{chosen, taken};
+
+    #[test]
+    fn both_ways_to_tell_are_one() {
+        for bits in 0..16u32 {
+            let [a, b, c, d] = [1, 2, 4, 8].map(|bit| bits & bit != 0);
+            assert_eq!(chosen(a, b, c, d), taken(a, b, c, d), "{bits:04b}");
+        }
     }
 }
