@@ -2,6 +2,7 @@
 
 use crate::{
     Error,
+    exact::levels,
     exec::{Buffer, Device, Step, Timing},
     mesh::Mesh,
 };
@@ -24,12 +25,13 @@ use std::time::{Duration, Instant};
 pub enum Builder {
     /// Empty space cut off, else the middle of the longest axis, down to 8 references: the cheap baseline
     Median,
+    /// As median above 32 references and as binned below (Zhou et al. 2008, who go over at 64)
+    Zhou,
     /// Surface area heuristic, over 32 bins an axis above 32 references (Shevtsov et al. 2007) and all box faces below
     #[default]
     Binned,
-    /// As median above 32 references and as binned below (Zhou et al. 2008, who go over at 64)
-    Zhou,
-    /// Surface area heuristic over all box faces (Wald & Havran 2006), on the CPU whatever the device
+    /// Surface area heuristic over all box faces, with boxes clipped at every plane (Wald & Havran 2006; on a GPU after Wu
+    /// et al. 2011)
     Exact,
 }
 
@@ -152,13 +154,13 @@ pub(crate) fn most_refs(triangles: u32) -> u32 {
 }
 
 /// Allocates, and keeps count.
-struct Arena<'d> {
-    device: &'d Device,
-    bytes: u64,
+pub(crate) struct Arena<'d> {
+    pub device: &'d Device,
+    pub bytes: u64,
 }
 
 impl Arena<'_> {
-    fn alloc(&mut self, name: &'static str, count: u32, stride: u64) -> Result<Buffer, Error> {
+    pub(crate) fn alloc(&mut self, name: &'static str, count: u32, stride: u64) -> Result<Buffer, Error> {
         let buffer = self.device.alloc(name, u64::from(count) * stride)?;
         self.bytes += buffer.bytes();
         Ok(buffer)
@@ -167,16 +169,16 @@ impl Arena<'_> {
 
 /// Capacities of one try.
 #[derive(Clone, Copy, Debug)]
-struct Room {
-    level_refs: u32,
-    treelet_refs: u32,
-    active: u32,
-    treelets: u32,
-    levels: u32,
+pub(crate) struct Room {
+    pub level_refs: u32,
+    pub treelet_refs: u32,
+    pub active: u32,
+    pub treelets: u32,
+    pub levels: u32,
 }
 
 impl Room {
-    fn first_guess(references: u32, small: u32) -> Self {
+    pub(crate) fn first_guess(references: u32, small: u32) -> Self {
         let n = references;
         // The usual bound on useful depth (Pharr, Jakob & Humphreys, PBRT): 8 + 1.3 log2 N.
         let levels = 12 + 13 * (n + 1).ilog2() / 10;
@@ -223,7 +225,7 @@ pub(crate) fn upload(device: &Device, mesh: &Mesh) -> Result<MeshBuffers, Error>
     Ok(MeshBuffers { positions, indices })
 }
 
-fn params(mesh: &Mesh, options: &BuildOptions, room: Room, max_depth: u32) -> BuildParams {
+pub(crate) fn params(mesh: &Mesh, options: &BuildOptions, room: Room, max_depth: u32) -> BuildParams {
     let (lo, hi) = mesh.scaled_bounds();
     let costs = options.costs(mesh);
     BuildParams {
@@ -252,6 +254,9 @@ pub(crate) fn build(
     mesh: &Mesh,
     options: &BuildOptions,
 ) -> Result<(MeshBuffers, Built), Error> {
+    if options.builder == Builder::Exact {
+        return levels::build(device, mesh, options, levels::SMALL);
+    }
     let start = Instant::now();
     let mesh_buffers = upload(device, mesh)?;
     let mesh_bytes = mesh_buffers.positions.bytes() + mesh_buffers.indices.bytes();
@@ -499,7 +504,7 @@ fn attempt_build(
 }
 
 /// Sums the steps' times by kernel, in order of first use.
-fn tally(kernels: &mut Vec<(&'static str, u32, Duration)>, steps: &[Step<'_>], timing: &Timing) {
+pub(crate) fn tally(kernels: &mut Vec<(&'static str, u32, Duration)>, steps: &[Step<'_>], timing: &Timing) {
     for (step, &time) in steps.iter().zip(&timing.steps) {
         let name = step.kernel.name();
         match kernels.iter_mut().find(|(n, ..)| *n == name) {

@@ -5,8 +5,12 @@
 //! references on either side of each face. A split moves the events of references that lie on one side in
 //! order to that child; only those of clipped references are new, sorted and merged. So sorting happens once.
 //!
+//! This is the CPU's way, depth first; `levels` builds the same tree by kernels, breadth first.
+//!
 //! An event is one word: position, kind, reference; comparing events is comparing integers, no two are equal, and
 //! the tree does not depend on how many threads build it.
+
+pub(crate) mod levels;
 
 use crate::{BuildOptions, KdTree, build::most_refs, mesh::Mesh};
 use raykd_kernels::{
@@ -20,7 +24,7 @@ use raykd_kernels::{
 use raykd_shared::{Node, TreeHeader, limits::MAX_DEPTH};
 use std::sync::{
     Mutex, MutexGuard, PoisonError,
-    atomic::{AtomicUsize, Ordering::Relaxed},
+    atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed},
 };
 
 /// Nodes of more references are built by several threads.
@@ -89,29 +93,20 @@ impl List {
 #[derive(Debug, Default)]
 struct Axis {
     events: List,
-    /// References that start at the node's lower face: they have no event there.
-    open: u32,
     /// New events.
     fresh: Vec<Event>,
 }
 
 impl Axis {
-    /// Takes in a reference; faces on those of the node are no candidates and need no event.
-    fn add(&mut self, reference: u32, (lo, hi): (f32, f32), node: (f32, f32)) {
-        if lo <= node.0 {
-            self.open += 1;
-        }
+    /// Takes in a reference; what ends at the node's upper face needs no event for that.
+    fn add(&mut self, reference: u32, (lo, hi): (f32, f32), end: f32) {
         if lo == hi {
-            if lo > node.0 && hi < node.1 {
-                self.fresh.push(event(lo, PLANAR, reference));
-            }
-            return;
-        }
-        if lo > node.0 {
+            self.fresh.push(event(lo, PLANAR, reference));
+        } else {
             self.fresh.push(event(lo, START, reference));
-        }
-        if hi < node.1 {
-            self.fresh.push(event(hi, END, reference));
+            if hi < end {
+                self.fresh.push(event(hi, END, reference));
+            }
         }
     }
 }
@@ -132,7 +127,6 @@ impl Set {
         self.boxes.clear();
         for axis in &mut self.axes {
             axis.events.len = 0;
-            axis.open = 0;
             axis.fresh.clear();
         }
     }
@@ -143,8 +137,20 @@ impl Set {
         self.triangles.push(triangle);
         self.boxes.push(bounds);
         for (i, axis) in self.axes.iter_mut().enumerate() {
-            axis.add(reference, (bounds.lo[i], bounds.hi[i]), (node.lo[i], node.hi[i]));
+            axis.add(reference, (bounds.lo[i], bounds.hi[i]), node.hi[i]);
         }
+    }
+}
+
+/// Bytes of a list's memory.
+fn bytes<T>(list: &Vec<T>) -> u64 {
+    (list.capacity() * size_of::<T>()) as u64
+}
+
+impl Set {
+    fn bytes(&self) -> u64 {
+        let axes = self.axes.iter().map(|axis| bytes(&axis.events.room) + bytes(&axis.fresh));
+        axes.sum::<u64>() + bytes(&self.triangles) + bytes(&self.boxes)
     }
 }
 
@@ -211,6 +217,13 @@ impl Part {
         }
     }
 
+    fn bytes(&self) -> u64 {
+        match self {
+            Self::Cut(_, halves) => halves.iter().map(Self::bytes).sum(),
+            Self::Grown(_, branch) => bytes(&branch.nodes) + bytes(&branch.refs),
+        }
+    }
+
     /// Appends it to the tree; the root is the caller's to place.
     fn place(self, tree: &mut Branch) -> Node {
         match self {
@@ -245,9 +258,12 @@ struct Builder<'m> {
     max_depth: u32,
     clip: bool,
     pool: Pool,
-    /// References of the leaves so far, and how many there may be.
+    /// References so far, of the leaves and of the nodes of each depth, and how many there may be of either.
     listed: AtomicUsize,
+    passed: [AtomicUsize; MAX_DEPTH as usize + 1],
     most: usize,
+    /// Whether there are more: the tree is given up.
+    full: AtomicBool,
 }
 
 /// Where a reference goes: its number among the child's and one of these, or neither if it is clipped.
@@ -274,6 +290,15 @@ struct Pool {
     large: Mutex<Vec<Set>>,
 }
 
+impl Pool {
+    /// What all sets took, once they are back.
+    fn bytes(&self) -> u64 {
+        let large: u64 = locked(&self.large).iter().map(Set::bytes).sum();
+        let each = |spare: &Spare| bytes(&spare.targets) + spare.sets.iter().map(Set::bytes).sum::<u64>();
+        large + locked(&self.spares).iter().map(each).sum::<u64>()
+    }
+}
+
 /// Takes a lock; a thread that panicked left nothing half done in a list.
 fn locked<T>(list: &Mutex<T>) -> MutexGuard<'_, T> {
     list.lock().unwrap_or_else(PoisonError::into_inner)
@@ -288,35 +313,49 @@ impl Builder<'_> {
     fn sweep(&self, set: &Set, node: &Bounds, axis: usize, sah: &Sah) -> Plane {
         let across = sah.across(axis as u32);
         let mut best = Plane { axis, at: node.lo[axis], planar_above: false, cost: f32::INFINITY };
-        let (mut below, mut above) = (set.axes[axis].open, set.triangles.len() as u32);
+        let (mut below, mut above) = (0, set.triangles.len() as u32);
         let mut consider = |at: f32, below: u32, above: u32, planar_above: bool| {
             let cost = across.cut(at, below, above);
             if cost < best.cost {
                 best = Plane { axis, at, planar_above, cost };
             }
         };
-        // Before the last end and after the first start at a position this counts some references too often;
-        // the right count comes at the same position and costs no more.
-        for &event in set.axes[axis].events.events() {
-            let at = position(event);
-            let kind = event & KIND;
-            above -= u32::from(kind == END);
+        let events = set.axes[axis].events.events();
+        let mut next = 0;
+        while let Some(&first) = events.get(next) {
+            let at = position(first);
+            let (mut ends, mut planar, mut starts) = (0, 0, 0);
+            while let Some(&event) = events.get(next)
+                && event >> 32 == first >> 32
+            {
+                ends += u32::from(event & KIND == END);
+                planar += u32::from(event & KIND == PLANAR);
+                starts += u32::from(event & KIND == START);
+                next += 1;
+            }
+            above -= ends;
             consider(at, below, above, true);
-            if kind == PLANAR {
-                below += 1;
-                above -= 1;
+            below += planar;
+            above -= planar;
+            if planar > 0 {
                 consider(at, below, above, false);
             }
-            below += u32::from(kind == START);
+            below += starts;
         }
         best
+    }
+
+    /// Counts references, and notes when there are too many.
+    fn count(&self, so_far: &AtomicUsize, references: usize) {
+        if so_far.fetch_add(references, Relaxed) + references > self.most {
+            self.full.store(true, Relaxed);
+        }
     }
 
     /// The plane that cuts the node, or none if it becomes a leaf.
     fn choose(&self, set: &Set, cell: &Cell, parallel: bool) -> Option<Plane> {
         let sah = Sah::new(cell.bounds.lo, cell.bounds.hi, set.triangles.len() as u32, self.costs);
-        let full = self.listed.load(Relaxed) > self.most;
-        if cell.depth >= self.max_depth || !sah.may_pay || full {
+        if cell.depth >= self.max_depth || !sah.may_pay || self.full.load(Relaxed) {
             return None;
         }
         let sweep = |axis| self.sweep(set, &cell.bounds, axis, &sah);
@@ -350,6 +389,7 @@ impl Builder<'_> {
         targets: &mut Vec<u32>,
         parallel: bool,
     ) {
+        self.count(&self.passed[cells[0].depth as usize - 1], set.triangles.len());
         for half in halves.iter_mut() {
             half.clear();
             half.triangles.reserve(set.triangles.len());
@@ -380,7 +420,6 @@ impl Builder<'_> {
             };
             targets.push(target);
         }
-        let node = cells[0].bounds.lo;
         let move_events = |axis: usize, low: &mut Axis, high: &mut Axis| {
             let from = &set.axes[axis];
             let events = from.events.events();
@@ -402,14 +441,6 @@ impl Builder<'_> {
             low.events.merge(&mut low.fresh);
             high.events.merge(&mut high.fresh);
         };
-        // References that were open and stay whole: count them by their boxes.
-        for (&target, bounds) in targets.iter().zip(&set.boxes) {
-            for axis in 0..3 {
-                let open = u32::from(bounds.lo[axis] <= node[axis]);
-                low.axes[axis].open += open & (target >> 30);
-                high.axes[axis].open += open & (target >> 31);
-            }
-        }
         let [low_x, low_y, low_z] = &mut low.axes;
         let [high_x, high_y, high_z] = &mut high.axes;
         if parallel {
@@ -442,7 +473,8 @@ impl Builder<'_> {
     }
 
     fn leaf(&self, tree: &mut Branch, triangles: &[u32], depth: u32) -> Node {
-        self.listed.fetch_add(triangles.len(), Relaxed);
+        self.count(&self.passed[depth as usize], triangles.len());
+        self.count(&self.listed, triangles.len());
         tree.leaf(triangles, depth)
     }
 
@@ -475,18 +507,23 @@ impl Builder<'_> {
 /// Builds the tree of `mesh` on the CPU, by the threads of the current rayon pool. The same mesh and options give
 /// the same bytes. Where splitting does not separate the triangles, the depth is halved until memory suffices.
 pub fn build(mesh: &Mesh, options: &BuildOptions) -> KdTree {
+    build_counted(mesh, options).0
+}
+
+/// The same, and the most bytes that were held at once, the mesh included.
+pub(crate) fn build_counted(mesh: &Mesh, options: &BuildOptions) -> (KdTree, u64) {
     let mut depth = options.max_depth.min(MAX_DEPTH);
     loop {
         // A single leaf always fits.
         match attempt(mesh, &BuildOptions { max_depth: depth, ..options.clone() }) {
-            Some(tree) => return tree,
+            Some(counted) => return counted,
             None => depth /= 2,
         }
     }
 }
 
-/// Gives up, at whatever point, if the leaves get too long in all.
-fn attempt(mesh: &Mesh, options: &BuildOptions) -> Option<KdTree> {
+/// Gives up if the leaves, or the nodes of some depth, get too long in all.
+fn attempt(mesh: &Mesh, options: &BuildOptions) -> Option<(KdTree, u64)> {
     let positions = mesh.scaled_positions();
     let (lo, hi) = mesh.scaled_bounds();
     let builder = Builder {
@@ -497,6 +534,8 @@ fn attempt(mesh: &Mesh, options: &BuildOptions) -> Option<KdTree> {
         clip: options.clip,
         pool: Pool::default(),
         listed: AtomicUsize::new(0),
+        passed: [const { AtomicUsize::new(0) }; MAX_DEPTH as usize + 1],
+        full: AtomicBool::new(false),
         most: most_refs(mesh.kept().len() as u32) as usize,
     };
     let bounds = Bounds { lo: Vec3::from_array(lo), hi: Vec3::from_array(hi) };
@@ -515,10 +554,14 @@ fn attempt(mesh: &Mesh, options: &BuildOptions) -> Option<KdTree> {
     };
     set.axes.iter_mut().for_each(sort);
     let part = builder.branch(set, &Cell { bounds, depth: 0 });
-    if builder.listed.load(Relaxed) > builder.most {
+    if builder.full.load(Relaxed) {
         return None;
     }
     let (nodes, refs) = part.size();
+    // Memory is used again, not given back, so all of it is there at the end.
+    let held = builder.pool.bytes()
+        + part.bytes()
+        + (size_of_val(&*positions) + size_of_val(mesh.triangles())) as u64;
     let mut tree = Branch { nodes: Vec::with_capacity(nodes + 2), refs: Vec::with_capacity(refs), depth: 0 };
     tree.nodes.extend([Node::PADDING; 2]);
     tree.nodes[0] = part.place(&mut tree);
@@ -534,5 +577,6 @@ fn attempt(mesh: &Mesh, options: &BuildOptions) -> Option<KdTree> {
         cost_test: options.cost_test,
         reserved: [0; 3],
     };
-    Some(KdTree { header, nodes: tree.nodes, refs: tree.refs })
+    let held = held + bytes(&tree.nodes) + bytes(&tree.refs);
+    Some((KdTree { header, nodes: tree.nodes, refs: tree.refs }, held))
 }

@@ -91,6 +91,14 @@ const SKY_RAYS: u64 = 16;
 /// Their length, in diagonals of the mesh: what is farther off does not darken.
 const SKY_REACH: f64 = 0.2;
 
+/// How many rays a picture of so many primary ones takes in all: of those about half hit what fills the picture.
+pub(crate) const fn rays_of(shading: Shading, primary: u64) -> u64 {
+    match shading {
+        Shading::Ao => primary + primary / 2 * SKY_RAYS,
+        Shading::Normal | Shading::Depth | Shading::Heat | Shading::Id => primary,
+    }
+}
+
 /// The share of rays around each point's normal that get away.
 fn sky(scene: &Scene<'_>, mesh: &Mesh, rays: &[Ray], hits: &[Hit], seed: u32) -> Result<Vec<Rgb>, Error> {
     let (lo, hi) = mesh.bounds();

@@ -143,17 +143,3 @@ impl fmt::Display for Traversal {
         f.write_str(self.name())
     }
 }
-
-#[cfg(all(test, feature = "cli"))]
-mod tests {
-    use super::*;
-    use clap::ValueEnum as _;
-
-    #[test]
-    fn names_are_those_of_the_command_line() {
-        for (listed, &known) in Traversal::value_variants().iter().zip(&Traversal::ALL) {
-            assert_eq!(*listed, known);
-            assert_eq!(known.to_possible_value().unwrap().get_name(), known.name());
-        }
-    }
-}

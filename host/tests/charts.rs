@@ -3,7 +3,7 @@
 use raykd::{
     Device, Mesh, Ray,
     exec::Cpu,
-    plan::{CHOICES, Calibration, Cost},
+    plan::{CHOICES, Calibration, Cost, Seen, cache},
     rays,
 };
 use std::{
@@ -37,7 +37,7 @@ fn favouring(name: &str) -> Calibration {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         device: "cpu".to_owned(),
         name: Device::Cpu(Cpu::with_threads(1).unwrap()).name().to_owned(),
-        steps: vec![(100, 10.0), (1000, 10.0)],
+        looks: [100, 1000].map(|n| (n, [Seen { whole: 10.0, halfway: 20.0 }; 2])).to_vec(),
         costs: CHOICES.iter().flat_map(|c| [cost(c.name, 100), cost(c.name, 1000)]).collect(),
     }
 }
@@ -83,6 +83,40 @@ fn auto_tells_what_it_chose_in_words() {
     let render = ["render", "teapot", "--size", "64x32", "--samples", "1", "-o", &picture];
     let render = raykd(&[render.as_slice(), &auto].concat());
     assert!(told(&render).contains("halfway tree for 2,048 rays: predicted"), "{}", told(&render));
+    let render = ["render", "teapot", "--size", "64x32", "--shading", "ao", "-o", &picture];
+    let render = raykd(&[render.as_slice(), &auto].concat());
+    assert!(told(&render).contains("halfway tree for 18,432 rays: predicted"), "{}", told(&render));
+    let bench = raykd(&[["bench", "--device", "cpu", "--rays", "700"].as_slice(), &auto].concat());
+    assert!(told(&bench).contains("CPU: auto: halfway tree for 700 rays: predicted"), "{}", told(&bench));
+}
+
+#[test]
+fn auto_is_checked_against_what_everything_takes() {
+    let folder = tempfile::tempdir().unwrap();
+    let device = Device::Cpu(Cpu::with_threads(1).unwrap());
+    let name = cache(&device).unwrap();
+    favouring("halfway").save(&folder.path().join(name.file_name().unwrap())).unwrap();
+    let check = |more: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_raykd"));
+        command.args(["calibrate", "--check", "teapot:2", "--threads", "1", "--device", "cpu"]).args(more);
+        command.env("RAYKD_CACHE", folder.path()).output().unwrap()
+    };
+    let output = check(&["--json"]);
+    assert!(output.status.success(), "{}", told(&output));
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let (cases, costs) = (json["cases"].as_array().unwrap(), json["costs"].as_array().unwrap());
+    assert_eq!((cases.len(), costs.len(), &json["traced"]["cpu"]), (7, CHOICES.len(), &32768.into()));
+    for (case, power) in cases.iter().zip(3..) {
+        assert_eq!(case["choice"], "CPU halfway");
+        assert_eq!(case["rays"], 10u64.pow(power));
+        // 1.1 ms before the rays, 2 ns a ray, as was made up.
+        let predicted = 1.1 + 2e-6 * 10f64.powi(power as i32);
+        assert!((case["predicted_ms"].as_f64().unwrap() / predicted - 1.0).abs() < 0.6, "{case}");
+        assert!(case["best_ms"].as_f64() <= case["measured_ms"].as_f64(), "{case}");
+    }
+    assert!(costs.iter().all(|pair| pair["measured"]["ray_ns"].as_f64() > Some(0.0)), "{costs:?}");
+    let words = told(&check(&[]));
+    assert!(words.contains("Of 7 cases") && words.contains("On the CPU 32,768 rays were traced"), "{words}");
 }
 
 #[test]

@@ -363,6 +363,10 @@ fn hits_are_counted_and_listed() {
         let told = json(&[&line as &[&str], &["count"]].concat());
         let counts: Vec<u32> = bytemuck::pod_collect_to_vec(&fs::read(&hits).unwrap());
         assert_eq!(told["total_hits"], counts.iter().sum::<u32>());
+        assert_eq!((&told["hits"], &told["invalid"]), (&4.into(), &1.into()));
+        for key in ["upload_ms", "trace_ms", "download_ms"] {
+            assert!(told[key].as_f64() > Some(0.0), "{key}");
+        }
         let told = json(&[&line as &[&str], &["all", "--limit", "2"]].concat());
         let all: Vec<Hit> = bytemuck::pod_collect_to_vec(&fs::read(&hits).unwrap());
         assert_eq!((&told["query"], all.len()), (&"all".into(), 2 * given.len()));
@@ -401,10 +405,13 @@ fn every_traversal_traces_the_same() {
         assert_eq!(json(&line)["traversal"], traversal.name());
         assert_eq!(read_hits(&hits), expected, "{traversal}");
     }
-    // Brute force is not compared.
-    let rows = json(&["trace", "--compare", &mesh, "--rays", &rays, "--json"]);
+    // Brute force is compared if asked for.
+    let compare = ["trace", "--compare", &mesh, "--rays", &rays, "--json"];
+    assert_eq!(json(&compare).as_array().unwrap().len(), 2 * (Traversal::ALL.len() - 1));
+    let rows = json(&[compare.as_slice(), &["--brute"]].concat());
     let rows = rows.as_array().unwrap();
-    assert_eq!(rows.len(), 2 * (Traversal::ALL.len() - 1));
+    assert_eq!(rows.len(), 2 * Traversal::ALL.len());
+    assert_eq!((&rows[11]["traversal"], &rows[11]["tests_p50"]), (&"brute".into(), &2.into()));
     for row in rows {
         let mut keys: Vec<&str> = row.as_object().unwrap().keys().map(String::as_str).collect();
         let mut wanted = COMPARE_KEYS;

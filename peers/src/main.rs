@@ -1,10 +1,12 @@
 //! raykd and other crates on the same scenes and rays: one run, one thread, peers in turn.
 
+mod embree;
 mod judge;
 mod peers;
 
+use anyhow::{Context as _, bail};
 use judge::{Verdict, judge};
-use peers::{Answer, Peer};
+use peers::Answer;
 use raykd::{BuildOptions, Device, Mesh, Ray, Scene, exec::Cpu, mesh::scene, rays::sets::Sets};
 use std::{io::Write as _, time::Duration};
 
@@ -30,12 +32,18 @@ struct Row {
 fn main() -> anyhow::Result<()> {
     // SAFETY: no other thread runs yet. kdtree-ray starts a pool of threads for each build.
     unsafe { std::env::set_var("RAYON_NUM_THREADS", "1") };
-    let (mut names, mut rounds, mut json) = (Vec::new(), 5, false);
+    let (mut names, mut rounds, mut json, mut output) = (Vec::new(), 5, false, None);
     let mut args = std::env::args().skip(1);
     while let Some(arg) = args.next() {
         match arg.as_str() {
             "--json" => json = true,
-            "--rounds" => rounds = args.next().unwrap_or_default().parse()?,
+            "-o" => output = Some(args.next().context("-o needs a file")?),
+            "--rounds" => {
+                rounds = args.next().unwrap_or_default().parse().context("--rounds needs a number")?
+            }
+            _ if arg.starts_with('-') => {
+                bail!("{arg}? There are scenes, --rounds N, --json, and -o FILE.json")
+            }
             _ => names.push(arg),
         }
     }
@@ -45,6 +53,10 @@ fn main() -> anyhow::Result<()> {
     let mut rows = Vec::new();
     for name in &names {
         rows.extend(bench(name, rounds)?);
+    }
+    if let Some(path) = output {
+        let bytes = serde_json::to_vec_pretty(&rows)?;
+        std::fs::write(&path, bytes).with_context(|| format!("cannot write {path}"))?;
     }
     let mut out = std::io::stdout().lock();
     if json {
@@ -74,42 +86,60 @@ fn bench(name: &str, rounds: usize) -> anyhow::Result<Vec<Row>> {
     let mesh = scene(name)?;
     let built = Scene::build(&device, &mesh, &BuildOptions::default())?;
     let sets = Sets::new(name, &mesh, |rays| built.closest(rays))?;
+    drop(built);
     let Sets { a, b, c, d } = &sets;
     let closest = [a, b, c, d];
-    let mut peers = vec![peers::raykd(&built)];
-    peers.extend(peers::all(&mesh));
-
     // The best of some rounds: others on this machine only ever slow things down.
-    let mut times = vec![[Duration::MAX; 5]; peers.len()];
-    let mut answers = vec![[const { Vec::new() }; 5]; peers.len()];
-    for _ in 0..rounds.max(1) {
-        for (peer, (times, answers)) in peers.iter().zip(times.iter_mut().zip(&mut answers)) {
+    let mut peers: Vec<Measured> = peers::ALL.iter().map(|_| Measured::default()).collect();
+    for round in 1..=rounds.max(1) {
+        for (make, measured) in peers::ALL.iter().zip(&mut peers) {
+            let Some(peer) = make(&device, &mesh) else { continue };
+            eprintln!("{name}, round {round} of {rounds}: {}", peer.name);
+            measured.name = peer.name;
+            measured.any = peer.any.is_some();
+            measured.build = measured.build.min(peer.build);
             for (i, rays) in closest.into_iter().chain([d]).enumerate() {
                 let query = if i < 4 { Some(&peer.closest) } else { peer.any.as_ref() };
                 if let Some(query) = query {
                     let (time, found) = query(rays);
-                    times[i] = times[i].min(time);
-                    answers[i] = found;
+                    measured.times[i] = measured.times[i].min(time);
+                    measured.answers[i] = found;
                 }
             }
         }
     }
+    peers.retain(|peer| !peer.name.is_empty());
     let mut verdicts = vec![Verdict::default(); peers.len()];
     for (i, rays) in closest.into_iter().enumerate() {
-        compare(&mesh, rays, &answers, i, &mut verdicts);
+        compare(&mesh, rays, &peers, i, &mut verdicts);
     }
-    let rows = peers.iter().zip(times.iter().zip(&answers)).zip(verdicts);
-    Ok(rows
-        .map(|((peer, (times, answers)), verdict)| row(name, peer, times, answers, verdict, closest))
-        .collect())
+    Ok(peers.iter().zip(verdicts).map(|(peer, verdict)| row(name, peer, verdict, closest)).collect())
 }
 
-/// Judges what each peer found in set `i` by what raykd, the first of them, found.
-fn compare(mesh: &Mesh, rays: &[Ray], answers: &[[Vec<Answer>; 5]], i: usize, verdicts: &mut [Verdict]) {
+/// What a peer took, the least of all rounds, and what it found.
+struct Measured {
+    name: &'static str,
+    build: Duration,
+    /// Closest hits of sets a to d, any of d.
+    times: [Duration; 5],
+    answers: [Vec<Answer>; 5],
+    /// Whether it was asked for any hits.
+    any: bool,
+}
+
+impl Default for Measured {
+    fn default() -> Self {
+        let answers = [const { Vec::new() }; 5];
+        Self { name: "", build: Duration::MAX, times: [Duration::MAX; 5], answers, any: false }
+    }
+}
+
+/// Judges what each peer found in set `i` by what the first of them found.
+fn compare(mesh: &Mesh, rays: &[Ray], peers: &[Measured], i: usize, verdicts: &mut [Verdict]) {
     let mut lost = vec![false; rays.len()];
-    for (verdict, answers_of) in verdicts.iter_mut().zip(answers).skip(1) {
+    for (verdict, peer) in verdicts.iter_mut().zip(peers).skip(1) {
         for (at, ray) in rays.iter().enumerate() {
-            let (ours, theirs) = (answers[0][i][at], answers_of[i][at]);
+            let (ours, theirs) = (peers[0].answers[i][at], peer.answers[i][at]);
             let [we, they] = judge(mesh, ray, ours, theirs);
             lost[at] |= we;
             verdict.wrong += usize::from(they);
@@ -119,16 +149,9 @@ fn compare(mesh: &Mesh, rays: &[Ray], answers: &[[Vec<Answer>; 5]], i: usize, ve
     verdicts[0].wrong += lost.iter().filter(|lost| **lost).count();
 }
 
-fn row(
-    scene: &str,
-    peer: &Peer<'_>,
-    times: &[Duration; 5],
-    answers: &[Vec<Answer>; 5],
-    verdict: Verdict,
-    sets: [&Vec<Ray>; 4],
-) -> Row {
-    let rate = |i: usize| sets[i.min(3)].len() as f64 / times[i].as_secs_f64() * 1.0e-6;
-    let any = answers[4].iter().zip(&answers[3]);
+fn row(scene: &str, peer: &Measured, verdict: Verdict, sets: [&Vec<Ray>; 4]) -> Row {
+    let rate = |i: usize| sets[i.min(3)].len() as f64 / peer.times[i].as_secs_f64() * 1.0e-6;
+    let any = peer.answers[4].iter().zip(&peer.answers[3]);
     Row {
         scene: scene.to_owned(),
         peer: peer.name,
@@ -137,7 +160,7 @@ fn row(
         mrays_b: rate(1),
         mrays_c: rate(2),
         mrays_d: rate(3),
-        mrays_d_any: peer.any.is_some().then(|| rate(4)),
+        mrays_d_any: peer.any.then(|| rate(4)),
         wrong: verdict.wrong,
         unclear: verdict.unclear,
         any_differs: any.filter(|(any, closest)| any.is_hit() != closest.is_hit()).count(),

@@ -1,6 +1,6 @@
 //! Each crate in its fastest documented use, with its own triangle test where it has one that sees both sides.
 
-use crate::judge::NEAR;
+use crate::{embree::embree, judge::NEAR};
 use bvh::{
     aabb::{Aabb, Bounded},
     bounding_hierarchy::BHShape,
@@ -19,8 +19,11 @@ use parry3d::{
     query::Ray as ParryRay,
     shape::{CompositeShapeRef, TriMesh},
 };
-use raykd::{Mesh, Query, Ray, Scene, shared::MISS};
-use std::time::{Duration, Instant};
+use raykd::{BuildOptions, Builder, Device, Mesh, Query, Ray, Scene, shared::MISS};
+use std::{
+    rc::Rc,
+    time::{Duration, Instant},
+};
 
 /// What a peer found.
 #[derive(Clone, Copy, Debug)]
@@ -54,9 +57,12 @@ pub struct Peer<'a> {
     pub any: Option<Trace<'a>>,
 }
 
-/// raykd; its times are those of its kernels.
-pub fn raykd<'a>(scene: &'a Scene<'a>) -> Peer<'a> {
-    let trace = move |query| -> Trace<'a> {
+/// raykd with a tree of one of its builders; its times are those of its kernels.
+fn raykd<'a>(device: &'a Device, mesh: &Mesh, builder: Builder) -> Peer<'a> {
+    let options = BuildOptions { builder, ..BuildOptions::default() };
+    let scene = Rc::new(Scene::build(device, mesh, &options).expect("the CPU does not fail"));
+    let trace = |query| -> Trace<'a> {
+        let scene = Rc::clone(&scene);
         Box::new(move |rays: &[Ray]| {
             let traced = scene.trace(query, rays).expect("the CPU does not fail");
             let answer = |hit: &raykd::Hit| match hit.is_hit() {
@@ -67,22 +73,33 @@ pub fn raykd<'a>(scene: &'a Scene<'a>) -> Peer<'a> {
         })
     };
     let build = scene.times().build + scene.times().layout;
-    Peer { name: "raykd", build, closest: trace(Query::Closest), any: Some(trace(Query::Any)) }
+    let name = if builder == Builder::Exact { "raykd exact" } else { "raykd binned" };
+    Peer { name, build, closest: trace(Query::Closest), any: Some(trace(Query::Any)) }
 }
 
-/// The others.
-pub fn all<'a>(mesh: &Mesh) -> Vec<Peer<'a>> {
-    vec![bvh(mesh), parry(mesh), kdtree_ray(mesh), obvhs_bvh2(mesh), obvhs_cwbvh(mesh)]
-}
+/// Builds a tree; none if what that takes is not on this system.
+pub type Make = for<'a> fn(&'a Device, &Mesh) -> Option<Peer<'a>>;
 
-fn timed<T>(work: impl FnOnce() -> T) -> (Duration, T) {
+/// All of them, raykd first.
+pub const ALL: [Make; 8] = [
+    |device, mesh| Some(raykd(device, mesh, Builder::Binned)),
+    |device, mesh| Some(raykd(device, mesh, Builder::Exact)),
+    |_, mesh| Some(bvh(mesh)),
+    |_, mesh| Some(parry(mesh)),
+    |_, mesh| Some(kdtree_ray(mesh)),
+    |_, mesh| Some(obvhs_bvh2(mesh)),
+    |_, mesh| Some(obvhs_cwbvh(mesh)),
+    |_, mesh| embree(mesh),
+];
+
+pub fn timed<T>(work: impl FnOnce() -> T) -> (Duration, T) {
     let start = Instant::now();
     let done = work();
     (start.elapsed(), done)
 }
 
 /// A trace, ray by ray.
-fn each<'a>(one: impl Fn(&Ray) -> Answer + 'a) -> Trace<'a> {
+pub fn each<'a>(one: impl Fn(&Ray) -> Answer + 'a) -> Trace<'a> {
     Box::new(move |rays| timed(|| rays.iter().map(&one).collect()))
 }
 
@@ -143,9 +160,9 @@ impl BHShape<f32, 3> for Plain {
 fn bvh<'a>(mesh: &Mesh) -> Peer<'a> {
     let mut triangles: Vec<Plain> = corners(mesh).map(Plain::new).collect();
     let (build, tree) = timed(|| Bvh::build(&mut triangles));
-    let both = std::rc::Rc::new((tree, triangles));
+    let both = Rc::new((tree, triangles));
     let trace = |any: bool| {
-        let both = std::rc::Rc::clone(&both);
+        let both = Rc::clone(&both);
         each(move |ray| {
             let (tree, triangles) = &*both;
             let d = Vec3A::from_array(ray.direction);
@@ -252,8 +269,8 @@ macro_rules! obvhs {
             // In the order of the leaves, as its examples do.
             let ordered: Vec<RtTriangle> =
                 tree.primitive_indices.iter().map(|&i| (&triangles[i as usize]).into()).collect();
-            let both = std::rc::Rc::new((tree, ordered));
-            let again = std::rc::Rc::clone(&both);
+            let both = Rc::new((tree, ordered));
+            let again = Rc::clone(&both);
             let closest = each(move |ray| {
                 let (tree, ordered) = &*both;
                 let mut hit = RayHit::none();

@@ -22,17 +22,18 @@ pub struct BuildParams {
     pub max_depth: u32,
     /// Room in each list of references of the level loop.
     pub level_refs: u32,
-    /// Room in the list of references of finished large leaves and treelets.
+    /// Room in the list of references of finished large leaves and treelets; in `exact`, of all leaves.
     pub treelet_refs: u32,
     /// Room in the list of active nodes of a level.
     pub active: u32,
-    /// Room in the list of treelets, and for as many pairs of nodes above them.
+    /// Room in the list of treelets, and for as many pairs of nodes above them; in `exact`, for all nodes.
     pub treelets: u32,
     /// References have no price in nodes of more.
     pub long: u32,
     /// How planes are chosen: bits of [`rule`].
     pub rule: u32,
-    /// Nodes of at most this many references leave the level loop; at most [`crate::limits::TREELET`].
+    /// Nodes of at most this many references leave the level loop; at most [`crate::limits::TREELET`]. In the builder
+    /// `exact`, they have no lists of faces.
     pub small: u32,
     /// What listing a triangle in one more leaf costs, in units of cost times half area.
     pub price: f32,

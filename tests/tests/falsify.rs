@@ -1,7 +1,7 @@
 //! Tests that cannot fail show nothing: for each family of checks a planted fault that it must find.
 
 use raykd::{
-    BuildOptions, Device, Hit, KdTree, Mesh, Ray, Scene,
+    BuildOptions, Builder, Device, Hit, KdTree, Mesh, Ray, Scene,
     exec::{Cpu, Step},
     kernels::{
         Access, Group, Kernel, Order, RawBuf, Slot, lanes,
@@ -97,11 +97,31 @@ fn one_changed_hit_is_found() {
 #[test]
 fn one_wrong_word_in_one_dispatch_is_traced_to_its_kernel() {
     let mesh = soup();
-    let job = Job { mesh: &mesh, options: &BuildOptions::default(), seed: 1 };
+    let options = BuildOptions::default();
+    let exact = BuildOptions { builder: Builder::Exact, ..options.clone() };
+    let [job, exact] = [&options, &exact].map(|options| Job { mesh: &mesh, options, seed: 1 });
     job.compare(&[cpu(), cpu()]).unwrap();
     let traces = ["closest", "except", "transforms", "woop", "moeller", "plane", "baldwin"];
     let builds = ["boxes", "bin", "split", "scatter", "treelet", "place", "emit"];
-    for name in builds.into_iter().chain(traces) {
+    let exacts = [
+        "start",
+        "sort",
+        "weigh",
+        "cheapest",
+        "classify",
+        "rank",
+        "total",
+        "advance",
+        "children",
+        "distribute",
+        "carry",
+        "insert",
+        "sizes",
+        "number",
+        "leaves",
+    ];
+    let jobs = builds.into_iter().chain(traces).map(|name| (&job, name));
+    for (job, name) in jobs.chain(exacts.map(|name| (&exact, name))) {
         // What a wrong kernel of this name would have done, on the GPU.
         thread_local!(static FAULTY: std::cell::Cell<&'static str> = const { std::cell::Cell::new("") });
         FAULTY.set(name);

@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use raykd::{
-    BuildOptions, Device,
+    BuildOptions, Builder, Device,
     exec::Cpu,
     kernels::{
         ALL, Order,
@@ -18,19 +18,27 @@ use raykd_tests::{
 };
 use std::collections::BTreeSet;
 
+/// Builders that have all the kernels between them.
+const BUILDERS: [Builder; 2] = [Builder::Binned, Builder::Exact];
+
+fn either() -> impl Strategy<Value = Builder> {
+    prop::sample::select(BUILDERS.to_vec())
+}
+
 proptest! {
     #![proptest_config(cases(48))]
     #[test]
-    fn each_kernel_writes_the_same_bytes_on_every_device(recipe in small_mesh(), seed: u64, max_depth in 1u32..=48) {
-        let options = BuildOptions { max_depth, ..BuildOptions::default() };
+    fn each_kernel_writes_the_same_bytes_on_every_device(recipe in small_mesh(), seed: u64, max_depth in 1u32..=48, builder in either()) {
+        let options = BuildOptions { max_depth, builder, ..BuildOptions::default() };
         let devices: Vec<_> = devices().iter().map(|named| &named.device).collect();
         Job { mesh: &recipe.mesh(), options: &options, seed }.compare(&devices)?;
     }
 
     #[test]
-    fn lane_order_changes_no_byte(recipe in small_mesh(), seed: u64, shuffle: u32) {
+    fn lane_order_changes_no_byte(recipe in small_mesh(), seed: u64, shuffle: u32, builder in either()) {
+        let options = BuildOptions { builder, ..BuildOptions::default() };
         let shuffled = Device::Cpu(Cpu::default().in_order(Order::Shuffled(shuffle)));
-        Job { mesh: &recipe.mesh(), options: &BuildOptions::default(), seed }.compare(&[cpu(), &shuffled])?;
+        Job { mesh: &recipe.mesh(), options: &options, seed }.compare(&[cpu(), &shuffled])?;
     }
 }
 
@@ -38,16 +46,22 @@ proptest! {
 fn each_kernel_does_so_over_several_chunks_too() {
     let devices: Vec<_> = devices().iter().map(|named| &named.device).collect();
     for family in [Family::Soup, Family::Lattice] {
-        let mesh = Recipe { family, size: 5000, seed: 1 }.mesh();
-        Job { mesh: &mesh, options: &BuildOptions::default(), seed: 1 }.compare(&devices).unwrap();
+        for builder in BUILDERS {
+            let mesh = Recipe { family, size: 5000, seed: 1 }.mesh();
+            let options = BuildOptions { builder, ..BuildOptions::default() };
+            Job { mesh: &mesh, options: &options, seed: 1 }.compare(&devices).unwrap();
+        }
     }
 }
 
 #[test]
 fn every_kernel_is_compared() {
     let mesh = Recipe { family: Family::Soup, size: 60, seed: 1 }.mesh();
-    let job = Job { mesh: &mesh, options: &BuildOptions::default(), seed: 1 };
-    let seen: BTreeSet<_> = job.kernels(gpu()).unwrap().into_iter().collect();
+    let kernels = |builder| {
+        let options = BuildOptions { builder, ..BuildOptions::default() };
+        Job { mesh: &mesh, options: &options, seed: 1 }.kernels(gpu()).unwrap()
+    };
+    let seen: BTreeSet<_> = BUILDERS.into_iter().flat_map(kernels).collect();
     // The probe is compared by the executors' own tests: it asks what raykd need not rely on.
     let all: BTreeSet<_> = ALL.iter().map(|kernel| kernel.name()).filter(|&name| name != "probe").collect();
     assert_eq!(seen, all);

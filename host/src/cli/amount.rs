@@ -7,15 +7,14 @@ use super::{
     notes::Notes,
 };
 use crate::{
-    BuildOptions, Mesh, Traversal,
+    BuildOptions, Device, Mesh, Traversal,
     plan::{Calibration, Plan, choose},
     report::{count, three},
 };
 
-/// What a command shall run on and how.
+/// How a command shall build and trace.
 #[derive(Debug)]
 pub(super) struct Amount {
-    pub machine: Machine,
     pub options: BuildOptions,
     pub traversal: Traversal,
     /// How auto came to that.
@@ -30,11 +29,11 @@ pub(super) fn decide(
     device: (Option<One>, &MachineArgs),
     (mesh, rays): (&Mesh, u64),
     notes: &Notes,
-) -> anyhow::Result<Amount> {
+) -> anyhow::Result<(Machine, Amount)> {
     let (wish, more) = device;
     if amount.quality == Quality::Usual {
         let machine = Machine::choose(wish, more, notes)?;
-        return Ok(Amount { machine, options: tree.options(), traversal, plan: None });
+        return Ok((machine, Amount { options: tree.options(), traversal, plan: None }));
     }
     let mut devices = candidates(wish, more, notes)?;
     let all: Vec<Calibration> = devices
@@ -43,15 +42,36 @@ pub(super) fn decide(
         .collect::<anyhow::Result<_>>()?;
     let plan = choose(mesh, rays, &all.iter().collect::<Vec<_>>());
     let automatic = devices.len() > 1;
-    let machine = Machine::of(devices.swap_remove(plan.device), automatic);
-    let (options, traversal) = (plan.choice.options(), plan.choice.traversal(mesh.kept().len()));
-    Ok(Amount { machine, options, traversal, plan: Some(plan) })
+    Ok((Machine::of(devices.swap_remove(plan.device), automatic), Amount::of(plan, mesh)))
+}
+
+/// The same on a device that is not to be chosen.
+pub(super) fn on(
+    device: &Device,
+    amount: &AmountArgs,
+    tree: &TreeArgs,
+    traversal: Traversal,
+    (mesh, rays): (&Mesh, u64),
+    notes: &Notes,
+) -> anyhow::Result<Amount> {
+    if amount.quality == Quality::Usual {
+        return Ok(Amount { options: tree.options(), traversal, plan: None });
+    }
+    let costs = calibrate::costs(device, amount.costs.as_deref(), notes)?;
+    Ok(Amount::of(choose(mesh, rays, &[&costs]), mesh))
+}
+
+impl Amount {
+    fn of(plan: Plan, mesh: &Mesh) -> Self {
+        let (options, traversal) = (plan.choice.options(), plan.choice.traversal(mesh.kept().len()));
+        Self { options, traversal, plan: Some(plan) }
+    }
 }
 
 /// What auto predicted, and what it took.
-#[derive(Clone, Debug, serde::Serialize)]
+#[derive(Clone, Debug, Default, serde::Serialize)]
 pub(super) struct Told {
-    choice: &'static str,
+    pub choice: &'static str,
     rays: u64,
     predicted_build_ms: f64,
     predicted_rays_ms: f64,

@@ -1,10 +1,11 @@
 //! `raykd bench`: the talk's two tables, and whether the devices agree.
 
 use super::{
+    amount::{self, Amount},
     args::BenchArgs,
     changes,
     input::{Input, RepairCounts},
-    machine::{Machines, at_fault, is_software},
+    machine::Machines,
     measure::{self, Kernel, mrays, ms},
     notes::Notes,
     write_json,
@@ -77,8 +78,17 @@ struct Row {
     repairs: RepairCounts,
     /// Whether both devices gave the same trees and hits, if both ran.
     identical: Option<bool>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    auto: Option<amount::Told>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     kernels: Vec<Kernel>,
+}
+
+impl Row {
+    /// Which tree auto chose; none if it was not asked.
+    fn choice(&self) -> Option<&'static str> {
+        self.auto.as_ref().map(|auto| auto.choice)
+    }
 }
 
 pub(super) fn run(args: &BenchArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
@@ -110,18 +120,23 @@ fn rows(args: &BenchArgs, notes: &Notes) -> anyhow::Result<(Vec<Row>, Machines)>
         let random = rays::random(input.mesh.bounds(), args.rays as usize, SEED);
         let picture = rays::Camera::framing(input.mesh.bounds()).rays(PICTURE, PICTURE);
         let first = rows.len();
-        let measure = |device| bench(device, &input, &random, &picture, args, notes);
+        let measure = |device| -> anyhow::Result<Result<Row, Error>> {
+            let job = (&input.mesh, u64::from(args.rays));
+            let amount = amount::on(device, &args.amount, &args.how, args.traversal, job, notes)?;
+            Ok(bench(device, &input, &amount, [&random, &picture], args, notes))
+        };
         if let Some(cpu) = &machines.cpu {
-            rows.push(measure(cpu)?);
+            rows.push(measure(cpu)??);
         }
-        match machines.gpu.as_ref().map(measure) {
-            Some(Ok(row)) => rows.push(row),
-            Some(Err(error)) if machines.automatic && at_fault(&error) => {
-                notes.note(format_args!("{error}; going on with the CPU alone"));
-                machines.gpu = None;
+        if let Some(gpu) = &machines.gpu {
+            match measure(gpu)? {
+                Ok(row) => rows.push(row),
+                Err(error) if machines.can_spare(gpu, &error) => {
+                    notes.note(format_args!("{error}; going on with the CPU alone"));
+                    machines.gpu = None;
+                }
+                Err(error) => return Err(error.into()),
             }
-            Some(Err(error)) => return Err(error.into()),
-            None => {}
         }
         compare(&mut rows[first..]);
     }
@@ -131,7 +146,8 @@ fn rows(args: &BenchArgs, notes: &Notes) -> anyhow::Result<(Vec<Row>, Machines)>
 /// Notes whether both devices gave the same for a scene.
 fn compare(rows: &mut [Row]) {
     if let [a, b] = rows {
-        let same = [&a.digest, &a.hits_digest, &a.sets_digest] == [&b.digest, &b.hits_digest, &b.sets_digest];
+        let same = [&a.hits_digest, &a.sets_digest] == [&b.hits_digest, &b.sets_digest]
+            && (a.digest == b.digest || a.choice() != b.choice());
         (a.identical, b.identical) = (Some(same), Some(same));
     }
 }
@@ -145,8 +161,8 @@ fn differ(rows: &[Row]) -> bool {
 fn bench(
     device: &Device,
     input: &Input,
-    random: &[Ray],
-    picture: &[Ray],
+    amount: &Amount,
+    [random, picture]: [&[Ray]; 2],
     args: &BenchArgs,
     notes: &Notes,
 ) -> Result<Row, Error> {
@@ -154,11 +170,11 @@ fn bench(
     let stage =
         |what: &str| notes.stage(format_args!("{name}: {what} on the {}", device.kind().to_uppercase()));
     stage("building");
-    let options = BuildOptions { profile: args.profile, ..args.how.options() };
+    let options = BuildOptions { profile: args.profile, ..amount.options.clone() };
     let mut built = measure::build(device, mesh, &options)?;
     // By the default triangle test: whatever is measured, the rays are the same.
     let sets = Sets::new(name, mesh, |rays| built.scene.closest(rays))?;
-    built.scene.traverse_by(args.traversal)?;
+    built.scene.traverse_by(amount.traversal)?;
     built.scene.intersect_by(args.intersector)?;
     stage("tracing random rays");
     let traced = measure::trace(&built.scene, Query::Closest, random)?;
@@ -174,12 +190,15 @@ fn bench(
     let all: Vec<Ray> = [a, b, c, d].into_iter().flatten().copied().collect();
     let sets_digest = hits_digest(&built.scene.closest(&all)?);
     let header = *built.scene.header();
+    let moved = ms(traced.upload + traced.trace + traced.download);
+    let before = ms(built.upload + built.build + built.layout);
     Ok(Row {
+        auto: amount.plan.as_ref().map(|plan| amount::Told::new(plan, before, Some(moved))),
         scene: name.clone(),
         triangles: mesh.triangles().len(),
         device: device.kind(),
         adapter: device.name().to_owned(),
-        traversal: args.traversal.name(),
+        traversal: amount.traversal.name(),
         intersector: args.intersector.name(),
         load_ms: ms(input.load),
         upload_ms: ms(built.upload),
@@ -216,10 +235,7 @@ fn bench(
 
 /// The tables.
 fn print(rows: &[Row], machines: &Machines, out: &mut impl Write) -> anyhow::Result<()> {
-    for device in machines.iter() {
-        let software = if is_software(device) { " (software)" } else { "" };
-        writeln!(out, "{}  {}{software}", device.kind().to_uppercase(), device.name())?;
-    }
+    machines.write_names(out)?;
     writeln!(out, "Times are medians on the device's clock; transfers are not part of them.\n")?;
     writeln!(out, "{}", build_table(rows))?;
     writeln!(out, "{}", travel_table(rows))?;
@@ -232,14 +248,21 @@ fn print(rows: &[Row], machines: &Machines, out: &mut impl Write) -> anyhow::Res
             kernel_table(&format!("{}, {}", row.scene, row.device.to_uppercase()), &row.kernels)
         )?;
     }
+    for row in rows {
+        if let Some(auto) = &row.auto {
+            writeln!(out, "{}, {}: auto: {}", row.scene, row.device.to_uppercase(), auto.words())?;
+        }
+    }
     for scene in scenes(rows) {
         let row = scene.any();
         if let Some(told) = row.repairs.told() {
             writeln!(out, "{}: {told}", row.scene)?;
         }
         match scene {
-            Both { cpu: Some(_), gpu: Some(gpu) } if gpu.identical == Some(true) => {
-                writeln!(out, "{}: CPU and GPU gave byte-identical trees and hits", gpu.scene)?;
+            Both { cpu: Some(cpu), gpu: Some(gpu) } if gpu.identical == Some(true) => {
+                let trees =
+                    if cpu.choice() == gpu.choice() { "trees and hits" } else { "hits by other trees" };
+                writeln!(out, "{}: CPU and GPU gave byte-identical {trees}", gpu.scene)?;
                 writeln!(out, "  tree {}\n  hits {}", gpu.digest, gpu.hits_digest)?;
             }
             Both { cpu: Some(cpu), gpu: Some(gpu) } => {
@@ -413,6 +436,20 @@ mod tests {
         let rows = pair(["t", "h"], ["t", "h"]);
         assert!(!differ(&rows));
         assert!(printed(&rows).contains("box: CPU and GPU gave byte-identical trees and hits"));
+    }
+
+    #[test]
+    fn trees_that_auto_chose_otherwise_may_differ() {
+        let mut rows = pair(["t", "h"], ["x", "h"]);
+        assert!(differ(&rows));
+        let mut exact = amount::Told::default();
+        exact.choice = "exact";
+        rows[0].auto = Some(exact);
+        compare(&mut rows);
+        assert!(!differ(&rows) && printed(&rows).contains("byte-identical hits by other trees"));
+        rows[1].hits_digest = "y".to_owned();
+        compare(&mut rows);
+        assert!(differ(&rows));
     }
 
     #[test]

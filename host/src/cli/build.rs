@@ -19,6 +19,9 @@ use std::{
     process::ExitCode,
 };
 
+/// Rays that a tree is for if nothing is said.
+const USUAL_RAYS: u64 = 1_000_000;
+
 /// What is told about a tree.
 #[derive(Debug, serde::Serialize)]
 struct Told {
@@ -74,12 +77,13 @@ pub(super) fn run(args: &BuildArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
         output::check(path)?;
     }
     let input = Input::load(args.mesh.as_deref().unwrap_or_default(), &notes)?;
-    let job = (&input.mesh, args.rays);
+    let job = (&input.mesh, args.rays.unwrap_or(USUAL_RAYS));
     let device = (args.device, &args.machine);
-    let amount = amount::decide(&args.amount, &args.how, Traversal::default(), device, job, &notes)?;
+    let (machine, amount) =
+        amount::decide(&args.amount, &args.how, Traversal::default(), device, job, &notes)?;
     notes.stage(format_args!("{}: building", input.name));
     let options = BuildOptions { profile: args.profile, ..amount.options };
-    let (mut told, tree) = amount.machine.run(&notes, |device| build(device, &input, &options))?;
+    let (mut told, tree) = machine.run(&notes, |device| build(device, &input, &options))?;
     let before = told.upload_ms + told.build_ms + told.layout_ms;
     told.auto = amount.plan.map(|plan| amount::Told::new(&plan, before, None));
     if let Some(path) = &args.output {

@@ -91,11 +91,7 @@ pub(super) fn compare(args: &BuildArgs, notes: &Notes, out: &mut StdoutLock<'_>)
     } else {
         machines.write_names(out)?;
         let triangles = count(input.mesh.triangles().len() as u64);
-        writeln!(
-            out,
-            "{}: {triangles} triangles. exact builds on the CPU, whatever the device.",
-            input.name
-        )?;
+        writeln!(out, "{}: {triangles} triangles.", input.name)?;
         writeln!(out, "\n{}", table(&rows))?;
         writeln!(out, "{}", if same { "Each builder's trees are the same bytes." } else { "TREES DIFFER" })?;
     }

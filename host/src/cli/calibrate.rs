@@ -1,6 +1,6 @@
 //! `raykd calibrate`: what trees cost on this machine's devices.
 
-use super::{args::CalibrateArgs, chart, machine::Machines, notes::Notes, write_json};
+use super::{args::CalibrateArgs, chart::Checked, machine::Machines, notes::Notes, write_json};
 use crate::{
     Device, Error, output,
     plan::{CHOICES, Calibration, cache},
@@ -22,12 +22,9 @@ pub(super) fn run(args: &CalibrateArgs, out: &mut StdoutLock<'_>) -> anyhow::Res
         bail!("a file holds one device's costs: say which by --device");
     }
     if !args.check.is_empty() {
-        let verdicts = chart::check(&args.check, &machines, &notes)?;
+        let checked = Checked::new(&args.check, &machines, &notes)?;
         notes.clear();
-        if args.json {
-            return write_json(out, &verdicts);
-        }
-        return Ok(writeln!(out, "{}\n{}", chart::verdict_table(&verdicts), chart::say(&verdicts))?);
+        return if args.json { write_json(out, &checked) } else { Ok(checked.write(out)?) };
     }
     let mut all = Vec::new();
     for device in machines.iter() {

@@ -9,7 +9,7 @@ use super::{
     write_json,
 };
 use crate::{
-    BuildOptions, Device, Error, Query, Ray, RaySteps, Scene, Traversal, digest_of, rays,
+    Device, Error, Query, Ray, RaySteps, Scene, Traversal, digest_of, rays,
     report::{Table, bytes, count, three},
 };
 use std::{
@@ -64,7 +64,7 @@ pub(super) fn run(
     let mut sets = None;
     let mut rows = Vec::new();
     for device in machines.iter() {
-        match compare(device, &input, &args.how.options(), given, &mut sets, notes) {
+        match compare(device, &input, args, given, &mut sets, notes) {
             Ok(more) => rows.extend(more),
             Err(error) if machines.can_spare(device, &error) => {
                 notes.note(format_args!("{error}; going on with the CPU alone"));
@@ -102,14 +102,14 @@ fn agree(rows: &[Row]) -> bool {
 fn compare(
     device: &Device,
     input: &Input,
-    options: &BuildOptions,
+    args: &TraceArgs,
     given: Option<&[Ray]>,
     sets: &mut Option<Sets>,
     notes: &Notes,
 ) -> Result<Vec<Row>, Error> {
     let mesh = &input.mesh;
     notes.stage(format_args!("{}: building on the {}", input.name, device.kind().to_uppercase()));
-    let mut scene = Scene::build(device, mesh, options)?;
+    let mut scene = Scene::build(device, mesh, &args.how.options())?;
     if sets.is_none() {
         let camera = || rays::Camera::framing(mesh.bounds()).rays(PICTURE, PICTURE);
         let primary = given.map_or_else(camera, <[Ray]>::to_vec);
@@ -120,8 +120,7 @@ fn compare(
         *sets = Some(Sets { primary, diffuse, shadow });
     }
     let sets = sets.as_ref().expect("made above");
-    // Brute force takes hours for what the others do in a second.
-    let traversals = Traversal::ALL.into_iter().filter(|&traversal| traversal != Traversal::Brute);
+    let traversals = Traversal::ALL.into_iter().filter(|&way| args.brute || way != Traversal::Brute);
     traversals
         .map(|traversal| {
             notes.stage(format_args!("{}: {traversal} on the {}", input.name, device.kind().to_uppercase()));
@@ -134,7 +133,7 @@ fn row(scene: &mut Scene<'_>, traversal: Traversal, sets: &Sets) -> Result<Row, 
     scene.traverse_by(traversal)?;
     let (primary, mut steps) = scene.steps(&sets.primary)?;
     // Rays that pass the scene by cost nothing and say nothing.
-    steps.retain(|s| s.inner + s.leaves > 0);
+    steps.retain(|s| s.inner + s.leaves + s.tests > 0);
     let diffuse = scene.closest(&sets.diffuse)?;
     let shadow = scene.any(&sets.shadow)?;
     let mut found: Vec<u8> = bytemuck::cast_slice(&primary).to_vec();

@@ -99,7 +99,8 @@ impl Machines {
     /// Says which they are, a line each.
     pub(super) fn write_names(&self, out: &mut impl Write) -> io::Result<()> {
         for device in self.iter() {
-            writeln!(out, "{}  {}", device.kind().to_uppercase(), device.name())?;
+            let software = if is_software(device) { " (software)" } else { "" };
+            writeln!(out, "{}  {}{software}", device.kind().to_uppercase(), device.name())?;
         }
         Ok(())
     }

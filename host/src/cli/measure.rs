@@ -1,7 +1,8 @@
 //! Repeating builds and traces, and taking medians.
 
 use crate::{
-    BuildOptions, BuildTimes, Device, Error, Hit, KdTree, Mesh, Query, Ray, Resident, Scene, shared::Report,
+    AllHits, BuildOptions, BuildTimes, Device, Error, KdTree, Mesh, Query, Ray, Resident, Scene, Traced,
+    shared::Report,
 };
 use std::time::{Duration, Instant};
 
@@ -97,25 +98,9 @@ pub(super) fn build<'d>(
     Ok(BuildMeasure { scene, tree, report, upload, build, layout, kernels })
 }
 
-/// Hits, and what finding them took: medians.
-#[derive(Debug)]
-pub(super) struct TraceMeasure {
-    pub hits: Vec<Hit>,
-    pub invalid: u32,
-    pub upload: Duration,
-    pub trace: Duration,
-    pub download: Duration,
-}
-
 /// Traces rays once to warm up, then several times while they stay on the device.
-pub(super) fn trace(scene: &Scene<'_>, query: Query, rays: &[Ray]) -> Result<TraceMeasure, Error> {
-    let mut total = TraceMeasure {
-        hits: Vec::with_capacity(rays.len()),
-        invalid: 0,
-        upload: Duration::ZERO,
-        trace: Duration::ZERO,
-        download: Duration::ZERO,
-    };
+pub(super) fn trace(scene: &Scene<'_>, query: Query, rays: &[Ray]) -> Result<Traced, Error> {
+    let mut total = Traced { hits: Vec::with_capacity(rays.len()), ..Traced::default() };
     for part in rays.chunks(batch(scene)) {
         let mut upload = Vec::new();
         let mut resident = None;
@@ -144,6 +129,21 @@ pub(super) fn trace(scene: &Scene<'_>, query: Query, rays: &[Ray]) -> Result<Tra
         total.download += median(download);
     }
     Ok(total)
+}
+
+/// All hits, up to a limit a ray, several times.
+pub(super) fn all(scene: &Scene<'_>, rays: &[Ray], limit: u32) -> Result<AllHits, Error> {
+    let (mut upload, mut trace, mut download) = (Vec::new(), Vec::new(), Vec::new());
+    wake(scene)?;
+    let mut all = scene.all(rays, limit)?;
+    for _ in 0..TIMES {
+        all = scene.all(rays, limit)?;
+        upload.push(all.upload);
+        trace.push(all.trace);
+        download.push(all.download);
+    }
+    let [upload, trace, download] = [upload, trace, download].map(median);
+    Ok(AllHits { upload, trace, download, ..all })
 }
 
 /// Median time to trace rays, less often if it takes long: for large pictures.

@@ -10,7 +10,7 @@ use super::{
 use crate::{
     Device, Error, Mesh, Scene, output,
     rays::Camera,
-    render::{Picture, Shading, corners, render},
+    render::{Picture, Shading, corners, rays_of, render},
     report::count,
 };
 use anyhow::{Context as _, bail};
@@ -38,8 +38,9 @@ pub(super) fn run(args: &RenderArgs, out: &mut StdoutLock<'_>) -> anyhow::Result
     };
     let samples = args.samples.unwrap_or(if shading == Shading::Normal { 2 } else { 1 });
     let rays = u64::from(args.size[0]) * u64::from(args.size[1]) * u64::from(samples * samples);
+    let rays = rays_of(shading, rays);
     let device = (args.device, &args.machine);
-    let amount =
+    let (machine, amount) =
         amount::decide(&args.amount, &args.how, args.traversal, device, (&input.mesh, rays), &notes)?;
     let draw = |device: &Device| -> Result<(Picture, String, [f64; 2]), Error> {
         notes.stage(format_args!("{}: building", input.name));
@@ -53,7 +54,7 @@ pub(super) fn run(args: &RenderArgs, out: &mut StdoutLock<'_>) -> anyhow::Result
         let spent = [times.upload + times.build + times.layout, start.elapsed()].map(ms);
         Ok((picture, format!("{}, {}", device.kind().to_uppercase(), device.name()), spent))
     };
-    let (picture, device, [before, shown]) = amount.machine.run(&notes, draw)?;
+    let (picture, device, [before, shown]) = machine.run(&notes, draw)?;
     notes.stage("writing the picture");
     let [width, height] = args.size;
     output::write_whole(&args.output, |file| {

@@ -10,7 +10,7 @@ use super::{
     write_json,
 };
 use crate::{
-    BuildOptions, Device, Error, KdTree, Query, Ray, Scene, Traversal, digest_of, hits_digest, output,
+    AllHits, BuildOptions, Device, Error, KdTree, Query, Ray, Scene, Traced, Traversal, digest_of, output,
     report::{count, three},
 };
 use anyhow::bail;
@@ -20,6 +20,9 @@ use std::{
     process::ExitCode,
     time::{Duration, Instant},
 };
+
+/// Hits a ray that are written if nothing is said.
+const USUAL_LIMIT: u32 = 8;
 
 /// What is told about a trace.
 #[derive(Debug, serde::Serialize)]
@@ -74,10 +77,10 @@ pub(super) fn run(args: &TraceArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
     input.load += start.elapsed();
     let job = (&input.mesh, rays.len() as u64);
     let device = (args.device, &args.machine);
-    let amount = amount::decide(&args.amount, &args.how, args.traversal, device, job, &notes)?;
+    let (machine, amount) = amount::decide(&args.amount, &args.how, args.traversal, device, job, &notes)?;
     let how = (&amount.options, amount.traversal);
     let work = |device: &Device| trace(device, &input, tree.as_ref(), args, how, rays, &notes);
-    let (mut told, bytes) = amount.machine.run(&notes, work)?;
+    let (mut told, bytes) = machine.run(&notes, work)?;
     told.auto = amount.plan.map(|plan| {
         let rays = told.ray_upload_ms + told.trace_ms + told.download_ms;
         amount::Told::new(
@@ -139,9 +142,8 @@ fn trace(
     scene.intersect_by(args.intersector)?;
     notes.stage(format_args!("{}: tracing {} rays", input.name, count(rays.len() as u64)));
     let ask = if args.any { Ask::Any } else { args.query };
-    let query = if ask == Ask::Any { Query::Any } else { Query::Closest };
-    let traced = measure::trace(&scene, query, rays)?;
-    let mut told = Told {
+    let answer = answer(&scene, ask, args.limit.unwrap_or(USUAL_LIMIT), rays)?;
+    let told = Told {
         scene: input.name.clone(),
         triangles: mesh.triangles().len(),
         device: device.kind(),
@@ -156,30 +158,68 @@ fn trace(
         intersector: args.intersector.name(),
         load_ms: ms(input.load),
         build_ms: ms(build),
-        upload_ms: ms(upload + traced.upload),
-        trace_ms: ms(traced.trace),
-        download_ms: ms(traced.download),
-        mrays: mrays(rays.len(), traced.trace),
+        upload_ms: ms(upload + answer.upload),
+        trace_ms: ms(answer.trace),
+        download_ms: ms(answer.download),
+        mrays: mrays(rays.len(), answer.trace),
         rays: rays.len(),
-        hits: traced.hits.iter().filter(|hit| hit.is_hit()).count(),
-        total_hits: None,
-        invalid: traced.invalid,
+        hits: answer.hits,
+        total_hits: answer.total_hits,
+        invalid: answer.invalid,
         digest,
-        hits_digest: hits_digest(&traced.hits),
+        hits_digest: digest_of(&answer.bytes),
         auto: None,
         layout_ms: ms(scene.times().layout),
-        ray_upload_ms: ms(traced.upload),
+        ray_upload_ms: ms(answer.upload),
     };
-    if matches!(ask, Ask::Closest | Ask::Any) {
-        return Ok((told, bytemuck::cast_slice(&traced.hits).to_vec()));
-    }
-    let all = scene.all(rays, if ask == Ask::All { args.limit } else { 0 })?;
-    (told.trace_ms, told.mrays) = (ms(all.trace), mrays(rays.len(), all.trace));
-    told.total_hits = Some(all.totals.iter().map(|&n| u64::from(n)).sum());
-    let bytes: &[u8] =
-        if ask == Ask::All { bytemuck::cast_slice(&all.hits) } else { bytemuck::cast_slice(&all.totals) };
-    told.hits_digest = digest_of(bytes);
-    Ok((told, bytes.to_vec()))
+    Ok((told, answer.bytes))
+}
+
+/// What was found, and what that took: medians.
+struct Answer {
+    /// Rays that hit something.
+    hits: usize,
+    /// All hits, if all were asked for.
+    total_hits: Option<u64>,
+    invalid: u32,
+    upload: Duration,
+    trace: Duration,
+    download: Duration,
+    /// As they are written.
+    bytes: Vec<u8>,
+}
+
+/// Asks for the hits of rays, up to a limit a ray if for all of them.
+fn answer(scene: &Scene<'_>, ask: Ask, limit: u32, rays: &[Ray]) -> Result<Answer, Error> {
+    let query = match ask {
+        Ask::Closest => Query::Closest,
+        Ask::Any => Query::Any,
+        Ask::Count | Ask::All => {
+            let AllHits { hits, totals, upload, trace, download, invalid } =
+                measure::all(scene, rays, if ask == Ask::All { limit } else { 0 })?;
+            let bytes: &[u8] =
+                if ask == Ask::All { bytemuck::cast_slice(&hits) } else { bytemuck::cast_slice(&totals) };
+            return Ok(Answer {
+                hits: totals.iter().filter(|&&n| n > 0).count(),
+                total_hits: Some(totals.iter().map(|&n| u64::from(n)).sum()),
+                invalid,
+                upload,
+                trace,
+                download,
+                bytes: bytes.to_vec(),
+            });
+        }
+    };
+    let Traced { hits, upload, trace, download, invalid } = measure::trace(scene, query, rays)?;
+    Ok(Answer {
+        hits: hits.iter().filter(|hit| hit.is_hit()).count(),
+        total_hits: None,
+        invalid,
+        upload,
+        trace,
+        download,
+        bytes: bytemuck::cast_slice(&hits).to_vec(),
+    })
 }
 
 fn print(t: &Told, hits: &Path, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {

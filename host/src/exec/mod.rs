@@ -57,7 +57,7 @@ pub enum Groups<'a> {
     /// This many.
     Fixed(u32),
     /// As many as an earlier kernel wrote: three words `[x, y, z]` at word `3 * entry` of the buffer, for a
-    /// dispatch of `x * y * z` workgroups. The step itself must not bind that buffer.
+    /// dispatch of `x * y * z` workgroups. The step itself must not write that buffer.
     Indirect(&'a Buffer, u32),
 }
 
@@ -129,6 +129,16 @@ impl Device {
             return Self::Gpu(Box::new(gpu));
         }
         Self::cpu()
+    }
+
+    /// Over how many invocations to spread each of so many rays, as a power of two: see
+    /// [`JOB_SPREAD`](raykd_kernels::trace::JOB_SPREAD).
+    pub(crate) fn spread(&self, rays: u32) -> u32 {
+        match self {
+            Self::Cpu(_) => 0,
+            #[cfg(feature = "gpu")]
+            Self::Gpu(gpu) => u32::from(rays <= gpu.few()),
+        }
     }
 
     /// Runs work of the host with the device's threads; a GPU has those of the machine.

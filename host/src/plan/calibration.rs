@@ -1,13 +1,16 @@
 //! What choices cost on one device, measured on meshes of several sizes, kept in a file.
 
-use super::{CHOICES, Choice, Cost, cost, look};
+use super::{
+    CHOICES, Choice, Cost, Moving, Seen, cost,
+    look::{self, LOOKS},
+};
 use crate::{BuildOptions, Device, Error, Mesh, Scene, mesh::teapot_level_for};
 use std::{
     io::{Read as _, Write as _},
     path::{Path, PathBuf},
 };
 
-/// Sizes of the meshes: teapots, cut finer and finer.
+/// Sizes of the meshes: leaning teapots, cut finer and finer.
 const SIZES: [u32; 5] = [200, 1_000, 8_000, 64_000, 512_000];
 /// A mesh is the last one if the default builder takes so long, in milliseconds.
 const SLOW: f64 = 300.0;
@@ -23,8 +26,8 @@ pub struct Calibration {
     pub device: String,
     /// Name of the adapter or processor.
     pub name: String,
-    /// Triangles, and steps of a ray in a coarse copy of the mesh, by rising size.
-    pub steps: Vec<(u32, f64)>,
+    /// Triangles, and what a glance and a closer look show of the mesh; by rising size.
+    pub looks: Vec<(u32, [Seen; 2])>,
     /// Of every choice, by rising size.
     pub costs: Vec<Cost>,
 }
@@ -57,18 +60,20 @@ impl Calibration {
     }
 
     pub(super) fn over(device: &Device, sizes: &[u32], told: impl Fn(f64)) -> Result<Self, Error> {
-        let (mut costs, mut steps) = (Vec::new(), Vec::new());
+        let (mut costs, mut looks) = (Vec::new(), Vec::new());
         let all = (sizes.len() * CHOICES.len()) as f64;
         for (at, &size) in sizes.iter().enumerate() {
-            let mesh = Mesh::teapot(teapot_level_for(size));
+            let mesh = leaning(teapot_level_for(size));
             let usual = Scene::build(device, &mesh, &BuildOptions::default())?;
             let rays = super::usual_rays(&mesh, rays_for(device), |rays| usual.closest(rays))?;
             let slow = usual.times().build.as_secs_f64() * 1e3 > SLOW;
+            let moving = Moving::measure(&usual, &rays)?;
             drop(usual);
-            steps.push((mesh.kept().len() as u32, look::steps(&mesh)?));
+            let [glance, closer] = LOOKS.each_ref().map(|look| look::seen(&mesh, look));
+            looks.push((mesh.kept().len() as u32, [glance?, closer?]));
             for (number, choice) in CHOICES.iter().enumerate() {
                 told((at * CHOICES.len() + number) as f64 / all);
-                costs.push(cost::measure(device, &mesh, choice, &rays)?.0);
+                costs.push(cost::measure(device, &mesh, choice, &rays, &moving)?.0);
             }
             if slow {
                 break;
@@ -78,7 +83,7 @@ impl Calibration {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             device: device.kind().to_owned(),
             name: device.name().to_owned(),
-            steps,
+            looks,
             costs,
         })
     }
@@ -101,8 +106,9 @@ impl Calibration {
             return Err(wrong(format!("it is of {}, not of {}", read.name, device.name())));
         }
         let numbers = |c: &Cost| [c.upload_ms, c.build_ms, c.launch_ms, c.ray_ns, c.transfer_ns];
-        let steps = read.steps.iter().map(|&(_, steps)| steps);
-        if read.costs.iter().flat_map(numbers).chain(steps).any(|x| !(x.is_finite() && x >= 0.0)) {
+        let looks =
+            read.looks.iter().flat_map(|&(_, looks)| looks).flat_map(|seen| [seen.whole, seen.halfway]);
+        if read.costs.iter().flat_map(numbers).chain(looks).any(|x| !(x.is_finite() && x >= 0.0)) {
             return Err(wrong("a cost is negative or no number".to_owned()));
         }
         let known = |choice: &Choice| read.costs.iter().any(|cost| cost.choice == choice.name);
@@ -124,17 +130,26 @@ impl Calibration {
     }
 
     /// What a choice costs for so many triangles: read between the sizes measured, each cost a power of the size, and
-    /// beyond them by the last two. If `steps` says how many a ray takes in a coarse copy of the mesh, rays cost as many
-    /// times more than in a teapot.
-    pub(super) fn predict(&self, choice: &Choice, triangles: u32, steps: Option<f64>) -> Option<Cost> {
+    /// beyond them by the last two. If a look at the mesh has shown how many steps a ray takes, rays cost as many times more
+    /// than in a teapot.
+    pub(super) fn predict(
+        &self,
+        choice: &Choice,
+        triangles: u32,
+        seen: Option<(usize, Seen)>,
+    ) -> Option<Cost> {
         let costs: Vec<&Cost> = self.costs.iter().filter(|cost| cost.choice == choice.name).collect();
         let first = costs.first()?;
         let read = |number: fn(&Cost) -> f64| {
             let points = costs.iter().map(|cost| (f64::from(cost.triangles), number(cost)));
             power(&points.collect::<Vec<_>>(), f64::from(triangles))
         };
-        let here: Vec<_> = self.steps.iter().map(|&(n, steps)| (f64::from(n), steps)).collect();
-        let harder = steps.map_or(1.0, |steps| steps / power(&here, f64::from(triangles)).max(1e-3));
+        let steps = |seen: Seen| if choice.ends_halfway() { seen.halfway } else { seen.whole };
+        let harder = seen.map_or(1.0, |(at, seen)| {
+            let known: Vec<_> =
+                self.looks.iter().map(|&(n, looks)| (f64::from(n), steps(looks[at]))).collect();
+            steps(seen) / power(&known, f64::from(triangles)).max(1e-3)
+        });
         let harder = if choice.has_tree() { harder } else { 1.0 };
         Some(Cost {
             choice: first.choice.clone(),
@@ -147,6 +162,14 @@ impl Calibration {
             bytes: read(|cost| cost.bytes as f64) as u64,
         })
     }
+}
+
+/// A teapot leaning to a side: an upright one is easier than most scenes.
+fn leaning(level: u32) -> Mesh {
+    let teapot = Mesh::teapot(level);
+    let positions =
+        teapot.positions().iter().map(|[x, y, z]| [0.8 * x + 0.6 * y, 0.8 * y - 0.6 * x, *z]).collect();
+    Mesh::new(positions, teapot.triangles().to_vec()).expect("a leaning teapot is a mesh")
 }
 
 /// Reads between points by rising x, as if y were a power of x between two of them.
@@ -223,7 +246,9 @@ mod tests {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             device: "cpu".to_owned(),
             name: Device::cpu().name().to_owned(),
-            steps: vec![(100, 10.0), (100_000, 20.0)],
+            looks: [(100, 10.0), (100_000, 20.0)]
+                .map(|(n, whole)| (n, [Seen { whole, halfway: 2.0 * whole }; 2]))
+                .to_vec(),
             costs: costs.collect(),
         }
     }
@@ -255,6 +280,9 @@ mod tests {
         slow(&mut calibration, 1.04);
         assert_eq!(plan(&calibration), "zhou");
         slow(&mut calibration, 1.1);
+        assert_ne!(plan(&calibration), "zhou");
+        // However long rays are on their way.
+        calibration.costs.iter_mut().for_each(|cost| cost.transfer_ns = 10_000.0);
         assert_ne!(plan(&calibration), "zhou");
     }
 

@@ -30,7 +30,7 @@ pub struct Cost {
     pub upload_ms: f64,
     /// The build and the layout of leaves, in milliseconds.
     pub build_ms: f64,
-    /// Once a batch of rays, in milliseconds.
+    /// Once a batch of rays: its longest ray, and moving anything at all, in milliseconds.
     pub launch_ms: f64,
     /// A ray, nanoseconds: mean of a picture's and a bounce from each hit.
     pub ray_ns: f64,
@@ -44,6 +44,11 @@ impl Cost {
     /// All but the rays, in milliseconds.
     pub fn before_ms(&self) -> f64 {
         self.upload_ms + self.build_ms
+    }
+
+    /// What depends on the tree: building it and tracing so many rays, in milliseconds.
+    pub fn own_ms(&self, rays: f64) -> f64 {
+        self.build_ms + self.launch_ms + rays * self.ray_ns * 1e-6
     }
 
     /// Tracing so many rays and moving them, in milliseconds.
@@ -62,6 +67,38 @@ impl Cost {
     }
 }
 
+/// What it takes to move rays to a device and their hits back; no tree has a say in that.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Moving {
+    /// Of however few, in milliseconds.
+    pub once_ms: f64,
+    /// Each more, in nanoseconds.
+    pub ray_ns: f64,
+}
+
+impl Moving {
+    /// Moves some rays, and all of them, until it gets no faster.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn measure(scene: &Scene<'_>, rays: &[Ray]) -> Result<Self, Error> {
+        let time = |rays: &[Ray]| {
+            least(scene.device(), || {
+                let start = Instant::now();
+                let resident = scene.resident(rays)?;
+                let there = start.elapsed();
+                resident.trace(Query::Closest)?;
+                let start = Instant::now();
+                resident.hits()?;
+                Ok(there + start.elapsed())
+            })
+        };
+        let (few, many) = (ns(time(&spread(rays, FEW))?), ns(time(rays)?));
+        let ray_ns = (many - few).max(0.0) / rays.len().saturating_sub(FEW).max(1) as f64;
+        Ok(Self { once_ms: few * 1e-6, ray_ns })
+    }
+}
+
 /// Builds and traces until the costs are known.
 ///
 /// # Errors
@@ -71,12 +108,13 @@ pub fn measure<'d>(
     mesh: &Mesh,
     choice: &Choice,
     rays: &[Ray],
+    moving: &Moving,
 ) -> Result<(Cost, Scene<'d>), Error> {
     let options = choice.options();
     // The best of each: what else the machine does only ever slows things down.
     let (mut upload, mut build) = (Duration::MAX, Duration::MAX);
     let mut scene = Scene::build(device, mesh, &options)?;
-    repeat(device, || {
+    least(device, || {
         scene = Scene::build(device, mesh, &options)?;
         let times = scene.times();
         upload = upload.min(times.upload);
@@ -87,8 +125,8 @@ pub fn measure<'d>(
     scene.traverse_by(choice.traversal(kept))?;
     let most = if choice.has_tree() { rays.len() } else { few_enough(kept) };
     let many = spread(rays, most);
-    let (few_time, _) = traced(&scene, &spread(rays, FEW))?;
-    let (time, transfer) = traced(&scene, &many)?;
+    let [few_time, time] = [&spread(rays, FEW), &many].map(|rays| traced(&scene, rays));
+    let (few_time, time) = (few_time?, time?);
     let count = many.len().max(1) as f64;
     // A launch of few rays takes as long as its longest ray: at most what there is to gain by more of them.
     let ray_ns = ((ns(time) - ns(few_time)) / (count - FEW as f64).max(1.0)).max(0.2 * ns(time) / count);
@@ -98,9 +136,9 @@ pub fn measure<'d>(
             triangles: kept as u32,
             upload_ms: ns(upload) * 1e-6,
             build_ms: ns(build) * 1e-6,
-            launch_ms: (ns(time) - count * ray_ns).max(0.0) * 1e-6,
+            launch_ms: (ns(time) - count * ray_ns).max(0.0) * 1e-6 + moving.once_ms,
             ray_ns,
-            transfer_ns: ns(transfer) / count,
+            transfer_ns: moving.ray_ns,
             bytes: scene.tree_bytes(),
         },
         scene,
@@ -116,7 +154,7 @@ pub(crate) fn speed(scene: &Scene<'_>, rays: &[Ray]) -> Result<f64, Error> {
     let brute = scene.traversal() == crate::Traversal::Brute;
     let most = if brute { few_enough(scene.header().refs as usize) } else { rays.len() };
     let rays = spread(rays, most);
-    Ok(rays.len() as f64 * 1e3 / ns(traced(scene, &rays)?.0))
+    Ok(rays.len() as f64 * 1e3 / ns(traced(scene, &rays)?))
 }
 
 /// Rays for which all triangles can be tested in a reasonable time.
@@ -124,38 +162,30 @@ fn few_enough(triangles: usize) -> usize {
     (TESTS / triangles.max(1)).max(8 * FEW)
 }
 
-/// Best times of tracing rays, and of moving them to the device and their hits back.
-fn traced(scene: &Scene<'_>, rays: &[Ray]) -> Result<(Duration, Duration), Error> {
-    let (mut trace, mut moved) = (Duration::MAX, Duration::MAX);
-    repeat(scene.device(), || {
-        let start = Instant::now();
-        let resident = scene.resident(rays)?;
-        let upload = start.elapsed();
-        let time = resident.trace(Query::Closest)?;
-        trace = trace.min(time);
-        let start = Instant::now();
-        resident.hits()?;
-        moved = moved.min(upload + start.elapsed());
-        Ok(time)
-    })?;
-    Ok((trace, moved))
+/// Best time of tracing rays.
+fn traced(scene: &Scene<'_>, rays: &[Ray]) -> Result<Duration, Error> {
+    let resident = scene.resident(rays)?;
+    let time = least(scene.device(), || resident.trace(Query::Closest))?;
+    resident.hits()?;
+    Ok(time)
 }
 
 /// Does work that says how long it took, until it gets no faster.
-fn repeat(device: &Device, mut work: impl FnMut() -> Result<Duration, Error>) -> Result<(), Error> {
+fn least(device: &Device, mut work: impl FnMut() -> Result<Duration, Error>) -> Result<Duration, Error> {
     let enough = if device.kind() == "cpu" { ENOUGH } else { AWAKE };
     let start = Instant::now();
-    let (mut best, mut since) = (Duration::MAX, start);
+    let (mut best, mut slower, mut since) = (Duration::MAX, Duration::MAX, start);
     for times in 1.. {
         let time = work()?;
-        if time < best.mul_f64(0.98) {
-            (best, since) = (time, Instant::now());
+        best = best.min(time);
+        if time < slower.mul_f64(0.98) {
+            (slower, since) = (time, Instant::now());
         }
         if start.elapsed() > LONG || times >= TIMES && since.elapsed() > enough {
             break;
         }
     }
-    Ok(())
+    Ok(best)
 }
 
 /// So many of the rays, from all over them; all if there are not so many.

@@ -1,33 +1,61 @@
 //! A quick look at a mesh: how many steps a ray of the usual kind takes there, in a coarse copy of it.
 
-use super::usual_rays;
-use crate::{BuildOptions, Builder, Device, Error, Mesh, Scene};
+use super::{grid::Grid, usual_rays};
+use crate::{BuildOptions, Builder, Device, Error, Hit, Mesh, Ray, Scene};
 use std::collections::{HashMap, HashSet};
 
 /// Meshes of so many triangles are looked at as they are.
 const SMALL: usize = 1024;
-/// Cells of the coarse grid along the longest axis.
-const CELLS: f32 = 20.0;
+/// How closely to look.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Look {
+    /// Cells of the coarse grid along the longest axis.
+    cells: f32,
+    /// Jobs that take less are not worth it, in milliseconds: ten times as long as it takes itself,
+    pub from_ms: f64,
+    /// and for each triangle.
+    pub from_each_ms: f64,
+}
+
+/// From a glance to a closer look.
+pub(super) const LOOKS: [Look; 2] = [
+    Look { cells: 20.0, from_ms: 30.0, from_each_ms: 4e-4 },
+    Look { cells: 40.0, from_ms: 100.0, from_each_ms: 4e-4 },
+];
+
 /// Rays.
 const RAYS: usize = 1024;
-/// Cost of a triangle test in steps.
-const TEST: f64 = 2.0;
+/// Depth of the trees that a grid stands for.
+pub(super) const HALFWAY: u32 = 12;
 
-/// Mean steps and tests of a usual ray through an exact tree of a coarse copy of the mesh, on the CPU.
-pub(super) fn steps(mesh: &Mesh) -> Result<f64, Error> {
+/// What a look shows of a usual ray.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Seen {
+    /// Nodes, leaves and tests in an exact tree of the coarse copy, and one for setting out;
+    pub whole: f64,
+    /// the same and the triangles that it would meet in the leaves of a tree that ends halfway down.
+    pub halfway: f64,
+}
+
+/// Sends rays through an exact tree of a coarse copy of the mesh, and as far through a grid of its triangles, on the CPU.
+pub(super) fn seen(mesh: &Mesh, look: &Look) -> Result<Seen, Error> {
     let device = Device::cpu();
-    let coarse = coarse(mesh);
+    let coarse = coarse(mesh, look.cells);
     let options = BuildOptions { builder: Builder::Exact, ..BuildOptions::default() };
     let scene = Scene::build(&device, &coarse, &options)?;
     let rays = usual_rays(&coarse, RAYS, |rays| scene.closest(rays))?;
-    let (_, steps) = scene.steps(&rays)?;
-    let all: f64 = steps.iter().map(|s| f64::from(s.inner + s.leaves) + TEST * f64::from(s.tests)).sum();
-    Ok(all / rays.len().max(1) as f64)
+    let (hits, steps) = scene.steps(&rays)?;
+    let mean = |sum: f64| sum / rays.len().max(1) as f64;
+    let whole = 1.0 + mean(steps.iter().map(|s| f64::from(s.inner + s.leaves + s.tests)).sum());
+    let grid = Grid::new(mesh, HALFWAY);
+    let end = |ray: &Ray, hit: &Hit| if hit.is_hit() { hit.t } else { ray.t_max };
+    let ended = rays.iter().zip(&hits).map(|(ray, hit)| Ray { t_max: end(ray, hit), ..*ray });
+    Ok(Seen { whole, halfway: whole + mean(ended.map(|ray| grid.passed(&ray)).sum()) })
 }
 
 /// The mesh with its vertices moved to the middles of coarse cells (Rossignac & Borrel 1993), which leaves few triangles
 /// but no holes: what hid others still does. A small mesh as it is.
-fn coarse(mesh: &Mesh) -> Mesh {
+fn coarse(mesh: &Mesh, cells: f32) -> Mesh {
     if mesh.kept().len() <= SMALL {
         return mesh.clone();
     }
@@ -35,18 +63,18 @@ fn coarse(mesh: &Mesh) -> Mesh {
     let longest = (0..3).map(|a| hi[a] - lo[a]).fold(f32::MIN_POSITIVE, f32::max);
     let cell = |v: u32| -> [u32; 3] {
         let point = mesh.positions()[v as usize];
-        std::array::from_fn(|a| ((point[a] - lo[a]) / longest * CELLS) as u32)
+        std::array::from_fn(|a| ((point[a] - lo[a]) / longest * cells) as u32)
     };
     let (mut numbers, mut positions) = (HashMap::new(), Vec::new());
     let (mut seen, mut triangles) = (HashSet::new(), Vec::new());
     for &triangle in mesh.kept() {
-        let cells = mesh.triangles()[triangle as usize].map(cell);
-        if cells[0] == cells[1] || cells[1] == cells[2] || cells[2] == cells[0] {
+        let at = mesh.triangles()[triangle as usize].map(cell);
+        if at[0] == at[1] || at[1] == at[2] || at[2] == at[0] {
             continue;
         }
-        let corners = cells.map(|cell| {
+        let corners = at.map(|cell| {
             *numbers.entry(cell).or_insert_with(|| {
-                positions.push(std::array::from_fn(|a| lo[a] + (cell[a] as f32 + 0.5) / CELLS * longest));
+                positions.push(std::array::from_fn(|a| lo[a] + (cell[a] as f32 + 0.5) / cells * longest));
                 positions.len() as u32 - 1
             })
         });
@@ -67,7 +95,7 @@ mod tests {
     #[test]
     fn coarse_copies_are_small_and_hide_as_much() {
         let mesh = Mesh::teapot(60);
-        let coarse = coarse(&mesh);
+        let coarse = coarse(&mesh, 20.0);
         assert!((300..6000).contains(&coarse.kept().len()), "{}", coarse.kept().len());
         let seen = |scene: &Mesh| {
             let device = Device::cpu();
@@ -79,8 +107,29 @@ mod tests {
     }
 
     #[test]
+    fn rays_that_miss_pass_triangles_too() {
+        let mut random = crate::rays::Random::new(1);
+        let mut positions = Vec::new();
+        for _ in 0..1000 {
+            let [x, y, z] = [(); 3].map(|()| random.unit() as f32);
+            positions.extend([[x, y, z], [x + 1e-3, y, z], [x, y + 1e-3, z]]);
+        }
+        let triangles = (0..1000).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        let dust = Mesh::new(positions, triangles).unwrap();
+        // A cube of 16 cells a side: a ray through it passes the triangles of as many cells, of 4096.
+        let seen = seen(&dust, &LOOKS[0]).unwrap();
+        assert!((1.0..8.0).contains(&(seen.halfway - seen.whole)), "{seen:?}");
+    }
+
+    #[test]
     fn a_crowd_takes_more_steps_than_a_wall() {
         let wall = Mesh::new(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.1]], vec![[0, 1, 2]]).unwrap();
-        assert!(steps(&Mesh::teapot(20)).unwrap() > 3.0 * steps(&wall).unwrap());
+        for look in &LOOKS {
+            let [crowd, wall] = [&Mesh::teapot(20), &wall].map(|mesh| seen(mesh, look).unwrap());
+            assert!(
+                crowd.whole > 2.0 * wall.whole && crowd.halfway > 5.0 * wall.halfway,
+                "{crowd:?} {wall:?}"
+            );
+        }
     }
 }

@@ -17,6 +17,7 @@
 
 mod calibration;
 mod cost;
+mod grid;
 mod look;
 
 #[cfg(feature = "cli")]
@@ -24,9 +25,11 @@ pub(crate) use calibration::rays_for;
 pub use calibration::{Calibration, cache};
 #[cfg(feature = "cli")]
 pub(crate) use cost::speed;
-pub use cost::{Cost, measure, usual_rays};
+pub use cost::{Cost, Moving, measure, usual_rays};
+pub use look::Seen;
 
 use crate::{BuildOptions, Builder, Mesh, Traversal};
+use look::LOOKS;
 
 /// A kind of tree, or none, and a way through it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,7 +53,7 @@ const LONG_LEAF: usize = 1 << 15;
 pub const CHOICES: [Choice; 9] = [
     Choice { depth: Some(0), ..choice("none", Builder::Median) },
     Choice { depth: Some(6), ..choice("shallow", Builder::Median) },
-    Choice { depth: Some(12), ..choice("halfway", Builder::Median) },
+    Choice { depth: Some(look::HALFWAY), ..choice("halfway", Builder::Median) },
     choice("median", Builder::Median),
     choice("zhou", Builder::Zhou),
     choice("binned", Builder::Binned),
@@ -87,6 +90,11 @@ impl Choice {
         !matches!(self.depth, Some(0))
     }
 
+    /// Whether the tree ends with long leaves halfway down.
+    fn ends_halfway(&self) -> bool {
+        self.depth == Some(look::HALFWAY)
+    }
+
     /// How rays are traced: `stack` was the fastest way through a tree everywhere (`docs/traversals.md`), and through a
     /// single leaf too, but software drivers end its loop if that is long.
     pub const fn traversal(&self, triangles: usize) -> Traversal {
@@ -114,39 +122,54 @@ impl Plan {
     }
 }
 
-/// Jobs that take less are not worth a look at the mesh, in milliseconds: ten times as long as it takes itself,
-const LOOK_MS: f64 = 30.0;
-/// and for each triangle.
-const LOOK_EACH_MS: f64 = 4e-4;
-
-/// How much more time than the best choice's a smaller tree may take.
+/// How much more time than the best choice's a smaller tree may take, to build and to trace.
 const SLACK: f64 = 1.05;
 
-/// Of all choices on all devices that were calibrated, the smallest tree within 5 % of the least predicted time.
+/// Of all choices on all devices that were calibrated, the one that takes the least time in all; or a smaller tree on
+/// that device, if building and tracing take at most 5 % longer by it.
 /// The rays are taken to be of the usual kind, see [`usual_rays`].
 ///
 /// # Panics
 /// There is no calibration.
 pub fn choose(mesh: &Mesh, rays: u64, calibrations: &[&Calibration]) -> Plan {
     let triangles = mesh.kept().len() as u32;
-    let plan = among(triangles, rays, None, calibrations);
-    if plan.total_ms() < LOOK_MS + LOOK_EACH_MS * f64::from(triangles) {
-        return plan;
+    let mut plan = among(triangles, rays, None, calibrations);
+    for (at, look) in LOOKS.iter().enumerate() {
+        if plan.total_ms() < look.from_ms + look.from_each_ms * f64::from(triangles) {
+            break;
+        }
+        plan = among(triangles, rays, seen(mesh, at), calibrations);
     }
-    among(triangles, rays, look::steps(mesh).ok(), calibrations)
+    plan
 }
 
-fn among(triangles: u32, rays: u64, steps: Option<f64>, calibrations: &[&Calibration]) -> Plan {
+/// What the look of this number shows.
+fn seen(mesh: &Mesh, at: usize) -> Option<(usize, Seen)> {
+    look::seen(mesh, &LOOKS[at]).ok().map(|seen| (at, seen))
+}
+
+/// What every choice would cost on a device, after a look at the mesh.
+#[cfg(feature = "cli")]
+pub(crate) fn costs(mesh: &Mesh, calibration: &Calibration) -> Vec<Cost> {
+    let (triangles, seen) = (mesh.kept().len() as u32, seen(mesh, LOOKS.len() - 1));
+    CHOICES.iter().filter_map(|choice| calibration.predict(choice, triangles, seen)).collect()
+}
+
+/// The best of all choices on all devices, by what was seen.
+fn among(triangles: u32, rays: u64, seen: Option<(usize, Seen)>, calibrations: &[&Calibration]) -> Plan {
     let mut plans = Vec::new();
     for (device, calibration) in calibrations.iter().enumerate() {
         for choice in CHOICES {
-            if let Some(cost) = calibration.predict(&choice, triangles, steps) {
+            if let Some(cost) = calibration.predict(&choice, triangles, seen) {
                 plans.push(Plan { device, choice, cost, rays });
             }
         }
     }
-    let best = plans.iter().map(Plan::total_ms).fold(f64::INFINITY, f64::min);
-    let good = plans.into_iter().filter(|plan| plan.total_ms() <= best * SLACK);
-    let order = |plan: &Plan| (plan.cost.bytes, (plan.total_ms() * 1e6) as u64);
-    good.min_by_key(order).expect("calibrations have costs of some choice")
+    let best = plans.iter().min_by(|a, b| a.total_ms().total_cmp(&b.total_ms()));
+    let best = best.expect("calibrations have costs of some choice");
+    // Moving a million rays takes longer than tracing them: of that every tree would be 5 %.
+    let own = |plan: &Plan| plan.cost.own_ms(rays as f64);
+    let good = plans.iter().filter(|plan| plan.device == best.device && own(plan) <= own(best) * SLACK);
+    let order = |plan: &&Plan| (plan.cost.bytes, (plan.total_ms() * 1e6) as u64);
+    good.min_by_key(order).expect("the best is among them").clone()
 }

@@ -238,7 +238,7 @@ pub fn alloc(
 
 /// Indirect arguments for a dispatch of `groups` workgroups.
 #[inline(always)]
-pub fn put_groups(args: &mut Buf<u32>, entry: u32, groups: u32) {
+pub fn put_groups(args: &mut (impl Slots<u32> + ?Sized), entry: u32, groups: u32) {
     let wide = groups > GROUPS_X;
     args.put(3 * entry, if wide { GROUPS_X } else { groups });
     args.put(3 * entry + 1, if wide { groups.div_ceil(GROUPS_X) } else { 1 });

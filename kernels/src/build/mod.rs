@@ -4,6 +4,8 @@
 //! [`split`] chooses planes, [`count`] sizes the children, [`alloc`] gives every child its place, [`scatter`]
 //! moves the references there. Nodes of at most 32 references become treelets, each finished by one
 //! workgroup: [`treelet`] builds, [`place`] gives it its place, [`emit`] writes nodes and references.
+//!
+//! [`exact`] is another builder, with kernels of its own.
 
 pub mod alloc;
 pub mod bin;
@@ -11,6 +13,7 @@ pub mod boxes;
 pub mod clip;
 pub mod count;
 pub mod emit;
+pub mod exact;
 pub mod overlap;
 pub mod place;
 mod scan;
@@ -298,15 +301,16 @@ impl Across {
     /// Cost of a cut at `at` into children of so many references; infinite unless it lies strictly inside.
     #[inline(always)]
     pub fn cut(&self, at: f32, below: u32, above: u32) -> f32 {
+        // Most faces of what a node holds lie outside it.
+        if !(self.lo < at && at < self.hi && self.hi - self.lo >= FLAT) {
+            return f32::INFINITY;
+        }
         let area_below = flat(at - self.lo) * self.girth + self.cap;
         let area_above = flat(self.hi - at) * self.girth + self.cap;
         let test = self.costs.test;
         let cost = self.step
             + (area_below * below as f32 * test + area_above * above as f32 * test)
             + (below + above) as f32 * self.costs.price;
-        let cost =
-            if (below == 0 || above == 0) && cost < self.leaf { cost * self.costs.empty } else { cost };
-        let inside = self.lo < at && at < self.hi && self.hi - self.lo >= FLAT;
-        if inside { cost } else { f32::INFINITY }
+        if (below == 0 || above == 0) && cost < self.leaf { cost * self.costs.empty } else { cost }
     }
 }

@@ -115,15 +115,14 @@ pub fn visit<I: Intersector, F: Filter>(
         // On a GPU lanes look for a triangle that may be hit, wait for each other, then test theirs together.
         let mut found = false;
         while r < end && !found {
-            let next = if r + AHEAD < end { r + AHEAD } else { r };
+            let next = r + AHEAD;
             let (a, b, c) = corners.three(3 * r);
             let (d, e, f) = corners.three(3 * next);
-            found = by.may_hit(ray, a, b, c);
-            r += 1;
-            if !found && next == r {
-                found = by.may_hit(ray, d, e, f);
-                r += 1;
-            }
+            let one = by.may_hit(ray, a, b, c);
+            // What lies past the leaf's end, or the buffer's, does not count.
+            let two = AHEAD == 1 && (by.may_hit(ray, d, e, f) & (next < end));
+            found = one | two;
+            r = if one | (next == end) { r + 1 } else { next + 1 };
         }
         if found {
             let (a, b, c) = corners.three(3 * (r - 1));

@@ -10,7 +10,7 @@ use crate::{
     BuildOptions, Builder, Device, Error, Intersector, Mesh, Ray, Scene, Traversal,
     exec::Cpu,
     mesh::teapot_level_for,
-    plan::{CHOICES, Calibration, Choice, Cost, measure, usual_rays},
+    plan::{CHOICES, Calibration, Choice, Cost, Moving, measure, usual_rays},
     report::count,
     shared::Report,
     stress::{Method, Rule, Way, cases::CASES},
@@ -64,8 +64,15 @@ impl Accuracy {
     }
 }
 
-/// Of which scene rays are, how many triangles it has, and how many rays.
-type Key = (String, usize, usize);
+/// The rays by which a mesh is measured, and what moving them takes.
+#[derive(Clone, Debug)]
+struct Rays {
+    rays: Rc<[Ray]>,
+    moving: Moving,
+}
+
+/// Of which scene rays are, how many triangles it has, how many rays, and on which device with how many threads.
+type Key = (String, usize, usize, String);
 
 /// All of it.
 #[derive(Debug, Default)]
@@ -78,8 +85,8 @@ pub(super) struct Data {
     pub accuracy: Vec<Accuracy>,
     pub calibrations: Vec<Calibration>,
     pub lazy: Vec<Share>,
-    /// The rays that were used last.
-    last_rays: Option<(Key, Rc<[Ray]>)>,
+    /// Those that were used last.
+    last_rays: Option<(Key, Rays)>,
 }
 
 /// How much is measured.
@@ -91,7 +98,7 @@ pub(super) struct Effort {
 }
 
 impl Effort {
-    fn rays(self, device: &Device) -> usize {
+    pub(super) fn rays(self, device: &Device) -> usize {
         if self.rays > 0 { self.rays } else { crate::plan::rays_for(device) }
     }
 }
@@ -110,24 +117,25 @@ pub(super) fn input(name: &str, notes: &Notes) -> anyhow::Result<Input> {
 }
 
 impl Data {
-    /// The rays by which a mesh is measured on a device: kept until others are asked for.
-    fn rays(&mut self, name: &str, mesh: &Mesh, device: &Device, effort: Effort) -> Result<Rc<[Ray]>, Error> {
-        let key = (name.to_owned(), mesh.kept().len(), effort.rays(device));
+    /// The rays for a mesh on a device: kept until others are asked for.
+    fn rays(&mut self, name: &str, mesh: &Mesh, device: &Device, effort: Effort) -> Result<Rays, Error> {
+        let key = (name.to_owned(), mesh.kept().len(), effort.rays(device), device.name().to_owned());
         if let Some((known, rays)) = &self.last_rays
             && *known == key
         {
-            return Ok(Rc::clone(rays));
+            return Ok(rays.clone());
         }
         let scene = Scene::build(device, mesh, &BuildOptions::default())?;
         let rays: Rc<[Ray]> = usual_rays(mesh, key.2, |rays| scene.closest(rays))?.into();
-        self.last_rays = Some((key, Rc::clone(&rays)));
+        let rays = Rays { moving: Moving::measure(&scene, &rays)?, rays };
+        self.last_rays = Some((key, rays.clone()));
         Ok(rays)
     }
 }
 
 /// Measures one choice.
-fn sample(name: &str, mesh: &Mesh, device: &Device, choice: Choice, rays: &[Ray]) -> Result<Sample, Error> {
-    let (cost, scene) = measure(device, mesh, &choice, rays)?;
+fn sample(name: &str, mesh: &Mesh, device: &Device, choice: Choice, by: &Rays) -> Result<Sample, Error> {
+    let (cost, scene) = measure(device, mesh, &choice, &by.rays, &by.moving)?;
     let tree = scene.tree()?;
     let Report { sah_cost, .. } = tree.validate()?;
     Ok(Sample {
@@ -262,7 +270,7 @@ pub(super) fn accuracy<'a>(input: &'a Input, machines: &'a Machines, effort: Eff
             Box::new(move |data| {
                 let mut mrays = Vec::new();
                 for device in machines.iter() {
-                    let rays = data.rays(&input.name, &input.mesh, device, effort)?;
+                    let Rays { rays, .. } = data.rays(&input.name, &input.mesh, device, effort)?;
                     let mut scene = Scene::build(device, &input.mesh, &BuildOptions::default())?;
                     if let Way::Tree(_, traversal) = method.way {
                         scene.traverse_by(traversal)?;

@@ -12,23 +12,24 @@ mod scale;
 mod talk;
 mod totals;
 mod trees;
-
-pub(super) use totals::{Verdict, say};
+mod verdict;
 
 use super::{args::ChartArgs, input::Input, machine::Machines, notes::Notes};
 use crate::{
-    output,
+    Mesh, output,
     report::{Table, count},
 };
 use anyhow::Context as _;
 use data::{Data, Effort};
 use figure::Figure;
 use std::{
+    collections::BTreeMap,
     fs,
-    io::{StdoutLock, Write as _},
+    io::{self, StdoutLock, Write as _},
     process::Command,
     time::{Instant, SystemTime},
 };
+use verdict::{Pair, Verdict};
 
 pub(super) fn run(args: &ChartArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
     let notes = Notes::new(false);
@@ -96,31 +97,52 @@ fn figures(data: &Data, inputs: &[Input], peers: &[peers::Peer]) -> Vec<Figure> 
     all.extend(talk::figures(data, &scenes));
     all.extend(peers::figures(peers));
     all.extend(lazy::figure(data));
-    all.extend(totals::auto(&verdicts(data, inputs)));
+    all.extend(verdict::auto(&verdict::verdicts(data, &meshes(inputs))));
     all.sort_by_key(|figure| figure.file.as_bytes()[0]);
     all
 }
 
-fn verdicts(data: &Data, inputs: &[Input]) -> Vec<Verdict> {
-    let meshes: Vec<_> = inputs.iter().map(|input| (input.name.as_str(), &input.mesh)).collect();
-    totals::verdicts(data, &meshes)
+fn meshes(inputs: &[Input]) -> Vec<(&str, &Mesh)> {
+    inputs.iter().map(|input| (input.name.as_str(), &input.mesh)).collect()
 }
 
-/// `raykd calibrate --check`: what auto would choose for scenes, and what all choices take there.
-pub(super) fn check(names: &[String], machines: &Machines, notes: &Notes) -> anyhow::Result<Vec<Verdict>> {
-    let inputs = inputs(names, notes)?;
-    let effort = Effort { quick: false, rays: 0 };
-    let mut jobs = data::choices(&inputs, machines, effort);
-    jobs.extend(data::calibrations(machines, effort));
-    Ok(verdicts(&data::run(jobs, notes)?, &inputs))
+/// What auto would choose for scenes, and what all choices take there.
+#[derive(Debug, serde::Serialize)]
+pub(super) struct Checked {
+    /// About how many rays were traced on each device; for more the measured rate goes on.
+    traced: BTreeMap<&'static str, usize>,
+    cases: Vec<Verdict>,
+    costs: Vec<Pair>,
 }
 
-/// The verdicts, for people.
-pub(super) fn verdict_table(verdicts: &[Verdict]) -> Table {
-    let grid = totals::table(verdicts);
-    let mut table = Table::new(grid.titles);
-    grid.rows.into_iter().for_each(|row| table.row(row));
-    table
+impl Checked {
+    /// `raykd calibrate --check`.
+    pub(super) fn new(names: &[String], machines: &Machines, notes: &Notes) -> anyhow::Result<Self> {
+        let inputs = inputs(names, notes)?;
+        let effort = Effort { quick: false, rays: 0 };
+        let mut jobs = data::choices(&inputs, machines, effort);
+        jobs.extend(data::calibrations(machines, effort));
+        let data = data::run(jobs, notes)?;
+        let meshes = meshes(&inputs);
+        Ok(Self {
+            traced: machines.iter().map(|device| (device.kind(), effort.rays(device))).collect(),
+            cases: verdict::verdicts(&data, &meshes),
+            costs: verdict::pairs(&data, &meshes),
+        })
+    }
+
+    /// The cases, for people.
+    pub(super) fn write(&self, out: &mut impl io::Write) -> io::Result<()> {
+        let grid = verdict::table(&self.cases);
+        let mut table = Table::new(grid.titles);
+        grid.rows.into_iter().for_each(|row| table.row(row));
+        writeln!(out, "{table}\n{}", verdict::say(&self.cases))?;
+        for (device, &rays) in &self.traced {
+            let (device, rays) = (device.to_uppercase(), count(rays as u64));
+            writeln!(out, "On the {device} {rays} rays were traced; for more that rate goes on.")?;
+        }
+        Ok(())
+    }
 }
 
 /// Machine, driver, date, commit and command.

@@ -1,0 +1,77 @@
+//! What `raykd render` can be told.
+
+use super::{
+    AmountArgs, MachineArgs, One, TreeArgs,
+    values::{point, size, within},
+};
+use crate::{Intersector, Traversal};
+use clap::{Parser, ValueEnum};
+use std::path::PathBuf;
+
+const EXAMPLES: &str = "\
+Examples:
+  raykd render teapot:20 -o teapot.png
+  raykd render dragon -o heat.png --shading heat --size 1920x1080
+  raykd render sponza -o hall.png --eye=-10,4,0 --target 10,5,0 --fov 70";
+
+/// Make a picture of a mesh.
+#[derive(Debug, Parser)]
+#[command(after_help = EXAMPLES)]
+pub(in crate::cli) struct RenderArgs {
+    /// Scene name or mesh file
+    pub mesh: String,
+    /// The picture, a PNG file
+    #[arg(short, long, value_name = "FILE.png")]
+    pub output: PathBuf,
+    /// Width and height in pixels
+    #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = size)]
+    pub size: [u32; 2],
+    /// What colours show
+    #[arg(long, value_enum, default_value_t = Shading::Normal)]
+    pub shading: Shading,
+    /// The way through the tree, see docs/traversals.md; only heat depends on it
+    #[arg(long, value_enum, value_name = "NAME", default_value_t = Traversal::Stack, conflicts_with = "quality")]
+    pub traversal: Traversal,
+    /// How triangles are tested, see docs/accuracy.md; the others lose hits
+    #[arg(long, value_enum, value_name = "NAME", default_value_t = Intersector::Exact)]
+    pub intersector: Intersector,
+    /// Rays per pixel are the square of this; left out: 2 for normal, else 1
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=8))]
+    pub samples: Option<u32>,
+    /// Where the camera is; left out: far enough to see the whole mesh
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    pub eye: Option<[f64; 3]>,
+    /// What it looks at; left out: the middle of the mesh
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, requires = "eye")]
+    pub target: Option<[f64; 3]>,
+    /// Which way is up
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, default_value = "0,1,0")]
+    pub up: [f64; 3],
+    /// Angle of view from bottom to top, in degrees
+    #[arg(long, value_name = "DEGREES", default_value = "40", value_parser = within(0.1_f64, 170.0))]
+    pub fov: f64,
+    /// Left out: a real GPU if there is one, else the CPU
+    #[arg(long, value_enum)]
+    pub device: Option<One>,
+    #[command(flatten)]
+    pub machine: MachineArgs,
+    #[command(flatten)]
+    pub how: TreeArgs,
+    #[command(flatten)]
+    pub amount: AmountArgs,
+}
+
+/// What a picture shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(in crate::cli) enum Shading {
+    /// Surfaces under a soft light
+    Normal,
+    /// Distance: near is bright
+    Depth,
+    /// Work per pixel: nodes visited and triangles tested
+    Heat,
+    /// A colour per triangle
+    Id,
+    /// Ambient occlusion: how much of the sky each point sees
+    Ao,
+}

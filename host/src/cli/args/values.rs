@@ -1,0 +1,61 @@
+//! How values on the command line are written.
+
+/// A parser of numbers in a range.
+pub(super) fn within<T>(lo: T, hi: T) -> impl Fn(&str) -> Result<T, String> + Clone
+where
+    T: std::str::FromStr + PartialOrd + std::fmt::Display + Copy,
+{
+    move |text| {
+        let x: T = text.parse().map_err(|_| "not a number".to_owned())?;
+        if lo <= x && x <= hi { Ok(x) } else { Err(format!("this lies between {lo} and {hi}")) }
+    }
+}
+
+pub(super) fn size(text: &str) -> Result<[u32; 2], String> {
+    let side = |text: &str| text.parse().ok().filter(|n| (1..=16384).contains(n));
+    let sides = text.split_once('x').and_then(|(w, h)| Some([side(w)?, side(h)?]));
+    sides.ok_or_else(|| "write it like 1024x768, each from 1 to 16384".to_owned())
+}
+
+pub(super) fn point(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Option<Vec<f64>> =
+        text.split(',').map(|n| n.trim().parse().ok().filter(|x: &f64| x.abs() <= 1.0e30)).collect();
+    let numbers = numbers.and_then(|n| <[f64; 3]>::try_from(n).ok());
+    numbers.ok_or_else(|| "write it like 1,2.5,-3".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Builder, Intersector, Traversal};
+    use clap::ValueEnum;
+
+    /// Whether the command line offers all of them by the library's names.
+    fn offered<T: ValueEnum + std::fmt::Debug + PartialEq>(all: &[T], name: impl Fn(T) -> &'static str) {
+        assert_eq!(T::value_variants(), all);
+        for one in all {
+            assert_eq!(one.to_possible_value().unwrap().get_name(), name(one.clone()));
+        }
+    }
+
+    #[test]
+    fn names_are_those_of_the_library() {
+        offered(&Builder::ALL, Builder::name);
+        offered(&Intersector::ALL, Intersector::name);
+        offered(&Traversal::ALL, Traversal::name);
+    }
+
+    #[test]
+    fn values() {
+        assert_eq!(size("640x480"), Ok([640, 480]));
+        for wrong in ["640", "0x1", "1x16385", "x", "axb", "1x2x3"] {
+            assert!(size(wrong).is_err(), "{wrong}");
+        }
+        assert_eq!(point("1,-2.5, 3e2"), Ok([1.0, -2.5, 300.0]));
+        for wrong in ["1,2", "1,2,3,4", "a,b,c", "", "nan,0,0", "inf,0,0"] {
+            assert!(point(wrong).is_err(), "{wrong}");
+        }
+        let cost = within(1e-6_f32, 1e6);
+        assert!(cost("nan").is_err() && cost("-1").is_err() && cost("inf").is_err() && cost("0.5").is_ok());
+    }
+}

@@ -1,0 +1,155 @@
+//! A mesh becomes a scene: its tree is built on the device, or put there.
+
+use super::{Extras, Scene};
+use crate::{
+    BuildOptions, BuildTimes, Builder, Error, Intersector, KdTree, Mesh, Traversal,
+    build::{Built, MeshBuffers, build, upload},
+    exact::{self, levels},
+    exec::{Buffer, Device, Step},
+};
+use raykd_kernels::{Kernel, trace::corners::CORNERS};
+use raykd_shared::TreeHeader;
+use std::time::{Duration, Instant};
+
+impl<'d> Scene<'d> {
+    /// Builds the tree of a mesh on a device.
+    ///
+    /// # Errors
+    /// The mesh does not fit the device, or the device failed.
+    pub fn build(device: &'d Device, mesh: &Mesh, options: &BuildOptions) -> Result<Self, Error> {
+        let triangles = mesh.kept().len() as f32;
+        let most = options.budget.map_or(u32::MAX, |b| (b.max(1.0) * triangles) as u32);
+        let mut options = options.clone();
+        let (mut retries, mut before) = (0, u32::MAX);
+        loop {
+            let mut scene = Self::build_once(device, mesh, &options)?;
+            // Planes that are not chosen by cost stay where they are; no other saves so much.
+            let settled = scene.header.refs == before
+                && options.long as f32 >= triangles
+                && options.price >= triangles * triangles;
+            if scene.header.refs <= most || settled || options.builder == Builder::Median {
+                scene.times.retries += retries;
+                return Ok(scene);
+            }
+            before = scene.header.refs;
+            options.price = (2.0 * options.price).max(0.25);
+            options.long = options.long.max(1).saturating_mul(2);
+            retries += 1;
+        }
+    }
+
+    fn build_once(device: &'d Device, mesh: &Mesh, options: &BuildOptions) -> Result<Self, Error> {
+        let by_host = options.builder == Builder::Exact && matches!(device, Device::Cpu(_));
+        if by_host || options.max_depth == 0 {
+            return Self::by_host(device, mesh, options);
+        }
+        match build(device, mesh, options) {
+            // The host builds the same tree, more slowly.
+            Err(Error::TooLarge { .. } | Error::OutOfMemory { .. }) if options.builder == Builder::Exact => {
+                Self::by_host(device, mesh, options)
+            }
+            built => built.and_then(|(on_device, built)| Self::assemble(device, mesh, on_device, built)),
+        }
+    }
+
+    /// Builds by host code.
+    fn by_host(device: &'d Device, mesh: &Mesh, options: &BuildOptions) -> Result<Self, Error> {
+        let start = Instant::now();
+        let (tree, peak) = if options.max_depth == 0 {
+            (KdTree::leaf(mesh, options), 0)
+        } else {
+            device.install(|| exact::build_counted(mesh, options))
+        };
+        let build = start.elapsed();
+        let mut scene = Self::place(device, mesh, &tree)?;
+        scene.times.build = build;
+        scene.times.peak_bytes = peak;
+        Ok(scene)
+    }
+
+    /// For tests: [`Builder::Exact`] by its kernels, on any device, with lists in nodes of more than `small` references.
+    #[doc(hidden)]
+    pub fn exact_by_kernels(
+        device: &'d Device,
+        mesh: &Mesh,
+        options: &BuildOptions,
+        small: u32,
+    ) -> Result<Self, Error> {
+        let (on_device, built) = levels::build(device, mesh, options, small)?;
+        Self::assemble(device, mesh, on_device, built)
+    }
+
+    /// Puts a mesh and a tree built earlier on a device.
+    ///
+    /// # Errors
+    /// The tree is damaged or not this mesh's, or does not fit the device.
+    pub fn with_tree(device: &'d Device, mesh: &Mesh, tree: &KdTree) -> Result<Self, Error> {
+        tree.validate()?;
+        let header = tree.header;
+        if header.triangles as usize != mesh.triangles().len()
+            || (header.lo, header.hi) != mesh.scaled_bounds()
+            || header.scale.to_bits() != mesh.scale().to_bits()
+        {
+            return Err(Error::Tree(format!(
+                "this tree belongs to another mesh (of {} triangles); build it again from this one",
+                header.triangles
+            )));
+        }
+        Self::place(device, mesh, tree)
+    }
+
+    /// The same without looking at the tree.
+    fn place(device: &'d Device, mesh: &Mesh, tree: &KdTree) -> Result<Self, Error> {
+        let header = tree.header;
+        let start = Instant::now();
+        let nodes = device.alloc("nodes", tree.nodes.len() as u64 * 8)?;
+        let refs = device.alloc("refs", tree.refs.len() as u64 * 4)?;
+        device.write(&nodes, 0, bytemuck::cast_slice(&tree.nodes))?;
+        device.write(&refs, 0, bytemuck::cast_slice(&tree.refs))?;
+        let on_device = upload(device, mesh)?;
+        let times = BuildTimes { upload: start.elapsed(), ..BuildTimes::default() };
+        Self::assemble(device, mesh, on_device, Built { header, nodes, refs, times })
+    }
+
+    fn assemble(
+        device: &'d Device,
+        mesh: &Mesh,
+        on_device: MeshBuffers,
+        mut built: Built,
+    ) -> Result<Self, Error> {
+        let header_buffer = device.alloc("header", size_of::<TreeHeader>() as u64)?;
+        device.write(&header_buffer, 0, bytemuck::bytes_of(&built.header))?;
+        let refs = &built.refs;
+        let (corners, layout) = lay_out(device, &CORNERS, &built.header, &header_buffer, &on_device, refs)?;
+        built.times.layout = layout;
+        Ok(Self {
+            device,
+            header: built.header,
+            header_buffer,
+            nodes: built.nodes,
+            refs: built.refs,
+            mesh: on_device,
+            corners,
+            kept: mesh.kept().to_vec(),
+            times: built.times,
+            traversal: Traversal::default(),
+            intersector: Intersector::default(),
+            extras: Extras::default(),
+        })
+    }
+}
+
+/// Lays out the triangles of the leaves by a kernel, and says how long that took.
+pub(super) fn lay_out(
+    device: &Device,
+    kernel: &'static Kernel,
+    header: &TreeHeader,
+    header_buffer: &Buffer,
+    mesh: &MeshBuffers,
+    refs: &Buffer,
+) -> Result<(Buffer, Duration), Error> {
+    let laid = device.alloc("corners", u64::from(header.refs) * 48)?;
+    let buffers = vec![header_buffer, &mesh.positions, &mesh.indices, refs, &laid];
+    let time = device.run(&[Step::over(kernel, header.refs, buffers)], false)?.total;
+    Ok((laid, time))
+}

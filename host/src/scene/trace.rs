@@ -1,0 +1,262 @@
+//! Asking a scene for the hits of rays.
+
+use super::{Scene, batch::Batch};
+use crate::{
+    Error,
+    exec::{Buffer, Step},
+    traversal::Traversal,
+};
+use raykd_kernels::trace::{
+    JOB_WORDS,
+    all::ALL,
+    stack::{any::ANY, closest::CLOSEST, except::EXCEPT, steps::STEPS},
+};
+use raykd_shared::{Hit, Ray};
+use std::time::{Duration, Instant};
+
+/// What is asked of each ray.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Query {
+    /// The hit with the smallest `t`; of several, the one with the lowest triangle number.
+    #[default]
+    Closest,
+    /// Some hit, if there is one: enough for shadows.
+    Any,
+}
+
+/// What one ray cost: see [`Scene::steps`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct RaySteps {
+    /// Inner nodes passed.
+    pub inner: u32,
+    /// Leaves visited.
+    pub leaves: u32,
+    /// Triangles tested.
+    pub tests: u32,
+    /// Restarts, climbs or ropes followed; 0 with a full stack.
+    pub turns: u32,
+}
+
+/// All hits of some rays: see [`Scene::all`].
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct AllHits {
+    /// The first hits of every ray, by rising (`t`, triangle): as many a ray as asked for, the rest misses.
+    pub hits: Vec<Hit>,
+    /// How many hits every ray has, written or not.
+    pub totals: Vec<u32>,
+    /// Rays to device.
+    pub upload: Duration,
+    /// The kernel, on the device's clock.
+    pub trace: Duration,
+    /// Hits to host.
+    pub download: Duration,
+    /// Rays that were none, see [`Traced::invalid`].
+    pub invalid: u32,
+}
+
+/// Hits and what they took.
+#[derive(Clone, Debug, Default)]
+pub struct Traced {
+    /// One hit a ray.
+    pub hits: Vec<Hit>,
+    /// Rays to device.
+    pub upload: Duration,
+    /// The kernel, on the device's clock.
+    pub trace: Duration,
+    /// Hits to host.
+    pub download: Duration,
+    /// Rays that were none (NaN, infinite, zero direction, origin out of range); they hit nothing.
+    pub invalid: u32,
+}
+
+/// Triangles per dispatch of the brute-force kernel.
+const BRUTE_SLICE: u32 = 4096;
+
+impl Scene<'_> {
+    /// The closest hit of every ray.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn closest(&self, rays: &[Ray]) -> Result<Vec<Hit>, Error> {
+        Ok(self.trace(Query::Closest, rays)?.hits)
+    }
+
+    /// Some hit of every ray that has one.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn any(&self, rays: &[Ray]) -> Result<Vec<Hit>, Error> {
+        Ok(self.trace(Query::Any, rays)?.hits)
+    }
+
+    /// Traces rays and reports times; rays are moved in batches as large as the device's buffers allow.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn trace(&self, query: Query, rays: &[Ray]) -> Result<Traced, Error> {
+        let mut traced = Traced::default();
+        for part in rays.chunks(self.batch_limit()) {
+            let start = Instant::now();
+            let batch = Batch::new(self.device, part)?;
+            traced.upload += start.elapsed();
+            traced.trace += self.run(&batch, self.traversal, query)?;
+            batch.finish(self.device, &mut traced)?;
+        }
+        Ok(traced)
+    }
+
+    /// The closest or any hit of every ray among the triangles other than the one given with it, for rays that leave a
+    /// surface: `excluded` is the triangle that the ray starts on, [`MISS`](raykd_shared::MISS) for none. Uses the full stack.
+    /// What is left are neighbours of that triangle, see `docs/accuracy.md`.
+    ///
+    /// # Errors
+    /// There are not as many excluded triangles as rays, the scene's triangle test is not the default, or the device failed.
+    pub fn trace_except(&self, query: Query, rays: &[Ray], excluded: &[u32]) -> Result<Traced, Error> {
+        self.needs_exact("leaving out a triangle")?;
+        if rays.len() != excluded.len() {
+            return Err(Error::Excluded { rays: rays.len(), excluded: excluded.len() });
+        }
+        let mut traced = Traced::default();
+        let limit = self.batch_limit();
+        for (part, excluded) in rays.chunks(limit).zip(excluded.chunks(limit)) {
+            let start = Instant::now();
+            let batch = Batch::new(self.device, part)?;
+            let but = self.device.alloc("excluded", size_of_val(excluded) as u64)?;
+            self.device.write(&but, 0, bytemuck::cast_slice(excluded))?;
+            traced.upload += start.elapsed();
+            let mut buffers = batch.buffers(self);
+            buffers.push(&but);
+            traced.trace += batch.ask(self.device, &EXCEPT, buffers, query)?;
+            batch.finish(self.device, &mut traced)?;
+        }
+        Ok(traced)
+    }
+
+    /// The closest hit of every ray without the tree, by testing every triangle: the oracle of the scene's triangle test.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn brute(&self, rays: &[Ray]) -> Result<Vec<Hit>, Error> {
+        let mut hits = Vec::with_capacity(rays.len());
+        for part in rays.chunks(self.batch_limit()) {
+            let batch = Batch::new(self.device, part)?;
+            self.run(&batch, Traversal::Brute, Query::Closest)?;
+            batch.outcome(self.device)?;
+            hits.extend(batch.hits(self.device)?);
+        }
+        Ok(hits)
+    }
+
+    /// All hits of every ray, each triangle once: the first `limit` of them, and how many there are. With a limit
+    /// of 0 hits are only counted. Uses the full stack, once more than the ray has hits.
+    ///
+    /// # Errors
+    /// The device failed, the hits of one ray do not fit it, or the scene's triangle test is not the default.
+    pub fn all(&self, rays: &[Ray], limit: u32) -> Result<AllHits, Error> {
+        self.needs_exact("a query for all hits")?;
+        let mut all = AllHits::default();
+        let room = (self.device.limit().bytes / 16 / u64::from(limit.max(1))) as usize;
+        for part in rays.chunks(self.batch_limit().min(room).max(1)) {
+            let start = Instant::now();
+            let batch = Batch::with_room(self.device, part, limit)?;
+            let totals = self.device.alloc("totals", part.len() as u64 * 4)?;
+            all.upload += start.elapsed();
+            let mut buffers = batch.buffers(self);
+            buffers.push(&totals);
+            batch.begin(self.device, limit)?;
+            all.trace += self.device.run(&[Step::over(&ALL, batch.count, buffers)], false)?.total;
+            let start = Instant::now();
+            all.invalid += batch.outcome(self.device)?;
+            all.hits.extend(self.device.read::<Hit>(&batch.hits, 0, part.len() * limit as usize)?);
+            all.totals.extend(self.device.read::<u32>(&totals, 0, part.len())?);
+            all.download += start.elapsed();
+        }
+        Ok(all)
+    }
+
+    /// The closest hit of every ray, and what finding it cost.
+    ///
+    /// # Errors
+    /// The device failed, or the scene's triangle test is not the default and the traversal not `brute`.
+    pub fn steps(&self, rays: &[Ray]) -> Result<(Vec<Hit>, Vec<RaySteps>), Error> {
+        if self.traversal == Traversal::Brute {
+            let tests = RaySteps { tests: self.kept.len() as u32, ..RaySteps::default() };
+            return Ok((self.brute(rays)?, vec![tests; rays.len()]));
+        }
+        self.needs_exact("counting steps")?;
+        let (mut hits, mut steps) = (Vec::new(), Vec::new());
+        for part in rays.chunks(self.batch_limit()) {
+            let batch = Batch::new(self.device, part)?;
+            let mut buffers = batch.buffers(self);
+            buffers.push(&batch.counts);
+            buffers.extend(self.more());
+            let kernel = self.traversal.kernel().unwrap_or(&STEPS);
+            batch.ask(self.device, kernel, buffers, Query::Closest)?;
+            batch.outcome(self.device)?;
+            hits.extend(batch.hits(self.device)?);
+            steps.extend(self.device.read::<RaySteps>(&batch.counts, 0, part.len())?);
+        }
+        Ok((hits, steps))
+    }
+
+    /// Traces a batch once and says how long the kernels took.
+    pub(super) fn run(&self, batch: &Batch, traversal: Traversal, query: Query) -> Result<Duration, Error> {
+        if traversal == Traversal::Brute {
+            return self.run_brute(batch);
+        }
+        let mut buffers = batch.buffers(self);
+        let kernel = match (traversal.kernel(), self.intersector.stack(), query) {
+            (Some(kernel), ..) => {
+                buffers.push(&batch.counts);
+                buffers.extend(self.more());
+                kernel
+            }
+            (None, Some(kernel), _) => kernel,
+            (None, None, Query::Closest) => &CLOSEST,
+            (None, None, Query::Any) => &ANY,
+        };
+        batch.ask(self.device, kernel, buffers, query)
+    }
+
+    /// Finds the closest hits of a batch by testing every triangle.
+    fn run_brute(&self, batch: &Batch) -> Result<Duration, Error> {
+        let kept = self.device.alloc("kept", self.kept.len() as u64 * 4)?;
+        self.device.write(&kept, 0, bytemuck::cast_slice(&self.kept))?;
+        let bests = self.device.alloc("best hits", u64::from(batch.count) * 32)?;
+        let count = self.kept.len() as u32;
+        let slices = (0..count.div_ceil(BRUTE_SLICE)).map(|slice| {
+            let job = self.device.alloc("job", u64::from(JOB_WORDS) * 4)?;
+            let from = slice * BRUTE_SLICE;
+            let words = [batch.count, from, count.min(from + BRUTE_SLICE), 0];
+            self.device.write(&job, 0, bytemuck::cast_slice(&words))?;
+            Ok(job)
+        });
+        let slices: Vec<Buffer> = slices.collect::<Result<_, Error>>()?;
+        let step = |job| {
+            let (mesh, header) = (&self.mesh, &self.header_buffer);
+            let buffers = vec![
+                job,
+                header,
+                &kept,
+                &mesh.positions,
+                &mesh.indices,
+                &batch.rays,
+                &batch.hits,
+                &batch.outcome,
+                &bests,
+            ];
+            Step::over(self.intersector.brute(), batch.count, buffers)
+        };
+        // Without triangles one empty slice still writes the misses.
+        let steps: Vec<Step<'_>> =
+            if slices.is_empty() { vec![step(&batch.job)] } else { slices.iter().map(step).collect() };
+        batch.begin(self.device, 0)?;
+        Ok(self.device.run(&steps, false)?.total)
+    }
+
+    /// Most rays in one batch.
+    fn batch_limit(&self) -> usize {
+        ((self.device.limit().bytes / size_of::<Ray>() as u64) as usize).min(1 << 24)
+    }
+}

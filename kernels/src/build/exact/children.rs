@@ -1,0 +1,77 @@
+//! The nodes of a level, and the cells of the next.
+
+use super::{
+    CLIPPED, Cell, LEAVES, LEVEL_CELLS, LEVEL_LEAVES, LEVEL_NODES, STATE_STATUS, WHOLE, decide, in_two,
+    ranked,
+};
+use crate::{
+    glam::{UVec2, UVec4},
+    mem::{Buf, Slots},
+};
+use raykd_shared::{BuildParams, Node};
+
+/// Writes node `i` of the level and its two children. Nodes are numbered level by level for now.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+pub fn children(
+    i: u32,
+    params: &Buf<BuildParams>,
+    level: &Buf<u32>,
+    state: &Buf<u32>,
+    cells: &Buf<UVec4>,
+    bests: &Buf<UVec4>,
+    ranks: &Buf<u32>,
+    totals: &Buf<UVec2>,
+    next_cells: &mut Buf<UVec4>,
+    tree: &mut Buf<UVec2>,
+) {
+    let number = level.at(LEVEL_CELLS);
+    if i < number && state.at(STATE_STATUS) == 0 {
+        let params = params.at(0);
+        let room = params.level_refs;
+        let cell = Cell::load(cells, i);
+        let (from, to) = (cell.first, cell.first + cell.count);
+        let plane = decide(&cell, bests, &params).plane;
+        let place = ranked(ranks, totals, room, LEAVES, from);
+        let mut node = Node::leaf(level.at(LEVEL_LEAVES) + place.x, cell.count);
+        if plane.axis != Node::LEAF {
+            let pair = 2 * place.y;
+            node = Node::inner(plane.axis, plane.at, level.at(LEVEL_NODES) + number + pair);
+            let whole = ranked(ranks, totals, room, WHOLE, from);
+            let clipped = ranked(ranks, totals, room, CLIPPED, from);
+            let whole_end = ranked(ranks, totals, room, WHOLE, to);
+            let clipped_end = ranked(ranks, totals, room, CLIPPED, to);
+            let (below, above) = in_two(&cell.bounds, plane);
+            let fresh = clipped.x + clipped.y;
+            let freshes = clipped_end.x - clipped.x;
+            let child = Cell {
+                first: whole.x + whole.y + fresh,
+                count: whole_end.x - whole.x + freshes,
+                fresh,
+                freshes,
+                parent: i,
+                bounds: below,
+            };
+            child.store(next_cells, pair);
+            let freshes = clipped_end.y - clipped.y;
+            let beside = Cell {
+                first: child.first + child.count,
+                count: whole_end.y - whole.y + freshes,
+                fresh: child.fresh + child.freshes,
+                freshes,
+                parent: i,
+                bounds: above,
+            };
+            beside.store(next_cells, pair + 1);
+        }
+        let (word0, word1) = node.words();
+        tree.put(level.at(LEVEL_NODES) + i, UVec2::new(word0, word1));
+    }
+}
+
+kernel! {
+    /// [`children`] over all cells of a level.
+    map CHILDREN = children, threads 128, {
+        0 params: read BuildParams, 1 level: read u32, 2 state: read u32, 3 cells: read UVec4, 4 bests: read UVec4,
+        5 ranks: read u32, 6 totals: read UVec2, 7 next_cells: write UVec4, 8 tree: write UVec2,
+    }
+}

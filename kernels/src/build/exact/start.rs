@@ -1,0 +1,45 @@
+//! The references of the root, and their faces in no order.
+
+use super::{LEVEL_REFS, LISTS, Reference};
+use crate::{
+    build::{boxes::vertex, clip::Bounds},
+    glam::{UVec2, UVec4},
+    mem::{Buf, Slots},
+};
+use raykd_shared::BuildParams;
+
+/// Makes reference `i` of the root.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+pub fn start(
+    i: u32,
+    params: &Buf<BuildParams>,
+    positions: &Buf<f32>,
+    indices: &Buf<u32>,
+    kept: &Buf<u32>,
+    level: &Buf<u32>,
+    refs: &mut Buf<UVec4>,
+    faces: &mut Buf<UVec2>,
+) {
+    if i < level.at(LEVEL_REFS) {
+        let room = params.at(0).level_refs;
+        let triangle = kept.at(i);
+        let a = vertex(positions, indices, triangle, 0);
+        let b = vertex(positions, indices, triangle, 1);
+        let c = vertex(positions, indices, triangle, 2);
+        let reference = Reference { triangle, cell: 0, bounds: Bounds::of(a, b, c) };
+        reference.store(refs, i);
+        let mut list = 0;
+        while list < LISTS {
+            faces.put(list * room + i, reference.face(list, i));
+            list += 1;
+        }
+    }
+}
+
+kernel! {
+    /// [`start`] over all triangles that take part.
+    map START = start, threads 128, {
+        0 params: read BuildParams, 1 positions: read f32, 2 indices: read u32, 3 kept: read u32, 4 level: read u32,
+        5 refs: write UVec4, 6 faces: write UVec2,
+    }
+}

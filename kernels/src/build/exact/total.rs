@@ -1,0 +1,61 @@
+//! Sums up the blocks of [`super::rank`]: one workgroup a row.
+
+use super::{FACES, LEVEL_CELLS, LEVEL_LISTS, LEVEL_REFS, blocks};
+use crate::{
+    Group,
+    build::scan::{self, LANES, before, scan},
+    glam::UVec2,
+    mem::{Buf, Slots},
+};
+use raykd_shared::BuildParams;
+
+const SUMS: usize = scan::sums(2);
+const BLOCKS: usize = scan::blocks(2);
+
+/// Replaces what each block of row `group.id` counts by what comes before it.
+pub fn total(
+    group: Group,
+    sums: &mut [u32; SUMS],
+    parts: &mut [u32; BLOCKS],
+    params: &Buf<BuildParams>,
+    level: &Buf<u32>,
+    totals: &mut Buf<UVec2>,
+) {
+    // Rows without lists and levels past the last one are dispatched too, with nothing to do.
+    let is_ranked = level.at(LEVEL_CELLS) > 0 && group.id < FACES + level.at(LEVEL_LISTS);
+    let number = if is_ranked { blocks(level.at(LEVEL_REFS)) } else { 0 };
+    let first = group.id * blocks(params.at(0).level_refs);
+    let run = number.div_ceil(LANES);
+    lanes!(group, |lane| {
+        let (mut below, mut above) = (0, 0);
+        let mut i = lane * run;
+        while i < (lane + 1) * run && i < number {
+            let both = totals.at(first + i);
+            below += both.x;
+            above += both.y;
+            i += 1;
+        }
+        sums.put(lane, below);
+        sums.put(LANES + lane, above);
+    });
+    scan(group, 2, sums, parts);
+    lanes!(group, |lane| {
+        let mut below = before(sums, parts, 0, lane);
+        let mut above = before(sums, parts, 1, lane);
+        let mut i = lane * run;
+        while i < (lane + 1) * run && i < number {
+            let both = totals.at(first + i);
+            totals.put(first + i, UVec2::new(below, above));
+            below += both.x;
+            above += both.y;
+            i += 1;
+        }
+    });
+}
+
+kernel! {
+    /// [`total`] over all rows of a level.
+    group TOTAL = total, threads 1024, shared [sums: SUMS, parts: BLOCKS], {
+        0 params: read BuildParams, 1 level: read u32, 2 totals: write UVec2,
+    }
+}

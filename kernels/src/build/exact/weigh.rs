@@ -1,0 +1,145 @@
+//! The best plane at the faces of one reference, or in large cells at six faces of their lists.
+
+use super::{
+    AFTER_FLAT, Cell, LEVEL_DEPTH, LEVEL_REFS, LISTS, NONE, Reference, better, candidate, cell_of,
+    count_before, is_before,
+};
+use crate::{
+    build::{Costs, Sah, bin::ordered, bin::unordered},
+    glam::{UVec2, UVec4},
+    mem::{Buf, Slots},
+    trace::frame::component,
+};
+use raykd_shared::BuildParams;
+
+/// How many boxes start before a plane, end by it, and lie in it, on one axis of a cell.
+#[derive(Clone, Copy)]
+struct Counts {
+    before: u32,
+    ended: u32,
+    flat: u32,
+}
+
+impl Counts {
+    const ZERO: Self = Self { before: 0, ended: 0, flat: 0 };
+
+    #[inline(always)]
+    fn add(&mut self, lo: f32, hi: f32, at: f32) {
+        self.before += (lo < at) as u32;
+        self.ended += (hi <= at) as u32;
+        self.flat += ((lo == at) & (hi == at)) as u32;
+    }
+}
+
+/// The better one of a candidate and those at a plane.
+#[inline(always)]
+fn consider(best: UVec4, sah: &Sah, axis: u32, at: u32, cell: &Cell, counts: &Counts) -> UVec4 {
+    let across = sah.across(axis);
+    let above = cell.count - counts.ended;
+    let plane = unordered(at);
+    let flat_above = across.cut(plane, counts.before, above + counts.flat);
+    let flat_below = across.cut(plane, counts.before + counts.flat, above);
+    better(better(best, candidate(flat_above, axis, at, true)), candidate(flat_below, axis, at, false))
+}
+
+/// The best plane at the box of reference `i`: all boxes of the cell are looked at.
+#[inline(always)]
+fn one_by_one(i: u32, cell: &Cell, sah: &Sah, refs: &Buf<UVec4>) -> UVec4 {
+    let own = Reference::load(refs, i).bounds;
+    let (mut lo_x, mut hi_x) = (Counts::ZERO, Counts::ZERO);
+    let (mut lo_y, mut hi_y) = (Counts::ZERO, Counts::ZERO);
+    let (mut lo_z, mut hi_z) = (Counts::ZERO, Counts::ZERO);
+    let mut j = cell.first;
+    while j < cell.first + cell.count {
+        let its = Reference::load(refs, j).bounds;
+        lo_x.add(its.lo.x, its.hi.x, own.lo.x);
+        hi_x.add(its.lo.x, its.hi.x, own.hi.x);
+        lo_y.add(its.lo.y, its.hi.y, own.lo.y);
+        hi_y.add(its.lo.y, its.hi.y, own.hi.y);
+        lo_z.add(its.lo.z, its.hi.z, own.lo.z);
+        hi_z.add(its.lo.z, its.hi.z, own.hi.z);
+        j += 1;
+    }
+    let mut best = consider(NONE, sah, 0, ordered(own.lo.x), cell, &lo_x);
+    best = consider(best, sah, 0, ordered(own.hi.x), cell, &hi_x);
+    best = consider(best, sah, 1, ordered(own.lo.y), cell, &lo_y);
+    best = consider(best, sah, 1, ordered(own.hi.y), cell, &hi_y);
+    best = consider(best, sah, 2, ordered(own.lo.z), cell, &lo_z);
+    consider(best, sah, 2, ordered(own.hi.z), cell, &hi_z)
+}
+
+/// The better one of a candidate and that at face `i` of one list of an axis. Of starts at one position the first counts, of
+/// ends the last: how many there are before it, or up to it, is then its place.
+#[inline(always)]
+fn in_list(best: UVec4, i: u32, list: u32, cell: &Cell, sah: &Sah, faces: &Buf<UVec2>, room: u32) -> UVec4 {
+    let is_end = (list & 1) == 1;
+    let axis = list >> 1;
+    let starts = 2 * axis * room;
+    let ends = starts + room;
+    let (first, last) = (cell.first, cell.first + cell.count - 1);
+    let at = faces.at(list * room + i).x;
+    let beside = if is_end && i < last {
+        i + 1
+    } else if !is_end && i > first {
+        i - 1
+    } else {
+        i
+    };
+    let counts_here = beside == i || faces.at(list * room + beside).x != at;
+    let plane = unordered(at);
+    if counts_here && component(cell.bounds.lo, axis) < plane && plane < component(cell.bounds.hi, axis) {
+        let (flat, after) = (UVec2::new(at, 0), UVec2::new(at, AFTER_FLAT));
+        let mut counts = Counts { before: i - first, ended: i + 1 - first, flat: 0 };
+        if is_end {
+            counts.before = count_before(faces, starts + first, starts + last + 1, flat, false);
+        } else {
+            counts.ended = count_before(faces, ends + first, ends + last + 1, after, false);
+        }
+        let next = first + counts.before;
+        if next <= last && !is_before(flat, faces.at(starts + next)) {
+            counts.flat = count_before(faces, starts + next, starts + last + 1, after, false);
+        }
+        consider(best, sah, axis, at, cell, &counts)
+    } else {
+        best
+    }
+}
+
+/// Weighs for reference `i`.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+pub fn weigh(
+    i: u32,
+    params: &Buf<BuildParams>,
+    level: &Buf<u32>,
+    refs: &Buf<UVec4>,
+    cells: &Buf<UVec4>,
+    faces: &Buf<UVec2>,
+    bests: &mut Buf<UVec4>,
+) {
+    if i < level.at(LEVEL_REFS) {
+        let params = params.at(0);
+        let cell = Cell::load(cells, cell_of(refs, i));
+        let sah = Sah::new(cell.bounds.lo, cell.bounds.hi, cell.count, Costs::of(&params));
+        let mut best = NONE;
+        if sah.may_pay && level.at(LEVEL_DEPTH) < params.max_depth {
+            if cell.count > params.small {
+                let mut list = 0;
+                while list < LISTS {
+                    best = in_list(best, i, list, &cell, &sah, faces, params.level_refs);
+                    list += 1;
+                }
+            } else {
+                best = one_by_one(i, &cell, &sah, refs);
+            }
+        }
+        bests.put(i, best);
+    }
+}
+
+kernel! {
+    /// [`weigh`] over all references of a level.
+    map WEIGH = weigh, threads 128, {
+        0 params: read BuildParams, 1 level: read u32, 2 refs: read UVec4, 3 cells: read UVec4, 4 faces: read UVec2,
+        5 bests: write UVec4,
+    }
+}
