@@ -132,6 +132,8 @@ pub struct BuildTimes {
     pub peak_bytes: u64,
     /// How often the build was repeated, with more room or a higher price; the times are those of the last try.
     pub retries: u32,
+    /// Whether the host built the tree because the device had not the room to.
+    pub by_host: bool,
     /// With profiling: kernel names, dispatches and summed times.
     pub kernels: Vec<(&'static str, u32, Duration)>,
 }
@@ -498,6 +500,7 @@ fn attempt_build(
         build: first_part.total + second_part.total,
         peak_bytes: arena.bytes,
         retries: 0,
+        by_host: false,
         kernels,
     };
     Ok(Outcome::Built(Box::new(Built { header, nodes, refs: out, times })))

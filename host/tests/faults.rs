@@ -121,6 +121,26 @@ fn too_little_memory_is_told_and_nothing_is_written() {
     }
 }
 
+/// A software driver's memory is the machine's. How much it takes for itself is its own affair, so limits are tried, rising.
+#[test]
+#[cfg(feature = "gpu")]
+fn too_little_memory_on_a_gpu_is_told_and_nothing_is_written() {
+    let folder = with_rays();
+    for megabytes in (600..4000).step_by(100) {
+        let limits = format!("ulimit -v {}", megabytes << 10);
+        let output = limited(&limits, "build teapot:110 -o {}/out --device gpu", &folder);
+        assert!(
+            !output.status.success(),
+            "{megabytes} MB were enough, and less was never said to be too little"
+        );
+        assert!(!Path::new(&folder.path().join("out")).exists());
+        if told(&output).contains("out of memory: no room for") {
+            return;
+        }
+    }
+    panic!("never enough memory, nor too little");
+}
+
 #[test]
 fn a_buffer_that_no_machine_has_room_for_is_an_error() {
     let error = Device::cpu().alloc("everything", 1 << 46).unwrap_err();

@@ -131,6 +131,19 @@ fn where_lists_of_faces_end_does_not_show() -> Result<(), Failure> {
     Ok(())
 }
 
+/// Devices that bind more than llvmpipe's 128 MiB would need a mesh of many millions of triangles for this.
+#[test]
+fn what_a_device_has_no_room_for_the_host_builds() -> Result<(), Failure> {
+    let mesh = Mesh::teapot(140);
+    let options = BuildOptions { builder: Builder::Exact, ..BuildOptions::default() };
+    let scene = Scene::build(gpu(), &mesh, &options)?;
+    // Six lists of 8 bytes a face, with room for 2.25 references a triangle.
+    let fits = 108 * mesh.kept().len() as u64 <= gpu().limit().bytes;
+    assert_eq!(scene.times().by_host, !fits);
+    assert_eq!(scene.tree()?.digest(), build(&mesh, &options).digest());
+    Ok(())
+}
+
 #[test]
 fn threads_do_not_show() -> Result<(), Failure> {
     let mesh = Mesh::teapot(24);

@@ -40,6 +40,8 @@ struct Told {
     layout_ms: f64,
     /// How often the build was repeated with more room.
     retries: u32,
+    /// Whether the host built the tree because the device had not the room to.
+    by_host: bool,
     nodes: u32,
     leaves: u32,
     empty_leaves: u32,
@@ -99,6 +101,12 @@ pub(super) fn run(args: &BuildArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
             told.builder
         ));
     }
+    if told.by_host {
+        notes.note(format_args!(
+            "{} has not the room to build by exact; the host built the same tree",
+            told.adapter
+        ));
+    }
     notes.clear();
     if args.json { write_json(out, &told) } else { print(&told, args, out) }?;
     Ok(ExitCode::SUCCESS)
@@ -120,6 +128,7 @@ fn build(device: &Device, input: &Input, options: &BuildOptions) -> Result<(Told
         build_ms: ms(built.build),
         layout_ms: ms(built.layout),
         retries: times.retries,
+        by_host: times.by_host,
         nodes: header.nodes,
         leaves: report.leaves,
         empty_leaves: report.empty_leaves,

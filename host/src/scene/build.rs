@@ -46,7 +46,9 @@ impl<'d> Scene<'d> {
         match build(device, mesh, options) {
             // The host builds the same tree, more slowly.
             Err(Error::TooLarge { .. } | Error::OutOfMemory { .. }) if options.builder == Builder::Exact => {
-                Self::by_host(device, mesh, options)
+                let mut scene = Self::by_host(device, mesh, options)?;
+                scene.times.by_host = true;
+                Ok(scene)
             }
             built => built.and_then(|(on_device, built)| Self::assemble(device, mesh, on_device, built)),
         }
