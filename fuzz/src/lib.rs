@@ -1,7 +1,7 @@
 //! What must hold of any bytes: no panic, no hang, no memory beyond the input's order, and right answers.
 
 use raykd::{
-    BuildOptions, Device, KdTree, Mesh, Ray, Scene,
+    BuildOptions, Builder, Device, KdTree, Mesh, Ray, Scene,
     exec::Cpu,
     shared::{LAYOUT_VERSION, TreeHeader},
     stress::{SLACK, is_ray, settled},
@@ -101,5 +101,10 @@ pub fn triangles(bytes: &[u8]) {
         let scene = Scene::build(&CPU, &mesh, &BuildOptions::default()).expect("a CPU builds it");
         rays.extend(around(&mesh));
         trace(&mesh, &scene, &rays);
+        // The two forms of `exact`, lists of faces in all but the smallest nodes.
+        let exact = BuildOptions { builder: Builder::Exact, ..BuildOptions::default() };
+        let scene = Scene::exact_by_kernels(&CPU, &mesh, &exact, 5).expect("kernels build it");
+        let tree = scene.tree().expect("a CPU gives it back");
+        assert_eq!(tree.digest(), raykd::exact::build(&mesh, &exact).digest());
     }
 }
