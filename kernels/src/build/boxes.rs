@@ -7,9 +7,14 @@ use crate::{
 };
 use raykd_shared::BuildParams;
 
-/// Vertex `corner` of triangle `id` of an indexed mesh.
+/// The vertices of triangle `id` of an indexed mesh.
 #[inline(always)]
-pub fn vertex(positions: &Buf<f32>, indices: &Buf<u32>, id: u32, corner: u32) -> Vec3 {
+pub fn triangle(positions: &Buf<f32>, indices: &Buf<u32>, id: u32) -> (Vec3, Vec3, Vec3) {
+    (vertex(positions, indices, id, 0), vertex(positions, indices, id, 1), vertex(positions, indices, id, 2))
+}
+
+#[inline(always)]
+fn vertex(positions: &Buf<f32>, indices: &Buf<u32>, id: u32, corner: u32) -> Vec3 {
     let p = indices.at(3 * id + corner) * 3;
     Vec3::new(positions.at(p), positions.at(p + 1), positions.at(p + 2))
 }
@@ -23,9 +28,7 @@ pub fn bound(
     boxes: &mut Buf<Vec4>,
 ) {
     if i < params.at(0).triangles {
-        let a = vertex(positions, indices, i, 0);
-        let b = vertex(positions, indices, i, 1);
-        let c = vertex(positions, indices, i, 2);
+        let (a, b, c) = triangle(positions, indices, i);
         let lo = Vec3::new(low(low(a.x, b.x), c.x), low(low(a.y, b.y), c.y), low(low(a.z, b.z), c.z));
         let hi = Vec3::new(high(high(a.x, b.x), c.x), high(high(a.y, b.y), c.y), high(high(a.z, b.z), c.z));
         boxes.put(2 * i, lo.extend(0.0));

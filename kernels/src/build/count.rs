@@ -1,12 +1,11 @@
 //! Which references of a chunk go below and above its node's plane, and how many.
 
-use super::{LEVEL_CHUNKS, boxes::vertex, chunk_of, cut, overlap::overlaps, plane_of, side};
+use super::{LEVEL_CHUNKS, boxes::triangle, chunk_of, cut, overlap::overlaps, plane_of, side};
 use crate::{
     Group,
     glam::{UVec2, UVec4, Vec4},
     mem::{Atomics, Buf, Slots},
 };
-
 use raykd_shared::{BuildParams, rule};
 
 const LANES: u32 = 128;
@@ -47,9 +46,7 @@ pub fn count(
                 let id = refs.at(start + i);
                 let mut s = side(boxes, id, plane);
                 if clips && s == 3 {
-                    let a = vertex(positions, indices, id, 0);
-                    let b = vertex(positions, indices, id, 1);
-                    let c = vertex(positions, indices, id, 2);
+                    let (a, b, c) = triangle(positions, indices, id);
                     s = overlaps(a, b, c, item.lo, hi_below) as u32
                         | ((overlaps(a, b, c, lo_above, item.hi) as u32) << 1);
                 }

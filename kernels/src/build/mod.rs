@@ -103,8 +103,8 @@ impl Item {
     #[inline(always)]
     pub fn store(&self, list: &mut Buf<UVec4>, i: u32) {
         list.put(3 * i, UVec4::new(self.node, self.first, self.count, self.extra));
-        list.put(3 * i + 1, to_bits(self.lo));
-        list.put(3 * i + 2, to_bits(self.hi));
+        list.put(3 * i + 1, to_bits(self.lo, 0));
+        list.put(3 * i + 2, to_bits(self.hi, 0));
     }
 }
 
@@ -131,8 +131,8 @@ fn from_bits(v: UVec4) -> Vec3 {
 }
 
 #[inline(always)]
-fn to_bits(v: Vec3) -> UVec4 {
-    UVec4::new(v.x.to_bits(), v.y.to_bits(), v.z.to_bits(), 0)
+fn to_bits(v: Vec3, last: u32) -> UVec4 {
+    UVec4::new(v.x.to_bits(), v.y.to_bits(), v.z.to_bits(), last)
 }
 
 /// A plane that cuts a node.

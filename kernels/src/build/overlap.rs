@@ -5,7 +5,6 @@
 //! whatever number comes out, off by `2 u` of its size; half extents are made larger by that. A vertex is then
 //! off by `u w`, an edge `e`, taken before the move, by `u |e|`, a projection on an axis across it by less than
 //! `8 u (|e1| + |e2|) w`, and the normal by `8 u |d| |e|`. `SLACK` is `64 u`; `TINY` covers what underflow takes.
-
 //!
 //! Without branches: sums of magnitudes stand for the largest, which only adds slack.
 

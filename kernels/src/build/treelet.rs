@@ -5,7 +5,7 @@
 
 use super::{
     Costs, Item, Plane, STATE_STATUS, STATE_TREELETS, Sah,
-    boxes::vertex,
+    boxes::triangle,
     clip::{Bounds, clip},
     cut, is_above, is_below,
     overlap::overlaps,
@@ -138,9 +138,7 @@ pub fn treelet(
                 let (lo, hi) = (boxes.at(2 * id), boxes.at(2 * id + 1));
                 let mut held = Bounds { lo: Vec3::new(lo.x, lo.y, lo.z), hi: Vec3::new(hi.x, hi.y, hi.z) };
                 if clips {
-                    let a = vertex(positions, indices, id, 0);
-                    let b = vertex(positions, indices, id, 1);
-                    let c = vertex(positions, indices, id, 2);
+                    let (a, b, c) = triangle(positions, indices, id);
                     keep(corners, lane, 0, a);
                     keep(corners, lane, 1, b);
                     keep(corners, lane, 2, c);

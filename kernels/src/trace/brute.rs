@@ -9,7 +9,7 @@ use super::{
     load, record,
 };
 use crate::{
-    build::boxes::vertex,
+    build::boxes::triangle,
     glam::{UVec4, Vec4},
     mem::{Atomics, Buf, Slots},
 };
@@ -48,9 +48,7 @@ pub fn brute<I: Intersector>(
         let mut r = from;
         while r < end {
             let id = kept.at(r);
-            let a = vertex(positions, indices, id, 0);
-            let b = vertex(positions, indices, id, 1);
-            let c = vertex(positions, indices, id, 2);
+            let (a, b, c) = triangle(positions, indices, id);
             let (a, b, c) = I::lay_out(a, b, c);
             by.test(&ray, id, a, b, c, &mut best);
             r += 1;

@@ -2,7 +2,7 @@
 
 use super::{baldwin::Baldwin, intersector::Intersector, triangle::Exact};
 use crate::{
-    build::boxes::vertex,
+    build::boxes::triangle,
     glam::Vec4,
     mem::{Buf, Slots},
 };
@@ -24,9 +24,7 @@ pub fn lay_out<I: Intersector>(
 ) {
     if i < header.at(0).refs {
         let id = refs.at(i);
-        let a = vertex(positions, indices, id, 0);
-        let b = vertex(positions, indices, id, 1);
-        let c = vertex(positions, indices, id, 2);
+        let (a, b, c) = triangle(positions, indices, id);
         let (a, b, c) = I::lay_out(a, b, c);
         corners.put(3 * i, a.truncate().extend(f32::from_bits(id | NORMAL)));
         corners.put(3 * i + 1, b);

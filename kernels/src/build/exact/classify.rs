@@ -2,7 +2,7 @@
 
 use super::{ABOVE, BELOW, CLIPPED_SHIFT, CUT, Cell, HEAD, LEAF, LEVEL_REFS, LISTED, Reference, decide};
 use crate::{
-    build::{boxes::vertex, clip::clip_plane},
+    build::{boxes::triangle, clip::clip_plane},
     glam::UVec4,
     mem::{Buf, Slots},
     trace::frame::component,
@@ -40,9 +40,7 @@ pub fn classify(
             let large = cell.count > params.small;
             if below && above {
                 if (params.rule & rule::CLIP) != 0 {
-                    let a = vertex(positions, indices, reference.triangle, 0);
-                    let b = vertex(positions, indices, reference.triangle, 1);
-                    let c = vertex(positions, indices, reference.triangle, 2);
+                    let (a, b, c) = triangle(positions, indices, reference.triangle);
                     let (under, over) = clip_plane(a, b, c, &bounds, cutting.plane.axis, at);
                     code = (!under.is_empty() as u32) * BELOW + (!over.is_empty() as u32) * ABOVE;
                 }

@@ -5,7 +5,7 @@ use super::{
     Reference, STATE_STATUS, WHOLE, decide, fresh_room, in_two, pick, ranked,
 };
 use crate::{
-    build::{boxes::vertex, clip::clip_plane},
+    build::{boxes::triangle, clip::clip_plane},
     glam::{UVec2, UVec4},
     mem::{Buf, Slots},
 };
@@ -48,9 +48,7 @@ pub fn distribute(
                 let plane = decide(&cell, bests, &params).plane;
                 parts = in_two(&reference.bounds, plane);
                 if (params.rule & rule::CLIP) != 0 {
-                    let a = vertex(positions, indices, reference.triangle, 0);
-                    let b = vertex(positions, indices, reference.triangle, 1);
-                    let c = vertex(positions, indices, reference.triangle, 2);
+                    let (a, b, c) = triangle(positions, indices, reference.triangle);
                     parts = clip_plane(a, b, c, &reference.bounds, plane.axis, plane.at);
                 }
             }

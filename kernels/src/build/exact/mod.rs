@@ -31,11 +31,12 @@ use super::{
     Costs, Plane, Sah,
     bin::{ordered, unordered},
     clip::Bounds,
-    cut,
+    cut, from_bits,
     scan::LANES,
+    to_bits,
 };
 use crate::{
-    glam::{UVec2, UVec4, Vec3},
+    glam::{UVec2, UVec4},
     mem::{Buf, Slots},
     trace::frame::component,
 };
@@ -163,7 +164,7 @@ impl Cell {
             fresh: head.z,
             freshes: head.w,
             parent: lo.w,
-            bounds: Bounds { lo: corner(lo), hi: corner(hi) },
+            bounds: Bounds { lo: from_bits(lo), hi: from_bits(hi) },
         }
     }
 
@@ -171,8 +172,8 @@ impl Cell {
     #[inline(always)]
     pub fn store(&self, cells: &mut Buf<UVec4>, i: u32) {
         cells.put(3 * i, UVec4::new(self.first, self.count, self.fresh, self.freshes));
-        cells.put(3 * i + 1, words(self.bounds.lo, self.parent));
-        cells.put(3 * i + 2, words(self.bounds.hi, 0));
+        cells.put(3 * i + 1, to_bits(self.bounds.lo, self.parent));
+        cells.put(3 * i + 2, to_bits(self.bounds.hi, 0));
     }
 }
 
@@ -192,14 +193,14 @@ impl Reference {
     #[inline(always)]
     pub fn load(refs: &Buf<UVec4>, i: u32) -> Self {
         let (lo, hi) = (refs.at(2 * i), refs.at(2 * i + 1));
-        Self { triangle: lo.w, cell: hi.w, bounds: Bounds { lo: corner(lo), hi: corner(hi) } }
+        Self { triangle: lo.w, cell: hi.w, bounds: Bounds { lo: from_bits(lo), hi: from_bits(hi) } }
     }
 
     /// Writes reference `i` of a level.
     #[inline(always)]
     pub fn store(&self, refs: &mut Buf<UVec4>, i: u32) {
-        refs.put(2 * i, words(self.bounds.lo, self.triangle));
-        refs.put(2 * i + 1, words(self.bounds.hi, self.cell));
+        refs.put(2 * i, to_bits(self.bounds.lo, self.triangle));
+        refs.put(2 * i + 1, to_bits(self.bounds.hi, self.cell));
     }
 
     /// A face of its box as list number `list` holds it.
@@ -216,16 +217,6 @@ impl Reference {
 #[inline(always)]
 fn cell_of(refs: &Buf<UVec4>, i: u32) -> u32 {
     refs.at(2 * i + 1).w
-}
-
-#[inline(always)]
-fn corner(words: UVec4) -> Vec3 {
-    Vec3::new(f32::from_bits(words.x), f32::from_bits(words.y), f32::from_bits(words.z))
-}
-
-#[inline(always)]
-fn words(v: Vec3, last: u32) -> UVec4 {
-    UVec4::new(v.x.to_bits(), v.y.to_bits(), v.z.to_bits(), last)
 }
 
 /// Whether a face comes before another in its list: by position, then flat boxes first. Those left over are equal.

@@ -2,7 +2,7 @@
 
 use super::{LEVEL_REFS, LISTS, Reference};
 use crate::{
-    build::{boxes::vertex, clip::Bounds},
+    build::{boxes::triangle, clip::Bounds},
     glam::{UVec2, UVec4},
     mem::{Buf, Slots},
 };
@@ -22,11 +22,9 @@ pub fn start(
 ) {
     if i < level.at(LEVEL_REFS) {
         let room = params.at(0).level_refs;
-        let triangle = kept.at(i);
-        let a = vertex(positions, indices, triangle, 0);
-        let b = vertex(positions, indices, triangle, 1);
-        let c = vertex(positions, indices, triangle, 2);
-        let reference = Reference { triangle, cell: 0, bounds: Bounds::of(a, b, c) };
+        let id = kept.at(i);
+        let (a, b, c) = triangle(positions, indices, id);
+        let reference = Reference { triangle: id, cell: 0, bounds: Bounds::of(a, b, c) };
         reference.store(refs, i);
         let mut list = 0;
         while list < LISTS {
