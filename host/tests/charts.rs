@@ -120,6 +120,33 @@ fn auto_is_checked_against_what_everything_takes() {
 }
 
 #[test]
+fn what_auto_chooses_cannot_be_given() {
+    let given: [&[&str]; 8] = [
+        &["--builder", "median"],
+        &["--no-clip"],
+        &["--cost-step", "1"],
+        &["--cost-test", "1"],
+        &["--price", "1"],
+        &["--budget", "2"],
+        &["--empty", "0.5"],
+        &["--traversal", "ropes"],
+    ];
+    for option in given {
+        let refused = raykd(&[&["bench", "--quality", "auto"], option].concat());
+        assert_eq!(refused.status.code(), Some(2), "{option:?}");
+        let words = told(&refused);
+        assert!(words.contains("--quality") && words.contains(option[0]), "{words}");
+    }
+    let trace = ["trace", "teapot", "--rays", "none", "--hits", "none", "--tree", "none"];
+    for option in [given[0], given[1], &["--quality", "auto"]] {
+        let refused = raykd(&[&trace, option].concat());
+        assert_eq!(refused.status.code(), Some(2), "{option:?}");
+        assert!(told(&refused).contains("--tree"), "{}", told(&refused));
+    }
+    assert!(told(&raykd(&["bench", "--costs", "none"])).contains("--costs is for --quality auto"));
+}
+
+#[test]
 fn costs_of_no_use_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let costs = folder.path().join("costs.json").display().to_string();

@@ -1,7 +1,7 @@
 //! `--quality auto`: device, builder and traversal by what a scene and a number of rays need.
 
 use super::{
-    args::{AmountArgs, MachineArgs, One, Quality, TreeArgs},
+    args::{HowArgs, OneArgs, Quality},
     calibrate,
     machine::{Machine, candidates},
     notes::Notes,
@@ -23,22 +23,20 @@ pub(super) struct Amount {
 
 /// What was asked for; or, with `--quality auto`, what so many rays at this mesh need.
 pub(super) fn decide(
-    amount: &AmountArgs,
-    tree: &TreeArgs,
+    how: &HowArgs,
     traversal: Traversal,
-    device: (Option<One>, &MachineArgs),
+    on: &OneArgs,
     (mesh, rays): (&Mesh, u64),
     notes: &Notes,
 ) -> anyhow::Result<(Machine, Amount)> {
-    let (wish, more) = device;
-    if amount.quality == Quality::Usual {
-        let machine = Machine::choose(wish, more, notes)?;
-        return Ok((machine, Amount { options: tree.options(), traversal, plan: None }));
+    if how.amount.quality == Quality::Usual {
+        let machine = Machine::choose(on.device, &on.more, notes)?;
+        return Ok((machine, Amount { options: how.tree.options(), traversal, plan: None }));
     }
-    let mut devices = candidates(wish, more, notes)?;
+    let mut devices = candidates(on.device, &on.more, notes)?;
     let all: Vec<Calibration> = devices
         .iter()
-        .map(|device| calibrate::costs(device, amount.costs.as_deref(), notes))
+        .map(|device| calibrate::costs(device, how.amount.costs.as_deref(), notes))
         .collect::<anyhow::Result<_>>()?;
     let plan = choose(mesh, rays, &all.iter().collect::<Vec<_>>());
     let automatic = devices.len() > 1;
@@ -48,16 +46,15 @@ pub(super) fn decide(
 /// The same on a device that is not to be chosen.
 pub(super) fn on(
     device: &Device,
-    amount: &AmountArgs,
-    tree: &TreeArgs,
+    how: &HowArgs,
     traversal: Traversal,
     (mesh, rays): (&Mesh, u64),
     notes: &Notes,
 ) -> anyhow::Result<Amount> {
-    if amount.quality == Quality::Usual {
-        return Ok(Amount { options: tree.options(), traversal, plan: None });
+    if how.amount.quality == Quality::Usual {
+        return Ok(Amount { options: how.tree.options(), traversal, plan: None });
     }
-    let costs = calibrate::costs(device, amount.costs.as_deref(), notes)?;
+    let costs = calibrate::costs(device, how.amount.costs.as_deref(), notes)?;
     Ok(Amount::of(choose(mesh, rays, &[&costs]), mesh))
 }
 

@@ -112,7 +112,7 @@ pub(super) fn run(args: &BenchArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
 
 /// Measures all scenes on all devices.
 fn rows(args: &BenchArgs, notes: &Notes) -> anyhow::Result<(Vec<Row>, Machines)> {
-    let mut machines = Machines::choose(args.device, &args.machine, notes)?;
+    let mut machines = Machines::choose(args.on.device, &args.on.more, notes)?;
     let names = if args.scenes.is_empty() { &["teapot".to_owned()] } else { args.scenes.as_slice() };
     let mut rows = Vec::new();
     for name in names {
@@ -122,7 +122,7 @@ fn rows(args: &BenchArgs, notes: &Notes) -> anyhow::Result<(Vec<Row>, Machines)>
         let first = rows.len();
         let measure = |device| -> anyhow::Result<Result<Row, Error>> {
             let job = (&input.mesh, u64::from(args.rays));
-            let amount = amount::on(device, &args.amount, &args.how, args.traversal, job, notes)?;
+            let amount = amount::on(device, &args.how, args.walk.traversal, job, notes)?;
             Ok(bench(device, &input, &amount, [&random, &picture], args, notes))
         };
         if let Some(cpu) = &machines.cpu {
@@ -175,7 +175,7 @@ fn bench(
     // By the default triangle test: whatever is measured, the rays are the same.
     let sets = Sets::new(name, mesh, |rays| built.scene.closest(rays))?;
     built.scene.traverse_by(amount.traversal)?;
-    built.scene.intersect_by(args.intersector)?;
+    built.scene.intersect_by(args.walk.intersector)?;
     stage("tracing random rays");
     let traced = measure::trace(&built.scene, Query::Closest, random)?;
     stage("tracing a picture");
@@ -199,7 +199,7 @@ fn bench(
         device: device.kind(),
         adapter: device.name().to_owned(),
         traversal: amount.traversal.name(),
-        intersector: args.intersector.name(),
+        intersector: args.walk.intersector.name(),
         load_ms: ms(input.load),
         upload_ms: ms(built.upload),
         build_ms: ms(built.build),

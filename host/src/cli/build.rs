@@ -80,9 +80,8 @@ pub(super) fn run(args: &BuildArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
     }
     let input = Input::load(args.mesh.as_deref().unwrap_or_default(), &notes)?;
     let job = (&input.mesh, args.rays.unwrap_or(USUAL_RAYS));
-    let device = (args.device, &args.machine);
-    let (machine, amount) =
-        amount::decide(&args.amount, &args.how, Traversal::default(), device, job, &notes)?;
+    let device = &args.on;
+    let (machine, amount) = amount::decide(&args.how, Traversal::default(), device, job, &notes)?;
     notes.stage(format_args!("{}: building", input.name));
     let options = BuildOptions { profile: args.profile, ..amount.options };
     let (mut told, tree) = machine.run(&notes, |device| build(device, &input, &options))?;
@@ -92,7 +91,7 @@ pub(super) fn run(args: &BuildArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
         notes.stage(format_args!("writing {}", path.display()));
         tree.save(path)?;
     }
-    if let Some(budget) = args.how.budget
+    if let Some(budget) = args.how.tree.budget
         && told.refs > (f64::from(budget) * told.kept as f64) as u32
     {
         let each = f64::from(told.refs) / told.kept as f64;

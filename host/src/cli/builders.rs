@@ -58,7 +58,7 @@ struct Size {
 }
 
 fn machines(args: &BuildArgs, notes: &Notes) -> anyhow::Result<Machines> {
-    Machines::choose(args.device.map(Which::from), &args.machine, notes)
+    Machines::choose(args.on.device.map(Which::from), &args.on.more, notes)
 }
 
 pub(super) fn compare(args: &BuildArgs, notes: &Notes, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
@@ -74,7 +74,7 @@ pub(super) fn compare(args: &BuildArgs, notes: &Notes, out: &mut StdoutLock<'_>)
                 builder.name(),
                 device.kind().to_uppercase()
             ));
-            let options = BuildOptions { builder, profile: false, ..args.how.options() };
+            let options = BuildOptions { builder, profile: false, ..args.how.tree.options() };
             match row(device, &input, &options, &mut sets) {
                 Ok(row) => rows.push(row),
                 Err(error) if machines.can_spare(device, &error) => {
@@ -193,7 +193,7 @@ pub(super) fn scaling(args: &BuildArgs, notes: &Notes, out: &mut StdoutLock<'_>)
                 count(number as u64),
                 device.kind().to_uppercase()
             ));
-            let options = BuildOptions { profile: false, ..args.how.options() };
+            let options = BuildOptions { profile: false, ..args.how.tree.options() };
             let built = match measure::build(device, &mesh, &options) {
                 Ok(built) => built,
                 Err(error) if at_fault(&error) => {

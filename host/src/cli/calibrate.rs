@@ -17,7 +17,7 @@ pub(super) fn run(args: &CalibrateArgs, out: &mut StdoutLock<'_>) -> anyhow::Res
     if let Some(path) = &args.output {
         output::check(path)?;
     }
-    let machines = Machines::choose(args.device, &args.machine, &notes)?;
+    let machines = Machines::choose(args.on.device, &args.on.more, &notes)?;
     if args.output.is_some() && machines.iter().count() > 1 {
         bail!("a file holds one device's costs: say which by --device");
     }

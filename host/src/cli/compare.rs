@@ -60,7 +60,7 @@ pub(super) fn run(
     out: &mut StdoutLock<'_>,
 ) -> anyhow::Result<ExitCode> {
     let input = Input::load(&args.mesh, notes)?;
-    let machines = Machines::choose(args.device.map(Which::from), &args.machine, notes)?;
+    let machines = Machines::choose(args.on.device.map(Which::from), &args.on.more, notes)?;
     let mut sets = None;
     let mut rows = Vec::new();
     for device in machines.iter() {
@@ -109,7 +109,7 @@ fn compare(
 ) -> Result<Vec<Row>, Error> {
     let mesh = &input.mesh;
     notes.stage(format_args!("{}: building on the {}", input.name, device.kind().to_uppercase()));
-    let mut scene = Scene::build(device, mesh, &args.how.options())?;
+    let mut scene = Scene::build(device, mesh, &args.how.tree.options())?;
     if sets.is_none() {
         let camera = || rays::Camera::framing(mesh.bounds()).rays(PICTURE, PICTURE);
         let primary = given.map_or_else(camera, <[Ray]>::to_vec);

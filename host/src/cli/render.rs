@@ -39,14 +39,14 @@ pub(super) fn run(args: &RenderArgs, out: &mut StdoutLock<'_>) -> anyhow::Result
     let samples = args.samples.unwrap_or(if shading == Shading::Normal { 2 } else { 1 });
     let rays = u64::from(args.size[0]) * u64::from(args.size[1]) * u64::from(samples * samples);
     let rays = rays_of(shading, rays);
-    let device = (args.device, &args.machine);
+    let device = &args.on;
     let (machine, amount) =
-        amount::decide(&args.amount, &args.how, args.traversal, device, (&input.mesh, rays), &notes)?;
+        amount::decide(&args.how, args.walk.traversal, device, (&input.mesh, rays), &notes)?;
     let draw = |device: &Device| -> Result<(Picture, String, [f64; 2]), Error> {
         notes.stage(format_args!("{}: building", input.name));
         let mut scene = Scene::build(device, &input.mesh, &amount.options)?;
         scene.traverse_by(amount.traversal)?;
-        scene.intersect_by(args.intersector)?;
+        scene.intersect_by(args.walk.intersector)?;
         notes.stage(format_args!("{}: tracing", input.name));
         let start = Instant::now();
         let picture = render(&scene, &input.mesh, &camera, args.size, samples, shading)?;

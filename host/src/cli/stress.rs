@@ -96,7 +96,7 @@ pub(super) fn run(args: &StressArgs, out: &mut StdoutLock<'_>) -> anyhow::Result
     let notes = Notes::new(args.json);
     let methods = methods(&args.methods)?;
     let failed = args.replay.as_deref().map(read).transpose()?;
-    let machines = Machines::choose(args.device, &args.machine, &notes)?;
+    let machines = Machines::choose(args.on.device, &args.on.more, &notes)?;
     let rows = match failed {
         Some(failed) => replay(&failed, &machines, &notes)?,
         None => stress(args, &methods, &machines, &notes)?,

@@ -76,8 +76,8 @@ pub(super) fn run(args: &TraceArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
     let tree = args.tree.as_deref().map(KdTree::load).transpose()?;
     input.load += start.elapsed();
     let job = (&input.mesh, rays.len() as u64);
-    let device = (args.device, &args.machine);
-    let (machine, amount) = amount::decide(&args.amount, &args.how, args.traversal, device, job, &notes)?;
+    let device = &args.on;
+    let (machine, amount) = amount::decide(&args.how, args.walk.traversal, device, job, &notes)?;
     let how = (&amount.options, amount.traversal);
     let work = |device: &Device| trace(device, &input, tree.as_ref(), args, how, rays, &notes);
     let (mut told, bytes) = machine.run(&notes, work)?;
@@ -139,7 +139,7 @@ fn trace(
         scene = built.scene;
     }
     scene.traverse_by(traversal)?;
-    scene.intersect_by(args.intersector)?;
+    scene.intersect_by(args.walk.intersector)?;
     notes.stage(format_args!("{}: tracing {} rays", input.name, count(rays.len() as u64)));
     let ask = if args.any { Ask::Any } else { args.query };
     let answer = answer(&scene, ask, args.limit.unwrap_or(USUAL_LIMIT), rays)?;
@@ -155,7 +155,7 @@ fn trace(
             Ask::All => "all",
         },
         traversal: traversal.name(),
-        intersector: args.intersector.name(),
+        intersector: args.walk.intersector.name(),
         load_ms: ms(input.load),
         build_ms: ms(build),
         upload_ms: ms(upload + answer.upload),

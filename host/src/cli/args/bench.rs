@@ -1,7 +1,6 @@
 //! What `raykd bench` can be told.
 
-use super::{AmountArgs, MachineArgs, TreeArgs, Which};
-use crate::{Intersector, Traversal};
+use super::{HowArgs, WalkArgs, WhichArgs};
 use clap::Parser;
 use std::path::PathBuf;
 
@@ -37,21 +36,12 @@ pub(in crate::cli) struct BenchArgs {
     /// Random rays to trace
     #[arg(long, value_name = "N", default_value_t = 50_000, value_parser = clap::value_parser!(u32).range(1..=1 << 28))]
     pub rays: u32,
-    /// The way through the tree, see docs/traversals.md; hits do not depend on it
-    #[arg(long, value_enum, value_name = "NAME", default_value_t = Traversal::Stack, conflicts_with = "quality")]
-    pub traversal: Traversal,
-    /// How triangles are tested, see docs/accuracy.md; the others lose hits
-    #[arg(long, value_enum, value_name = "NAME", default_value_t = Intersector::Exact)]
-    pub intersector: Intersector,
-    /// Left out: both if there is any Vulkan adapter, a software one too, else the CPU
-    #[arg(long, value_enum)]
-    pub device: Option<Which>,
     #[command(flatten)]
-    pub machine: MachineArgs,
+    pub walk: WalkArgs,
     #[command(flatten)]
-    pub how: TreeArgs,
+    pub on: WhichArgs,
     #[command(flatten)]
-    pub amount: AmountArgs,
+    pub how: HowArgs,
     /// Print JSON: one array, an object per scene and device
     #[arg(long)]
     pub json: bool,

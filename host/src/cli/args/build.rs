@@ -1,6 +1,6 @@
 //! What `raykd build` can be told.
 
-use super::{AmountArgs, MachineArgs, One, TreeArgs};
+use super::{HowArgs, OneArgs};
 use clap::Parser;
 use std::path::PathBuf;
 
@@ -32,15 +32,10 @@ pub(in crate::cli) struct BuildArgs {
     /// Build teapots of many sizes on CPU and GPU
     #[arg(long, conflicts_with_all = ["output", "profile", "mesh", "quality"])]
     pub scaling: bool,
-    /// Left out: a real GPU if there is one, else the CPU
-    #[arg(long, value_enum)]
-    pub device: Option<One>,
     #[command(flatten)]
-    pub machine: MachineArgs,
+    pub on: OneArgs,
     #[command(flatten)]
-    pub how: TreeArgs,
-    #[command(flatten)]
-    pub amount: AmountArgs,
+    pub how: HowArgs,
     /// With --quality auto: how many rays the tree is for; left out: a million
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub rays: Option<u64>,

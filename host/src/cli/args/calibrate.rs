@@ -1,6 +1,6 @@
 //! What `raykd calibrate` can be told.
 
-use super::{MachineArgs, Which};
+use super::WhichArgs;
 use clap::Parser;
 use std::path::PathBuf;
 
@@ -25,11 +25,8 @@ pub(in crate::cli) struct CalibrateArgs {
     /// Compare auto's choices with the best in hindsight, for 1e3 to 1e9 rays at these scenes
     #[arg(long, value_name = "SCENE", num_args = 1.., conflicts_with = "output")]
     pub check: Vec<String>,
-    /// Left out: both if there is any Vulkan adapter, a software one too, else the CPU
-    #[arg(long, value_enum)]
-    pub device: Option<Which>,
     #[command(flatten)]
-    pub machine: MachineArgs,
+    pub on: WhichArgs,
     /// Print JSON
     #[arg(long)]
     pub json: bool,

@@ -1,6 +1,6 @@
 //! What `raykd chart` can be told.
 
-use super::{MachineArgs, Which};
+use super::WhichArgs;
 use clap::Parser;
 use std::path::PathBuf;
 
@@ -32,9 +32,6 @@ pub(in crate::cli) struct ChartArgs {
     /// What peers/ wrote with --json, for a figure of other crates
     #[arg(long, value_name = "FILE")]
     pub peers: Option<PathBuf>,
-    /// Left out: both if there is any Vulkan adapter, a software one too, else the CPU
-    #[arg(long, value_enum)]
-    pub device: Option<Which>,
     #[command(flatten)]
-    pub machine: MachineArgs,
+    pub on: WhichArgs,
 }

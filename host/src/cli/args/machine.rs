@@ -13,6 +13,26 @@ pub(in crate::cli) struct MachineArgs {
     pub threads: Option<u16>,
 }
 
+/// Which one device a command runs on.
+#[derive(Clone, Debug, clap::Args)]
+pub(in crate::cli) struct OneArgs {
+    /// Left out: a real GPU if there is one, else the CPU
+    #[arg(long, value_enum)]
+    pub device: Option<One>,
+    #[command(flatten)]
+    pub more: MachineArgs,
+}
+
+/// Which devices a command runs on.
+#[derive(Clone, Debug, clap::Args)]
+pub(in crate::cli) struct WhichArgs {
+    /// Left out: both if there is any Vulkan adapter, a software one too, else the CPU
+    #[arg(long, value_enum)]
+    pub device: Option<Which>,
+    #[command(flatten)]
+    pub more: MachineArgs,
+}
+
 /// One device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(in crate::cli) enum One {

@@ -17,11 +17,11 @@ pub(super) use build::BuildArgs;
 pub(super) use calibrate::CalibrateArgs;
 pub(super) use chart::ChartArgs;
 pub(super) use devices::DevicesArgs;
-pub(super) use machine::{MachineArgs, One, Which};
+pub(super) use machine::{MachineArgs, One, OneArgs, Which, WhichArgs};
 pub(super) use render::{RenderArgs, Shading};
 pub(super) use stress::StressArgs;
 pub(super) use trace::{Ask, TraceArgs};
-pub(super) use tree::{AmountArgs, Quality, TreeArgs};
+pub(super) use tree::{HowArgs, Quality, WalkArgs};
 
 use crate::{Error, Intersector};
 use clap::{CommandFactory as _, Parser, Subcommand, error::ErrorKind};
@@ -67,13 +67,13 @@ impl Args {
     /// Finds contradictions that clap does not see by itself.
     pub(super) fn check(&self) -> Result<(), clap::Error> {
         let (name, device, machine) = match &self.command {
-            Command::Bench(a) => ("bench", a.device, &a.machine),
-            Command::Build(a) => ("build", a.device.map(Which::from), &a.machine),
-            Command::Trace(a) => ("trace", a.device.map(Which::from), &a.machine),
-            Command::Render(a) => ("render", a.device.map(Which::from), &a.machine),
-            Command::Stress(a) => ("stress", a.device, &a.machine),
-            Command::Chart(a) => ("chart", a.device, &a.machine),
-            Command::Calibrate(a) => ("calibrate", a.device, &a.machine),
+            Command::Bench(a) => ("bench", a.on.device, &a.on.more),
+            Command::Build(a) => ("build", a.on.device.map(Which::from), &a.on.more),
+            Command::Trace(a) => ("trace", a.on.device.map(Which::from), &a.on.more),
+            Command::Render(a) => ("render", a.on.device.map(Which::from), &a.on.more),
+            Command::Stress(a) => ("stress", a.on.device, &a.on.more),
+            Command::Chart(a) => ("chart", a.on.device, &a.on.more),
+            Command::Calibrate(a) => ("calibrate", a.on.device, &a.on.more),
             Command::Devices(_) => return Ok(()),
         };
         let conflict = |what: &str| {
@@ -102,14 +102,14 @@ impl Args {
     /// Finds options that would do nothing.
     fn check_idle(&self) -> Result<(), &'static str> {
         let (amount, rays) = match &self.command {
-            Command::Bench(a) => (&a.amount, None),
-            Command::Build(a) => (&a.amount, a.rays),
+            Command::Bench(a) => (&a.how.amount, None),
+            Command::Build(a) => (&a.how.amount, a.rays),
             Command::Trace(a) if a.limit.is_some() && a.query != Ask::All => {
                 return Err("--limit is for --query all");
             }
             Command::Trace(a) if a.brute && !a.compare => return Err("--brute is for --compare"),
-            Command::Trace(a) => (&a.amount, None),
-            Command::Render(a) => (&a.amount, None),
+            Command::Trace(a) => (&a.how.amount, None),
+            Command::Render(a) => (&a.how.amount, None),
             _ => return Ok(()),
         };
         match amount.quality {
@@ -123,14 +123,16 @@ impl Args {
     /// Whether the triangle test does what is asked for.
     fn check_test(&self) -> Result<(), Error> {
         let (test, traversal, more) = match &self.command {
-            Command::Bench(a) => (a.intersector, a.traversal, None),
+            Command::Bench(a) => (a.walk.intersector, a.walk.traversal, None),
             Command::Trace(a) => {
                 let all = matches!(a.query, Ask::Count | Ask::All);
-                (a.intersector, a.traversal, all.then_some("a query for all hits"))
+                (a.walk.intersector, a.walk.traversal, all.then_some("a query for all hits"))
             }
-            Command::Render(a) => {
-                (a.intersector, a.traversal, (a.shading == Shading::Heat).then_some("counting steps"))
-            }
+            Command::Render(a) => (
+                a.walk.intersector,
+                a.walk.traversal,
+                (a.shading == Shading::Heat).then_some("counting steps"),
+            ),
             _ => return Ok(()),
         };
         match more.filter(|_| test != Intersector::Exact) {

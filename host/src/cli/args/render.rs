@@ -1,10 +1,9 @@
 //! What `raykd render` can be told.
 
 use super::{
-    AmountArgs, MachineArgs, One, TreeArgs,
+    HowArgs, OneArgs, WalkArgs,
     values::{point, size, within},
 };
-use crate::{Intersector, Traversal};
 use clap::{Parser, ValueEnum};
 use std::path::PathBuf;
 
@@ -29,12 +28,8 @@ pub(in crate::cli) struct RenderArgs {
     /// What colours show
     #[arg(long, value_enum, default_value_t = Shading::Normal)]
     pub shading: Shading,
-    /// The way through the tree, see docs/traversals.md; only heat depends on it
-    #[arg(long, value_enum, value_name = "NAME", default_value_t = Traversal::Stack, conflicts_with = "quality")]
-    pub traversal: Traversal,
-    /// How triangles are tested, see docs/accuracy.md; the others lose hits
-    #[arg(long, value_enum, value_name = "NAME", default_value_t = Intersector::Exact)]
-    pub intersector: Intersector,
+    #[command(flatten)]
+    pub walk: WalkArgs,
     /// Rays per pixel are the square of this; left out: 2 for normal, else 1
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=8))]
     pub samples: Option<u32>,
@@ -50,15 +45,10 @@ pub(in crate::cli) struct RenderArgs {
     /// Angle of view from bottom to top, in degrees
     #[arg(long, value_name = "DEGREES", default_value = "40", value_parser = within(0.1_f64, 170.0))]
     pub fov: f64,
-    /// Left out: a real GPU if there is one, else the CPU
-    #[arg(long, value_enum)]
-    pub device: Option<One>,
     #[command(flatten)]
-    pub machine: MachineArgs,
+    pub on: OneArgs,
     #[command(flatten)]
-    pub how: TreeArgs,
-    #[command(flatten)]
-    pub amount: AmountArgs,
+    pub how: HowArgs,
 }
 
 /// What a picture shows.

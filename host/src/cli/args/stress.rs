@@ -1,6 +1,6 @@
 //! What `raykd stress` can be told.
 
-use super::{MachineArgs, Which};
+use super::WhichArgs;
 use clap::Parser;
 use std::path::PathBuf;
 
@@ -39,11 +39,8 @@ pub(in crate::cli) struct StressArgs {
     /// List scenes and methods
     #[arg(long, exclusive = true)]
     pub list: bool,
-    /// Left out: both if there is any Vulkan adapter, a software one too, else the CPU
-    #[arg(long, value_enum)]
-    pub device: Option<Which>,
     #[command(flatten)]
-    pub machine: MachineArgs,
+    pub on: WhichArgs,
     /// Print JSON: one array, an object per scene, method and device
     #[arg(long)]
     pub json: bool,

@@ -1,7 +1,6 @@
 //! What `raykd trace` can be told.
 
-use super::{AmountArgs, MachineArgs, One, TreeArgs};
-use crate::{Intersector, Traversal};
+use super::{HowArgs, OneArgs, WalkArgs};
 use clap::{Parser, ValueEnum};
 use std::path::PathBuf;
 
@@ -36,8 +35,7 @@ pub(in crate::cli) struct TraceArgs {
     #[arg(long, value_name = "FILE", required_unless_present = "compare")]
     pub hits: Option<PathBuf>,
     /// Use this tree, saved by raykd build -o, rather than building one
-    #[arg(long, value_name = "FILE", conflicts_with_all =
-        ["builder", "no_clip", "cost_step", "cost_test", "price", "budget", "empty", "quality"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["TreeArgs", "quality"])]
     pub tree: Option<PathBuf>,
     /// What to ask of each ray
     #[arg(long, value_enum, default_value_t = Ask::Closest)]
@@ -48,27 +46,18 @@ pub(in crate::cli) struct TraceArgs {
     /// With --query all: hits a ray to write; left out: 8
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=65536))]
     pub limit: Option<u32>,
-    /// The way through the tree, see docs/traversals.md; hits do not depend on it
-    #[arg(long, value_enum, value_name = "NAME", default_value_t = Traversal::Stack, conflicts_with = "quality")]
-    pub traversal: Traversal,
-    /// How triangles are tested, see docs/accuracy.md; the others lose hits
-    #[arg(long, value_enum, value_name = "NAME", default_value_t = Intersector::Exact)]
-    pub intersector: Intersector,
+    #[command(flatten)]
+    pub walk: WalkArgs,
     /// Compare all traversals on CPU and GPU, rather than write hits
     #[arg(long, conflicts_with_all = ["hits", "tree", "query", "any", "limit", "traversal", "intersector", "quality"])]
     pub compare: bool,
     /// With --compare: brute force too, which takes hours where the others take a second; for small scenes and few rays
     #[arg(long)]
     pub brute: bool,
-    /// Left out: a real GPU if there is one, else the CPU
-    #[arg(long, value_enum)]
-    pub device: Option<One>,
     #[command(flatten)]
-    pub machine: MachineArgs,
+    pub on: OneArgs,
     #[command(flatten)]
-    pub how: TreeArgs,
-    #[command(flatten)]
-    pub amount: AmountArgs,
+    pub how: HowArgs,
     /// Print JSON
     #[arg(long)]
     pub json: bool,

@@ -1,11 +1,20 @@
-//! How trees are built, on every command that builds one.
+//! How trees are built and gone through, on every command that does.
 
 use super::values::within;
-use crate::{BuildOptions, Builder};
+use crate::{BuildOptions, Builder, Intersector, Traversal};
 use clap::ValueEnum;
 use std::path::PathBuf;
 
-/// How the tree is built. Hits do not depend on it.
+/// How the tree is built, by these options or by `auto`. Hits do not depend on it.
+#[derive(Clone, Debug, clap::Args)]
+pub(in crate::cli) struct HowArgs {
+    #[command(flatten)]
+    pub tree: TreeArgs,
+    #[command(flatten)]
+    pub amount: AmountArgs,
+}
+
+/// A tree's options. They are apart from [`HowArgs`] because clap makes a group of a struct's own options only.
 #[derive(Clone, Debug, clap::Args)]
 pub(in crate::cli) struct TreeArgs {
     /// How planes are chosen
@@ -48,16 +57,26 @@ impl TreeArgs {
     }
 }
 
-/// How much is done for the rays. Hits do not depend on it.
+/// How much is done for the rays.
 #[derive(Clone, Debug, clap::Args)]
 pub(in crate::cli) struct AmountArgs {
     /// auto: device, builder and traversal that take the least time for this scene and so many rays
-    #[arg(long, value_enum, default_value_t = Quality::Usual, conflicts_with_all =
-        ["builder", "no_clip", "cost_step", "cost_test", "price", "budget", "empty"])]
+    #[arg(long, value_enum, default_value_t = Quality::Usual, conflicts_with = "TreeArgs")]
     pub quality: Quality,
     /// With --quality auto: costs of the device by `raykd calibrate -o FILE`; left out: those kept, or measured now
     #[arg(long, value_name = "FILE")]
     pub costs: Option<PathBuf>,
+}
+
+/// How rays find triangles.
+#[derive(Clone, Debug, clap::Args)]
+pub(in crate::cli) struct WalkArgs {
+    /// The way through the tree, see docs/traversals.md; hits do not depend on it, steps do
+    #[arg(long, value_enum, value_name = "NAME", default_value_t = Traversal::Stack, conflicts_with = "quality")]
+    pub traversal: Traversal,
+    /// How triangles are tested, see docs/accuracy.md; the others lose hits
+    #[arg(long, value_enum, value_name = "NAME", default_value_t = Intersector::Exact)]
+    pub intersector: Intersector,
 }
 
 /// How a tree is chosen.

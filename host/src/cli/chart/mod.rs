@@ -39,7 +39,7 @@ pub(super) fn run(args: &ChartArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
     fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
     output::check(&folder.join("index.html"))?;
     let (inputs, machines) =
-        (inputs(&args.scenes, &notes)?, Machines::choose(args.device, &args.machine, &notes)?);
+        (inputs(&args.scenes, &notes)?, Machines::choose(args.on.device, &args.on.more, &notes)?);
     let effort = Effort { quick: args.quick, rays: args.rays.unwrap_or(0) as usize };
     let mut jobs = data::scenes(&inputs, &machines, effort);
     jobs.extend(data::accuracy(&inputs[0], &machines, effort));
