@@ -107,17 +107,14 @@ impl Batch {
         query: Query,
     ) -> Result<Duration, Error> {
         let spread = device.spread(self.count);
-        let any = u32::from(query == Query::Any);
-        self.order(device, [self.count, spread, 0, any])?;
+        self.begin(device, spread, u32::from(query == Query::Any))?;
         Ok(device.run(&[Step::over(kernel, self.count << spread, buffers)], false)?.total)
     }
 
-    /// Forgets what earlier kernels reported, and sets the word of the job that some read.
-    pub(super) fn begin(&self, device: &Device, option: u32) -> Result<(), Error> {
-        self.order(device, [self.count, 0, 0, option])
-    }
-
-    fn order(&self, device: &Device, job: [u32; JOB_WORDS as usize]) -> Result<(), Error> {
+    /// Forgets what earlier kernels reported, and sets the words of the job: how thin rays are spread, see
+    /// [`Device::spread`], and what some kernels are asked.
+    pub(super) fn begin(&self, device: &Device, spread: u32, option: u32) -> Result<(), Error> {
+        let job: [u32; JOB_WORDS as usize] = [self.count, spread, 0, option];
         device.write(&self.job, 0, bytemuck::cast_slice(&job))?;
         device.write(&self.outcome, 0, &[0; OUTCOME_WORDS as usize * 4])
     }
