@@ -60,7 +60,8 @@ impl Calibration {
     }
 
     pub(super) fn over(device: &Device, sizes: &[u32], told: impl Fn(f64)) -> Result<Self, Error> {
-        let (mut costs, mut looks) = (Vec::new(), Vec::new());
+        let (mut costs, mut looks): (Vec<Cost>, Vec<_>) = (Vec::new(), Vec::new());
+        let mut movings = Vec::new();
         let all = (sizes.len() * CHOICES.len()) as f64;
         for (at, &size) in sizes.iter().enumerate() {
             let mesh = leaning(teapot_level_for(size));
@@ -69,15 +70,34 @@ impl Calibration {
             let slow = usual.times().build.as_secs_f64() * 1e3 > SLOW;
             let moving = Moving::measure(&usual, &rays)?;
             drop(usual);
+            let distant = distant(teapot_level_for(size));
+            let usual = Scene::build(device, &distant, &BuildOptions::default())?;
+            let far_rays = super::usual_rays(&distant, rays.len(), |rays| usual.closest(rays))?;
+            drop(usual);
             let [glance, closer] = LOOKS.each_ref().map(|look| look::seen(&mesh, look));
             looks.push((mesh.kept().len() as u32, [glance?, closer?]));
             for (number, choice) in CHOICES.iter().enumerate() {
                 told((at * CHOICES.len() + number) as f64 / all);
-                costs.push(cost::measure(device, &mesh, choice, &rays, &moving)?.0);
+                let mut cost = cost::measure(device, &mesh, choice, &rays, &moving)?.0;
+                if !choice.has_tree() {
+                    // The worst case: a mesh without a tree is not looked at first.
+                    let far = cost::measure(device, &distant, choice, &far_rays, &moving)?.0;
+                    cost.ray_ns = cost.ray_ns.max(far.ray_ns);
+                    cost.launch_ms = cost.launch_ms.max(far.launch_ms);
+                }
+                costs.push(cost);
+                movings.push(moving);
             }
             if slow {
                 break;
             }
+        }
+        // Rays move as fast whatever the mesh; but what else the machine did at the time can double it.
+        let least = |of: fn(&Moving) -> f64| movings.iter().map(of).fold(f64::INFINITY, f64::min);
+        let (once_ms, ray_ns) = (least(|moving| moving.once_ms), least(|moving| moving.ray_ns));
+        for (cost, moving) in costs.iter_mut().zip(&movings) {
+            cost.launch_ms += once_ms - moving.once_ms;
+            cost.transfer_ns = ray_ns;
         }
         Ok(Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -170,6 +190,17 @@ fn leaning(level: u32) -> Mesh {
     let positions =
         teapot.positions().iter().map(|[x, y, z]| [0.8 * x + 0.6 * y, 0.8 * y - 0.6 * x, *z]).collect();
     Mesh::new(positions, teapot.triangles().to_vec()).expect("a leaning teapot is a mesh")
+}
+
+/// The same, small and far away on a large plane: rounding tells of few of its triangles that a ray passes them by.
+fn distant(level: u32) -> Mesh {
+    let teapot = leaning(level);
+    let mut positions: Vec<_> = teapot.positions().iter().map(|p| p.map(|x| 0.01 * x + 50.0)).collect();
+    let first = positions.len() as u32;
+    positions.extend([[-100.0, -100.0, 0.0], [100.0, -100.0, 0.0], [0.0, 100.0, 0.0]]);
+    let mut triangles = teapot.triangles().to_vec();
+    triangles.push([first, first + 1, first + 2]);
+    Mesh::new(positions, triangles).expect("a distant teapot is a mesh")
 }
 
 /// Reads between points by rising x, as if y were a power of x between two of them.
