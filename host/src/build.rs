@@ -362,6 +362,7 @@ fn attempt_build(
         device.write(&actives[0], 0, bytemuck::cast_slice(&root(0, 0)))?;
         device.write(&chunks[0], 0, bytemuck::cast_slice(&vec![0u32; pieces as usize]))?;
         device.write(&refs[0], 0, bytemuck::cast_slice(mesh.kept()))?;
+        device.write(&hists, 0, &[0; HIST_WORDS as usize * 4])?;
     } else {
         device.write(&levels[0], 0, &[0; LEVEL_WORDS as usize * 4])?;
         device.write(&treelet_args, 0, bytemuck::cast_slice(&[1u32, 1, 1]))?;
@@ -388,7 +389,7 @@ fn attempt_build(
             &SPLIT,
             arg,
             ARGS_ACTIVE,
-            vec![&param_buffer, level, active, &hists, &planes],
+            vec![&param_buffer, level, active, &hists, &planes, &sizes],
         ));
         steps.push(Step::indirect(
             &COUNT,
@@ -405,6 +406,7 @@ fn attempt_build(
                 &boxes,
                 &planes,
                 &sides,
+                &sizes,
             ],
         ));
         steps.push(Step::groups(
@@ -415,9 +417,8 @@ fn attempt_build(
                 level,
                 active,
                 &planes,
-                &sides,
-                &targets,
                 &sizes,
+                &targets,
                 &top,
                 &levels[then],
                 &actives[then],
@@ -426,13 +427,14 @@ fn attempt_build(
                 &treelets,
                 &treelet_args,
                 &state,
+                &hists,
             ],
         ));
         steps.push(Step::indirect(
             &SCATTER,
             arg,
             ARGS_CHUNKS,
-            vec![level, active, chunk, list, &targets, &state, &refs[then], &treelet_refs],
+            vec![level, active, chunk, list, &sides, &targets, &state, &refs[then], &treelet_refs],
         ));
     }
     steps.push(Step::indirect(

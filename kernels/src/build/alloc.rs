@@ -4,7 +4,9 @@
 
 use super::{
     ARGS_ACTIVE, ARGS_CHUNKS, Item, LEVEL_ACTIVE, LEVEL_CHUNKS, LEVEL_DEPTH, LEVEL_REFS, Plane, STATE_STATUS,
-    STATE_TOP, STATE_TREELET_REFS, STATE_TREELETS, cut,
+    STATE_TOP, STATE_TREELET_REFS, STATE_TREELETS,
+    bin::HIST_WORDS,
+    cut,
     scan::{self, LANES, before, scan, total},
 };
 use crate::{
@@ -52,6 +54,16 @@ fn tally(sums: &mut [u32; SUMS], lane: u32, count: u32, small: u32) {
     }
 }
 
+/// Clears the histogram of active node `slot`: several workgroups will add to it.
+#[inline(always)]
+fn clear(hists: &mut Buf<u32>, slot: u32) {
+    let mut word = 0;
+    while word < HIST_WORDS {
+        hists.put(slot * HIST_WORDS + word, 0);
+        word += 1;
+    }
+}
+
 /// Places all children of a level.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn alloc(
@@ -62,9 +74,8 @@ pub fn alloc(
     level: &Buf<u32>,
     active: &Buf<UVec4>,
     planes: &Buf<UVec2>,
-    sides: &Buf<UVec2>,
+    sizes: &Buf<UVec2>,
     targets: &mut Buf<UVec2>,
-    sizes: &mut Buf<UVec2>,
     top: &mut Buf<UVec2>,
     next_level: &mut Buf<u32>,
     next_active: &mut Buf<UVec4>,
@@ -73,6 +84,7 @@ pub fn alloc(
     treelets: &mut Buf<UVec4>,
     treelet_args: &mut Buf<u32>,
     state: &mut Buf<u32>,
+    hists: &mut Buf<u32>,
 ) {
     let params = params.at(0);
     let number = level.at(LEVEL_ACTIVE);
@@ -100,23 +112,14 @@ pub fn alloc(
         while i < run {
             let k = lane * run + i;
             if k < number {
-                let item = Item::load(active, k);
-                let (mut below, mut above) = (0, 0);
-                let mut c = 0;
-                while c < item.count.div_ceil(CHUNK) {
-                    let both = sides.at(item.extra + c);
-                    below += both.x;
-                    above += both.y;
-                    c += 1;
-                }
-                sizes.put(k, UVec2::new(below, above));
+                let size = sizes.at(k);
                 if planes.at(k).x == Node::LEAF {
                     bump(sums, lane, TREELETS, 1);
-                    bump(sums, lane, TREELET_REFS, below);
+                    bump(sums, lane, TREELET_REFS, size.x);
                 } else {
                     bump(sums, lane, PAIRS, 1);
-                    tally(sums, lane, below, params.small);
-                    tally(sums, lane, above, params.small);
+                    tally(sums, lane, size.x, params.small);
+                    tally(sums, lane, size.y, params.small);
                 }
             }
             i += 1;
@@ -182,6 +185,9 @@ pub fn alloc(
                             next_chunks.put(chunk, slot);
                             chunk += 1;
                         }
+                        if count > CHUNK {
+                            clear(hists, slot);
+                        }
                         slot += 1;
                         reference += count;
                     } else if !is_leaf || child == 0 {
@@ -197,14 +203,7 @@ pub fn alloc(
                     top.put(item.node, UVec2::new(word0, word1));
                     pair += 2;
                 }
-                let mut target = UVec2::new(place.at(0), place.at(1));
-                let mut c = 0;
-                while c < item.count.div_ceil(CHUNK) {
-                    targets.put(item.extra + c, target);
-                    let both = sides.at(item.extra + c);
-                    target = UVec2::new(target.x + both.x, target.y + both.y);
-                    c += 1;
-                }
+                targets.put(k, UVec2::new(place.at(0), place.at(1)));
             }
             i += 1;
         }
@@ -249,8 +248,8 @@ kernel! {
     /// [`alloc`] for one level; a single workgroup.
     group ALLOC = alloc, threads 1024, shared [sums: SUMS, blocks: BLOCKS], {
         0 params: read BuildParams, 1 level: read u32, 2 active: read UVec4, 3 planes: read UVec2,
-        4 sides: read UVec2, 5 targets: write UVec2, 6 sizes: write UVec2, 7 top: write UVec2,
-        8 next_level: write u32, 9 next_active: write UVec4, 10 next_chunks: write u32, 11 next_args: write u32,
-        12 treelets: write UVec4, 13 treelet_args: write u32, 14 state: write u32,
+        4 sizes: read UVec2, 5 targets: write UVec2, 6 top: write UVec2, 7 next_level: write u32,
+        8 next_active: write UVec4, 9 next_chunks: write u32, 10 next_args: write u32, 11 treelets: write UVec4,
+        12 treelet_args: write u32, 13 state: write u32, 14 hists: write u32,
     }
 }

@@ -1,4 +1,4 @@
-//! Counts of references per bin, for one chunk of one node.
+//! Counts of references per bin of one node, a chunk a workgroup.
 //!
 //! Min-max binning (Shevtsov, Soupikov & Kapustin 2007): one counter for the bin where a box starts, one for
 //! where it ends; sums of them give the exact number of boxes on either side of every bin border, up to the
@@ -13,14 +13,18 @@ use crate::{
     mem::{Atomics, Buf, Slots},
     trace::frame::component,
 };
-use raykd_shared::limits::BINS;
+use raykd_shared::limits::{BINS, CHUNK};
 
 const LANES: u32 = 128;
-/// Where the last ends stand in a chunk's histogram, [`ordered`]; before them the counts, starts in the low half, ends
-/// in the high half.
-pub const LAST_ENDS: u32 = 3 * BINS;
-/// Words of a chunk's histogram.
-pub const HIST_WORDS: u32 = 6 * BINS;
+// Where starts, ends and last ends stand in a histogram, for each axis.
+/// How many boxes start in a bin.
+pub const STARTS: u32 = 0;
+/// How many end there.
+pub const ENDS: u32 = 3 * BINS;
+/// Where the last of them does, [`ordered`].
+pub const LAST_ENDS: u32 = 6 * BINS;
+/// Words of a node's histogram.
+pub const HIST_WORDS: u32 = 9 * BINS;
 const WORDS: usize = HIST_WORDS as usize;
 
 /// The bin of coordinate `x`.
@@ -54,12 +58,13 @@ pub fn unordered(bits: u32) -> f32 {
 #[inline(always)]
 fn enter(hist: &mut [u32; WORDS], axis: u32, lo: f32, hi: f32, from: f32, per_bin: f32) {
     let end = axis * BINS + bin_of(hi, from, per_bin);
-    hist.add(axis * BINS + bin_of(lo, from, per_bin), 1);
-    hist.add(end, 1 << 16);
+    hist.add(STARTS + axis * BINS + bin_of(lo, from, per_bin), 1);
+    hist.add(ENDS + end, 1);
     hist.raise(LAST_ENDS + end, ordered(hi));
 }
 
-/// Histogram of chunk `group.id`.
+/// Adds chunk `group.id` to the histogram of its node, which is all zeros before if the node has several: [`super::alloc`]
+/// sees to that.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn bin(
     group: Group,
@@ -73,7 +78,7 @@ pub fn bin(
     hists: &mut Buf<u32>,
 ) {
     if group.id < level.at(LEVEL_CHUNKS) {
-        let (_, item, start, count) = chunk_of(group.id, chunks, active);
+        let (node, item, start, count) = chunk_of(group.id, chunks, active);
         lanes!(group, |lane| {
             let mut word = lane;
             while word < HIST_WORDS {
@@ -100,9 +105,17 @@ pub fn bin(
             }
         });
         lanes!(group, |lane| {
+            let alone = item.count <= CHUNK;
             let mut word = lane;
             while word < HIST_WORDS {
-                hists.put(group.id * HIST_WORDS + word, hist.at(word));
+                let (at, value) = (node * HIST_WORDS + word, hist.at(word));
+                if alone {
+                    hists.put(at, value);
+                } else if value != 0 && word < LAST_ENDS {
+                    hists.add(at, value);
+                } else if value != 0 {
+                    hists.raise(at, value);
+                }
                 word += LANES;
             }
         });

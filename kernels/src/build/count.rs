@@ -1,4 +1,4 @@
-//! Which references of a chunk go below and above its node's plane, and how many.
+//! Which references of a chunk go below and above its node's plane, and how many; these are the children's sizes.
 
 use super::{LEVEL_CHUNKS, boxes::triangle, chunk_of, cut, overlap::overlaps, plane_of, side};
 use crate::{
@@ -28,6 +28,7 @@ pub fn count(
     boxes: &Buf<Vec4>,
     planes: &Buf<UVec2>,
     sides: &mut Buf<UVec2>,
+    sizes: &mut Buf<u32>,
 ) {
     if group.id < level.at(LEVEL_CHUNKS) {
         let (node, item, start, number) = chunk_of(group.id, chunks, active);
@@ -64,6 +65,9 @@ pub fn count(
             if lane == 0 {
                 sides.put(group.id, UVec2::new(sums.at(0), sums.at(1)));
             }
+            if lane < 2 {
+                sizes.add(2 * node + lane, sums.at(lane));
+            }
         });
     }
 }
@@ -73,6 +77,6 @@ kernel! {
     group COUNT = count, threads 128, shared [sums: 2], {
         0 params: read BuildParams, 1 positions: read f32, 2 indices: read u32, 3 level: read u32,
         4 active: read UVec4, 5 chunks: read u32, 6 refs: write u32, 7 boxes: read Vec4, 8 planes: read UVec2,
-        9 sides: write UVec2,
+        9 sides: write UVec2, 10 sizes: write u32,
     }
 }

@@ -4,7 +4,7 @@ use super::{LEVEL_CHUNKS, STATE_STATUS, alloc::TO_TREELET, chunk_of, count::TRIA
 use crate::{
     Group,
     glam::{UVec2, UVec4},
-    mem::{Buf, Slots},
+    mem::{Atomics, Buf, Slots},
 };
 use raykd_shared::limits::CHUNK;
 
@@ -19,17 +19,19 @@ pub fn scatter(
     group: Group,
     kept: &mut [u32; WIDTH],
     sums: &mut [u32; WIDTH],
+    earlier: &mut [u32; 2],
     level: &Buf<u32>,
     active: &Buf<UVec4>,
     chunks: &Buf<u32>,
     refs: &Buf<u32>,
+    sides: &Buf<UVec2>,
     targets: &Buf<UVec2>,
     state: &Buf<u32>,
     next: &mut Buf<u32>,
     treelet_refs: &mut Buf<u32>,
 ) {
     if group.id < level.at(LEVEL_CHUNKS) && state.at(STATE_STATUS) == 0 {
-        let (_, _, start, number) = chunk_of(group.id, chunks, active);
+        let (node, item, start, number) = chunk_of(group.id, chunks, active);
         let run = number.div_ceil(LANES);
         lanes!(group, |lane| {
             let (mut bits, mut sum) = (0, 0);
@@ -45,8 +47,21 @@ pub fn scatter(
             }
             kept.put(lane, bits);
             sums.put(lane, sum);
+            if lane < 2 {
+                earlier.put(lane, 0);
+            }
         });
-        let target = targets.at(group.id);
+        // What the node's chunks before this one send either way.
+        lanes!(group, |lane| {
+            let mut chunk = item.extra + lane;
+            while chunk < group.id {
+                let both = sides.at(chunk);
+                earlier.add(0, both.x);
+                earlier.add(1, both.y);
+                chunk += LANES;
+            }
+        });
+        let target = targets.at(node);
         lanes!(group, |lane| {
             if lane * run < number {
                 let mut before = 0;
@@ -56,8 +71,8 @@ pub fn scatter(
                     j += 1;
                 }
                 let bits = kept.at(lane);
-                let mut below = (target.x & !TO_TREELET) + (before & 0xFFFF);
-                let mut above = (target.y & !TO_TREELET) + (before >> 16);
+                let mut below = (target.x & !TO_TREELET) + earlier.at(0) + (before & 0xFFFF);
+                let mut above = (target.y & !TO_TREELET) + earlier.at(1) + (before >> 16);
                 let mut i = 0;
                 while i < run {
                     let at = lane * run + i;
@@ -90,8 +105,8 @@ pub fn scatter(
 
 kernel! {
     /// [`scatter`] over all chunks of a level.
-    group SCATTER = scatter, threads 128, shared [kept: WIDTH, sums: WIDTH], {
-        0 level: read u32, 1 active: read UVec4, 2 chunks: read u32, 3 refs: read u32, 4 targets: read UVec2,
-        5 state: read u32, 6 next: write u32, 7 treelet_refs: write u32,
+    group SCATTER = scatter, threads 128, shared [kept: WIDTH, sums: WIDTH, earlier: 2], {
+        0 level: read u32, 1 active: read UVec4, 2 chunks: read u32, 3 refs: read u32, 4 sides: read UVec2,
+        5 targets: read UVec2, 6 state: read u32, 7 next: write u32, 8 treelet_refs: write u32,
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{
     Costs, Item, LEVEL_ACTIVE, LEVEL_DEPTH, Sah,
-    bin::{HIST_WORDS, LAST_ENDS, unordered},
+    bin::{ENDS, HIST_WORDS, LAST_ENDS, STARTS, unordered},
 };
 use crate::{
     Group,
@@ -10,11 +10,7 @@ use crate::{
     mem::{Buf, Slots},
     trace::frame::component,
 };
-use raykd_shared::{
-    BuildParams, Node,
-    limits::{BINS, CHUNK},
-    rule,
-};
+use raykd_shared::{BuildParams, Node, limits::BINS, rule};
 
 const WORDS: usize = (3 * BINS) as usize;
 const LANES: usize = BINS as usize;
@@ -53,7 +49,7 @@ fn median_cost(border: u32, below: u32, above: u32, longest: bool) -> f32 {
     }
 }
 
-/// Chooses the plane of active node `group.id`: one lane a bin border, ties to the lowest border, then axis.
+/// Chooses the plane of active node `group.id`, and clears its children's sizes: one lane a bin border, ties to the lowest border, then axis.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn split(
     group: Group,
@@ -68,30 +64,23 @@ pub fn split(
     active: &Buf<UVec4>,
     hists: &Buf<u32>,
     planes: &mut Buf<UVec2>,
+    sizes: &mut Buf<u32>,
 ) {
     if group.id < level.at(LEVEL_ACTIVE) {
         let params = params.at(0);
         let item = Item::load(active, group.id);
-        let chunks = item.count.div_ceil(CHUNK);
         lanes!(group, |lane| {
             let mut axis = 0;
             while axis < 3 {
                 let word = axis * BINS + lane;
-                let (mut start, mut end, mut last) = (0, 0, 0);
-                let mut c = 0;
-                while c < chunks {
-                    let at = (item.extra + c) * HIST_WORDS + word;
-                    let both = hists.at(at);
-                    start += both & 0xFFFF;
-                    end += both >> 16;
-                    let its = hists.at(at + LAST_ENDS);
-                    last = if its > last { its } else { last };
-                    c += 1;
-                }
-                starts.put(word, start);
-                ends.put(word, end);
-                lasts.put(word, last);
+                let at = group.id * HIST_WORDS + word;
+                starts.put(word, hists.at(at + STARTS));
+                ends.put(word, hists.at(at + ENDS));
+                lasts.put(word, hists.at(at + LAST_ENDS));
                 axis += 1;
+            }
+            if lane < 2 {
+                sizes.put(2 * group.id + lane, 0);
             }
         });
         let sah = Sah::new(item.lo, item.hi, item.count, Costs::of(&params));
@@ -163,6 +152,6 @@ kernel! {
     /// [`split`] over all active nodes of a level.
     group SPLIT = split, threads 32, shared [starts: WORDS, ends: WORDS, lasts: WORDS, costs: LANES, axes: LANES, places: LANES], {
         0 params: read BuildParams, 1 level: read u32, 2 active: read UVec4, 3 hists: read u32,
-        4 planes: write UVec2,
+        4 planes: write UVec2, 5 sizes: write u32,
     }
 }
