@@ -7,10 +7,11 @@ use crate::{
     mesh::Mesh,
 };
 use raykd_kernels::build::{
-    ARGS_ACTIVE, ARGS_CHUNKS, ARGS_WORDS, Costs, LEVEL_WORDS, STATE_DEPTH, STATE_NODES, STATE_REFS,
-    STATE_STATUS, STATE_TREELET_REFS, STATE_TREELETS, STATE_WORDS, alloc::ALLOC, bin::BIN, bin::HIST_WORDS,
-    boxes::BOXES, count::COUNT, emit::EMIT, place::PLACE, scatter::SCATTER, split::SPLIT, top::TOP,
-    treelet::TREELETS, treelet::scratch_base,
+    ARGS_ACTIVE, ARGS_BLOCKS, ARGS_CHUNKS, ARGS_TREELETS, ARGS_WORDS, Costs, LEVEL_WORDS, STATE_DEPTH,
+    STATE_NODES, STATE_REFS, STATE_STATUS, STATE_TREELET_REFS, STATE_TREELETS, STATE_WORDS, alloc::ALLOC,
+    bin::BIN, bin::HIST_WORDS, boxes::BOXES, count::COUNT, emit::EMIT, place::PLACE, scatter::SCATTER,
+    split::SPLIT, tally::BLOCK, tally::KINDS, tally::TALLY, tally::blocks_of, top::TOP, treelet::TREELETS,
+    treelet::scratch_base,
 };
 use raykd_shared::{
     BuildParams, Node, TreeHeader,
@@ -317,7 +318,6 @@ fn attempt_build(
     };
     let levels = pair("level", LEVEL_WORDS, 4)?;
     let args = pair("args", ARGS_WORDS, 4)?;
-    let treelet_args = arena.alloc("treelet args", 3, 4)?;
     let mut pair = |name, count, stride| -> Result<[Buffer; 2], Error> {
         Ok([arena.alloc(name, count, stride)?, arena.alloc(name, count, stride)?])
     };
@@ -329,6 +329,7 @@ fn attempt_build(
     let sides = arena.alloc("sides", room.active, 8)?;
     let targets = arena.alloc("targets", room.active, 8)?;
     let sizes = arena.alloc("sizes", room.active, 8)?;
+    let blocks = arena.alloc("blocks", blocks_of(room.active), u64::from(KINDS) * 4)?;
     let top = arena.alloc("top", 2 * params.treelets, 8)?;
     let treelets = arena.alloc("treelets", room.treelets, 48)?;
     let treelet_refs = arena.alloc("treelet refs", room.treelet_refs, 4)?;
@@ -350,9 +351,12 @@ fn attempt_build(
     device.write(&top, 8, bytemuck::bytes_of(&Node::PADDING))?;
     if root_is_large {
         let pieces = references.div_ceil(CHUNK);
-        device.write(&levels[0], 0, bytemuck::cast_slice(&[1, pieces, references, 0]))?;
+        // The root and the padding after it are the first two slots.
+        let first: [u32; LEVEL_WORDS as usize] = [1, pieces, references, 0, 2, 0, 0];
+        device.write(&levels[0], 0, bytemuck::cast_slice(&first))?;
         let mut first_args = [0u32; ARGS_WORDS as usize];
         first_args[3 * ARGS_ACTIVE as usize..][..3].copy_from_slice(&[1, 1, 1]);
+        first_args[3 * ARGS_BLOCKS as usize..][..3].copy_from_slice(&[1, 1, 1]);
         first_args[3 * ARGS_CHUNKS as usize..][..3].copy_from_slice(&[
             pieces.min(raykd_shared::limits::GROUPS_X),
             pieces.div_ceil(raykd_shared::limits::GROUPS_X),
@@ -365,7 +369,7 @@ fn attempt_build(
         device.write(&hists, 0, &[0; HIST_WORDS as usize * 4])?;
     } else {
         device.write(&levels[0], 0, &[0; LEVEL_WORDS as usize * 4])?;
-        device.write(&treelet_args, 0, bytemuck::cast_slice(&[1u32, 1, 1]))?;
+        words[3 * ARGS_TREELETS as usize..].copy_from_slice(&[1, 1, 1]);
         words[STATE_TREELETS as usize] = 1;
         words[STATE_TREELET_REFS as usize] = references;
         device.write(&treelets, 0, bytemuck::cast_slice(&root(0, 0)))?;
@@ -409,15 +413,22 @@ fn attempt_build(
                 &sizes,
             ],
         ));
-        steps.push(Step::groups(
+        // No more nodes than that are active here.
+        if room.active.min(1 << depth.min(31)) > BLOCK {
+            let buffers = vec![&param_buffer, level, &planes, &sizes, &blocks];
+            steps.push(Step::indirect(&TALLY, arg, ARGS_BLOCKS, buffers));
+        }
+        steps.push(Step::indirect(
             &ALLOC,
-            1,
+            arg,
+            ARGS_BLOCKS,
             vec![
                 &param_buffer,
                 level,
                 active,
                 &planes,
                 &sizes,
+                &blocks,
                 &targets,
                 &top,
                 &levels[then],
@@ -425,7 +436,6 @@ fn attempt_build(
                 &chunks[then],
                 &args[then],
                 &treelets,
-                &treelet_args,
                 &state,
                 &hists,
             ],
@@ -439,8 +449,8 @@ fn attempt_build(
     }
     steps.push(Step::indirect(
         &TREELETS,
-        &treelet_args,
-        0,
+        &state,
+        ARGS_TREELETS,
         vec![
             &param_buffer,
             &on_device.positions,

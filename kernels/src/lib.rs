@@ -41,6 +41,7 @@ pub const ALL: &[&Kernel] = &[
     &build::bin::BIN,
     &build::split::SPLIT,
     &build::count::COUNT,
+    &build::tally::TALLY,
     &build::alloc::ALLOC,
     &build::scatter::SCATTER,
     &build::treelet::TREELETS,

@@ -69,6 +69,23 @@ fn the_teapot_builds_the_same_tree_everywhere() {
     assert!(report.depth > 8 && report.largest_leaf < 64, "{report:?}");
 }
 
+/// More nodes on a level than one workgroup gives places to, and more references in one than one counts.
+#[test]
+fn levels_of_several_blocks_and_nodes_of_several_chunks() {
+    let mesh = Mesh::teapot(32);
+    let tree = build_everywhere(&mesh, &BuildOptions::default()).unwrap();
+    check(&mesh, tree.view(), true).unwrap();
+    let mut level = vec![tree.view().nodes[0]];
+    let mut widest = 0;
+    while !level.is_empty() {
+        // Both children of a node of more than 32 references are usually such nodes, or treelets of several.
+        widest = widest.max(level.len());
+        let below = level.iter().filter(|node| !node.is_leaf()).map(|node| node.below() as usize);
+        level = below.flat_map(|at| [tree.view().nodes[at], tree.view().nodes[at + 1]]).collect();
+    }
+    assert!(widest > 16 * 1024, "{widest} nodes on a level");
+}
+
 #[test]
 fn budgets_are_kept() {
     let meshes = [Mesh::teapot(10), Recipe { family: Family::Soup, size: 500, seed: 3 }.mesh()];

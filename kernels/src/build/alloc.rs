@@ -1,18 +1,23 @@
-//! Gives every child of a level its place: tree slots, next level's lists, treelets. One workgroup.
+//! Gives every child of a level its place: tree slots, next level's lists, treelets.
 //!
-//! Counts, scan, write: each lane owns a run of active nodes, so the order of everything is that of the nodes.
+//! Counts, scan, write: [`super::tally`] counted, so the order of everything is that of the nodes.
 
 use super::{
-    ARGS_ACTIVE, ARGS_CHUNKS, Item, LEVEL_ACTIVE, LEVEL_CHUNKS, LEVEL_DEPTH, LEVEL_REFS, Plane, STATE_STATUS,
-    STATE_TOP, STATE_TREELET_REFS, STATE_TREELETS,
+    ARGS_ACTIVE, ARGS_BLOCKS, ARGS_CHUNKS, ARGS_TREELETS, Item, LEVEL_ACTIVE, LEVEL_CHUNKS, LEVEL_DEPTH,
+    LEVEL_REFS, LEVEL_TOP, LEVEL_TREELET_REFS, LEVEL_TREELETS, Plane, STATE_STATUS, STATE_TOP,
+    STATE_TREELET_REFS, STATE_TREELETS,
     bin::HIST_WORDS,
     cut,
-    scan::{self, LANES, before, scan, total},
+    scan::{LANES, before, total},
+    tally::{
+        ACTIVE, BLOCKS, CHUNKS, KINDS, PAIRS, REFS, SUMS, TREELET_REFS, TREELETS, blocks_of,
+        count as count_block,
+    },
 };
 use crate::{
     Group,
     glam::{UVec2, UVec4},
-    mem::{Buf, Slots},
+    mem::{Atomics, Buf, Slots},
 };
 use raykd_shared::{
     BuildParams, Node,
@@ -22,37 +27,8 @@ use raykd_shared::{
 
 /// Bit of a scatter target that says: into the treelets' list, not the next level's.
 pub const TO_TREELET: u32 = 1 << 31;
-
-// What is counted for every run of nodes.
-const PAIRS: u32 = 0;
-const ACTIVE: u32 = 1;
-const CHUNKS: u32 = 2;
-const REFS: u32 = 3;
-const TREELETS: u32 = 4;
-const TREELET_REFS: u32 = 5;
-const KINDS: u32 = 6;
-const SUMS: usize = scan::sums(KINDS);
-const BLOCKS: usize = scan::blocks(KINDS);
-
-#[inline(always)]
-fn bump(sums: &mut [u32; SUMS], lane: u32, kind: u32, by: u32) {
-    let i = kind * LANES + lane;
-    let old = sums.at(i);
-    sums.put(i, old + by);
-}
-
-/// What a child of so many references adds to a lane's sums.
-#[inline(always)]
-fn tally(sums: &mut [u32; SUMS], lane: u32, count: u32, small: u32) {
-    if count > small {
-        bump(sums, lane, ACTIVE, 1);
-        bump(sums, lane, CHUNKS, count.div_ceil(CHUNK));
-        bump(sums, lane, REFS, count);
-    } else {
-        bump(sums, lane, TREELETS, 1);
-        bump(sums, lane, TREELET_REFS, count);
-    }
-}
+/// Sums over the blocks before this one, then over all.
+const OUTER: usize = 2 * KINDS as usize;
 
 /// Clears the histogram of active node `slot`: several workgroups will add to it.
 #[inline(always)]
@@ -64,17 +40,19 @@ fn clear(hists: &mut Buf<u32>, slot: u32) {
     }
 }
 
-/// Places all children of a level.
+/// Places the children of block `group.id`, a node a lane.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn alloc(
     group: Group,
     sums: &mut [u32; SUMS],
-    blocks: &mut [u32; BLOCKS],
+    parts: &mut [u32; BLOCKS],
+    outer: &mut [u32; OUTER],
     params: &Buf<BuildParams>,
     level: &Buf<u32>,
     active: &Buf<UVec4>,
     planes: &Buf<UVec2>,
     sizes: &Buf<UVec2>,
+    blocks: &Buf<u32>,
     targets: &mut Buf<UVec2>,
     top: &mut Buf<UVec2>,
     next_level: &mut Buf<u32>,
@@ -82,7 +60,6 @@ pub fn alloc(
     next_chunks: &mut Buf<u32>,
     next_args: &mut Buf<u32>,
     treelets: &mut Buf<UVec4>,
-    treelet_args: &mut Buf<u32>,
     state: &mut Buf<u32>,
     hists: &mut Buf<u32>,
 ) {
@@ -97,139 +74,136 @@ pub fn alloc(
                 next_level.put(LEVEL_CHUNKS, 0);
                 put_groups(next_args, ARGS_ACTIVE, 0);
                 put_groups(next_args, ARGS_CHUNKS, 0);
+                put_groups(next_args, ARGS_BLOCKS, blocks_of(0));
             }
         });
         return;
     }
-    let run = number.div_ceil(LANES);
+    count_block(group, sums, parts, number, params.small, planes, sizes);
+    // One block alone is not tallied first.
+    let several = number > LANES;
     lanes!(group, |lane| {
-        let mut kind = 0;
-        while kind < KINDS {
-            sums.put(kind * LANES + lane, 0);
-            kind += 1;
-        }
-        let mut i = 0;
-        while i < run {
-            let k = lane * run + i;
-            if k < number {
-                let size = sizes.at(k);
-                if planes.at(k).x == Node::LEAF {
-                    bump(sums, lane, TREELETS, 1);
-                    bump(sums, lane, TREELET_REFS, size.x);
-                } else {
-                    bump(sums, lane, PAIRS, 1);
-                    tally(sums, lane, size.x, params.small);
-                    tally(sums, lane, size.y, params.small);
-                }
-            }
-            i += 1;
+        if lane < KINDS {
+            outer.put(lane, 0);
+            outer.put(KINDS + lane, if several { 0 } else { total(KINDS, parts, lane) });
         }
     });
-    scan(group, KINDS, sums, blocks);
-    let top_base = state.at(STATE_TOP);
-    let treelet_base = state.at(STATE_TREELETS);
-    let ref_base = state.at(STATE_TREELET_REFS);
-    let fits = state.at(STATE_STATUS) == 0
-        && top_base + 2 * total(KINDS, blocks, PAIRS) <= 2 * params.treelets
-        && treelet_base + total(KINDS, blocks, TREELETS) <= params.treelets
-        && ref_base + total(KINDS, blocks, TREELET_REFS) <= params.treelet_refs
-        && total(KINDS, blocks, ACTIVE) <= params.active
-        && total(KINDS, blocks, CHUNKS) <= params.active
-        && total(KINDS, blocks, REFS) <= params.level_refs;
     lanes!(group, |lane| {
-        let mut pair = top_base + 2 * before(sums, blocks, PAIRS, lane);
-        let mut slot = before(sums, blocks, ACTIVE, lane);
-        let mut chunk = before(sums, blocks, CHUNKS, lane);
-        let mut reference = before(sums, blocks, REFS, lane);
-        let mut treelet = treelet_base + before(sums, blocks, TREELETS, lane);
-        let mut treelet_ref = ref_base + before(sums, blocks, TREELET_REFS, lane);
-        let mut i = 0;
-        while i < run && fits {
-            let k = lane * run + i;
-            if k < number {
-                let item = Item::load(active, k);
-                let plane = planes.at(k);
-                let size = sizes.at(k);
-                let is_leaf = plane.x == Node::LEAF;
-                let at = f32::from_bits(plane.y);
-                // The node itself as a leaf counts as one child that keeps the slot and the box.
-                let mut place = [0u32; 2];
-                let mut child = 0;
-                while child < 2 {
-                    let count = if child == 0 { size.x } else { size.y };
-                    let mut to = Item {
-                        node: item.node,
-                        first: treelet_ref,
-                        count,
-                        extra: depth,
-                        lo: item.lo,
-                        hi: item.hi,
-                    };
-                    if !is_leaf {
-                        to.node = pair + child;
-                        to.extra = depth + 1;
-                        let (hi_below, lo_above) = cut(item.lo, item.hi, Plane { axis: plane.x, at });
-                        if child == 0 {
-                            to.hi = hi_below;
-                        } else {
-                            to.lo = lo_above;
-                        }
-                    }
-                    if !is_leaf && count > params.small {
-                        to.first = reference;
-                        to.extra = chunk;
-                        to.store(next_active, slot);
-                        place.put(child, reference);
-                        let end = chunk + count.div_ceil(CHUNK);
-                        while chunk < end {
-                            next_chunks.put(chunk, slot);
-                            chunk += 1;
-                        }
-                        if count > CHUNK {
-                            clear(hists, slot);
-                        }
-                        slot += 1;
-                        reference += count;
-                    } else if !is_leaf || child == 0 {
-                        to.store(treelets, treelet);
-                        place.put(child, treelet_ref | TO_TREELET);
-                        treelet += 1;
-                        treelet_ref += count;
-                    }
-                    child += 1;
+        let mut block = lane;
+        while several && block < blocks_of(number) {
+            let mut kind = 0;
+            while kind < KINDS {
+                let its = blocks.at(block * KINDS + kind);
+                outer.add(KINDS + kind, its);
+                if block < group.id {
+                    outer.add(kind, its);
                 }
+                kind += 1;
+            }
+            block += LANES;
+        }
+    });
+    let (top_base, treelet_base, ref_base) =
+        (level.at(LEVEL_TOP), level.at(LEVEL_TREELETS), level.at(LEVEL_TREELET_REFS));
+    let all = |outer: &[u32; OUTER], kind: u32| outer.at(KINDS + kind);
+    let fits = top_base + 2 * all(outer, PAIRS) <= 2 * params.treelets
+        && treelet_base + all(outer, TREELETS) <= params.treelets
+        && ref_base + all(outer, TREELET_REFS) <= params.treelet_refs
+        && all(outer, ACTIVE) <= params.active
+        && all(outer, CHUNKS) <= params.active
+        && all(outer, REFS) <= params.level_refs;
+    lanes!(group, |lane| {
+        let k = group.id * LANES + lane;
+        if k < number && fits {
+            let place = |kind: u32| outer.at(kind) + before(sums, parts, kind, lane);
+            let pair = top_base + 2 * place(PAIRS);
+            let mut slot = place(ACTIVE);
+            let mut chunk = place(CHUNKS);
+            let mut reference = place(REFS);
+            let mut treelet = treelet_base + place(TREELETS);
+            let mut treelet_ref = ref_base + place(TREELET_REFS);
+            let item = Item::load(active, k);
+            let plane = planes.at(k);
+            let size = sizes.at(k);
+            let is_leaf = plane.x == Node::LEAF;
+            let at = f32::from_bits(plane.y);
+            // The node itself as a leaf counts as one child that keeps the slot and the box.
+            let mut place = [0u32; 2];
+            let mut child = 0;
+            while child < 2 {
+                let count = if child == 0 { size.x } else { size.y };
+                let mut to = Item {
+                    node: item.node,
+                    first: treelet_ref,
+                    count,
+                    extra: depth,
+                    lo: item.lo,
+                    hi: item.hi,
+                };
                 if !is_leaf {
-                    let (word0, word1) = Node::inner(plane.x, at, pair).words();
-                    top.put(item.node, UVec2::new(word0, word1));
-                    pair += 2;
+                    to.node = pair + child;
+                    to.extra = depth + 1;
+                    let (hi_below, lo_above) = cut(item.lo, item.hi, Plane { axis: plane.x, at });
+                    if child == 0 {
+                        to.hi = hi_below;
+                    } else {
+                        to.lo = lo_above;
+                    }
                 }
-                targets.put(k, UVec2::new(place.at(0), place.at(1)));
+                if !is_leaf && count > params.small {
+                    to.first = reference;
+                    to.extra = chunk;
+                    to.store(next_active, slot);
+                    place.put(child, reference);
+                    let end = chunk + count.div_ceil(CHUNK);
+                    while chunk < end {
+                        next_chunks.put(chunk, slot);
+                        chunk += 1;
+                    }
+                    if count > CHUNK {
+                        clear(hists, slot);
+                    }
+                    slot += 1;
+                    reference += count;
+                } else if !is_leaf || child == 0 {
+                    to.store(treelets, treelet);
+                    place.put(child, treelet_ref | TO_TREELET);
+                    treelet += 1;
+                    treelet_ref += count;
+                }
+                child += 1;
             }
-            i += 1;
+            if !is_leaf {
+                let (word0, word1) = Node::inner(plane.x, at, pair).words();
+                top.put(item.node, UVec2::new(word0, word1));
+            }
+            targets.put(k, UVec2::new(place.at(0), place.at(1)));
         }
     });
     lanes!(group, |lane| {
-        if lane == 0 {
-            let (nodes, pieces, refs) = if fits {
-                (total(KINDS, blocks, ACTIVE), total(KINDS, blocks, CHUNKS), total(KINDS, blocks, REFS))
-            } else {
-                (0, 0, 0)
-            };
+        if lane == 0 && group.id == 0 {
+            let (nodes, pieces, refs) =
+                if fits { (all(outer, ACTIVE), all(outer, CHUNKS), all(outer, REFS)) } else { (0, 0, 0) };
             next_level.put(LEVEL_ACTIVE, nodes);
             next_level.put(LEVEL_CHUNKS, pieces);
             next_level.put(LEVEL_REFS, refs);
             next_level.put(LEVEL_DEPTH, depth + 1);
             put_groups(next_args, ARGS_ACTIVE, nodes);
             put_groups(next_args, ARGS_CHUNKS, pieces);
+            put_groups(next_args, ARGS_BLOCKS, blocks_of(nodes));
             if fits {
-                state.put(STATE_TOP, top_base + 2 * total(KINDS, blocks, PAIRS));
-                let all = treelet_base + total(KINDS, blocks, TREELETS);
-                state.put(STATE_TREELETS, all);
-                put_groups(treelet_args, 0, all);
-                state.put(STATE_TREELET_REFS, ref_base + total(KINDS, blocks, TREELET_REFS));
+                let top = top_base + 2 * all(outer, PAIRS);
+                let treelets = treelet_base + all(outer, TREELETS);
+                let refs = ref_base + all(outer, TREELET_REFS);
+                next_level.put(LEVEL_TOP, top);
+                next_level.put(LEVEL_TREELETS, treelets);
+                next_level.put(LEVEL_TREELET_REFS, refs);
+                state.put(STATE_TOP, top);
+                state.put(STATE_TREELETS, treelets);
+                state.put(STATE_TREELET_REFS, refs);
+                put_groups(state, ARGS_TREELETS, treelets);
             } else {
-                let old = state.at(STATE_STATUS);
-                state.put(STATE_STATUS, old | status::CAPACITY);
+                state.or(STATE_STATUS, status::CAPACITY);
             }
         }
     });
@@ -245,11 +219,11 @@ pub fn put_groups(args: &mut (impl Slots<u32> + ?Sized), entry: u32, groups: u32
 }
 
 kernel! {
-    /// [`alloc`] for one level; a single workgroup.
-    group ALLOC = alloc, threads 1024, shared [sums: SUMS, blocks: BLOCKS], {
+    /// [`alloc`] over all blocks of a level.
+    group ALLOC = alloc, threads 1024, shared [sums: SUMS, parts: BLOCKS, outer: OUTER], {
         0 params: read BuildParams, 1 level: read u32, 2 active: read UVec4, 3 planes: read UVec2,
-        4 sizes: read UVec2, 5 targets: write UVec2, 6 top: write UVec2, 7 next_level: write u32,
-        8 next_active: write UVec4, 9 next_chunks: write u32, 10 next_args: write u32, 11 treelets: write UVec4,
-        12 treelet_args: write u32, 13 state: write u32, 14 hists: write u32,
+        4 sizes: read UVec2, 5 blocks: read u32, 6 targets: write UVec2, 7 top: write UVec2, 8 next_level: write u32,
+        9 next_active: write UVec4, 10 next_chunks: write u32, 11 next_args: write u32, 12 treelets: write UVec4,
+        13 state: write u32, 14 hists: write u32,
     }
 }

@@ -1,8 +1,8 @@
 //! Building the tree, in pipeline order.
 //!
 //! Large nodes are split level by level, every node of a level in parallel: [`bin`] counts references per bin,
-//! [`split`] chooses planes, [`count`] sizes the children, [`alloc`] gives every child its place, [`scatter`]
-//! moves the references there. Nodes of at most 32 references become treelets, each finished by one
+//! [`split`] chooses planes, [`count`] sizes the children, [`tally`] and [`alloc`] give every child its place,
+//! [`scatter`] moves the references there. Nodes of at most 32 references become treelets, each finished by one
 //! workgroup: [`treelet`] builds, [`place`] gives it its place, [`emit`] writes nodes and references.
 //!
 //! [`exact`] is another builder, with kernels of its own.
@@ -19,6 +19,7 @@ pub mod place;
 mod scan;
 pub mod scatter;
 pub mod split;
+pub mod tally;
 pub mod top;
 pub mod treelet;
 
@@ -37,8 +38,14 @@ pub const LEVEL_CHUNKS: u32 = 1;
 pub const LEVEL_REFS: u32 = 2;
 /// Depth of the level's nodes.
 pub const LEVEL_DEPTH: u32 = 3;
+/// Tree slots given away in the levels above.
+pub const LEVEL_TOP: u32 = 4;
+/// Treelets there.
+pub const LEVEL_TREELETS: u32 = 5;
+/// Their references.
+pub const LEVEL_TREELET_REFS: u32 = 6;
 /// Words of a level's record.
-pub const LEVEL_WORDS: u32 = 4;
+pub const LEVEL_WORDS: u32 = 7;
 
 /// Words of the build's state: status bits, see [`raykd_shared::status`].
 pub const STATE_STATUS: u32 = 0;
@@ -54,15 +61,19 @@ pub const STATE_NODES: u32 = 4;
 pub const STATE_REFS: u32 = 5;
 /// Depth of the deepest leaf.
 pub const STATE_DEPTH: u32 = 6;
+/// Among the words of the state, the entry with the indirect arguments over treelets.
+pub const ARGS_TREELETS: u32 = 3;
 /// Words of the build's state.
-pub const STATE_WORDS: u32 = 7;
+pub const STATE_WORDS: u32 = 3 * ARGS_TREELETS + 3;
 
 /// Entries of the indirect arguments of a level: a workgroup per active node.
 pub const ARGS_ACTIVE: u32 = 0;
 /// A workgroup per chunk.
 pub const ARGS_CHUNKS: u32 = 1;
+/// A workgroup per block of active nodes.
+pub const ARGS_BLOCKS: u32 = 2;
 /// Words of the indirect arguments of a level.
-pub const ARGS_WORDS: u32 = 6;
+pub const ARGS_WORDS: u32 = 9;
 
 /// Extents below `2^-60` count as flat: areas stay clear of subnormals, and nothing is split there.
 const FLAT: f32 = crate::math::exp2(-60);
