@@ -149,7 +149,6 @@ pub fn measure<'d>(
 ///
 /// # Errors
 /// The device failed.
-#[cfg(feature = "cli")]
 pub(crate) fn speed(scene: &Scene<'_>, rays: &[Ray]) -> Result<f64, Error> {
     let brute = scene.traversal() == crate::Traversal::Brute;
     let most = if brute { few_enough(scene.header().refs as usize) } else { rays.len() };

@@ -189,11 +189,15 @@ fn between(a: Vec3, b: Vec3, c: Vec3, axis: u32, lo: f32, hi: f32) -> Bounds {
 /// edges that another has made. Empty only if the intersection is.
 #[inline(always)]
 pub fn clip(a: Vec3, b: Vec3, c: Vec3, cell: &Bounds) -> Bounds {
-    let mut bounds = Bounds::of(a, b, c).and(cell);
+    let whole = Bounds::of(a, b, c);
+    let mut bounds = whole.and(cell);
     let mut axis = 0;
     while axis < 3 {
         let (lo, hi) = (component(cell.lo, axis), component(cell.hi, axis));
-        bounds = bounds.and(&between(a, b, c, axis, lo, hi));
+        // Between faces that it does not reach lies the whole triangle.
+        if component(whole.lo, axis) < lo || component(whole.hi, axis) > hi {
+            bounds = bounds.and(&between(a, b, c, axis, lo, hi));
+        }
         axis += 1;
     }
     bounds

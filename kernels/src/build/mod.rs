@@ -309,11 +309,16 @@ pub struct Across {
 }
 
 impl Across {
-    /// Cost of a cut at `at` into children of so many references; infinite unless it lies strictly inside.
+    /// Whether a plane at `at` lies strictly inside. Most faces of what a node holds do not.
+    #[inline(always)]
+    pub fn holds(&self, at: f32) -> bool {
+        self.lo < at && at < self.hi && self.hi - self.lo >= FLAT
+    }
+
+    /// Cost of a cut at `at` into children of so many references; infinite unless [`Across::holds`] it.
     #[inline(always)]
     pub fn cut(&self, at: f32, below: u32, above: u32) -> f32 {
-        // Most faces of what a node holds lie outside it.
-        if !(self.lo < at && at < self.hi && self.hi - self.lo >= FLAT) {
+        if !self.holds(at) {
             return f32::INFINITY;
         }
         let area_below = flat(at - self.lo) * self.girth + self.cap;

@@ -210,13 +210,16 @@ pub fn treelet(
                         let mut face = lane >> width;
                         while face < FACES {
                             let candidate = face * TREELET + member;
-                            let below = (belows.at(candidate) & mask).count_ones();
-                            let above = (aboves.at(candidate) & mask).count_ones();
                             let at = f32::from_bits(faces.at(candidate));
-                            let cost = sah.across(face >> 1).cut(at, below, above);
-                            if cost < best {
-                                best = cost;
-                                pick = candidate;
+                            let across = sah.across(face >> 1);
+                            if across.holds(at) {
+                                let below = (belows.at(candidate) & mask).count_ones();
+                                let above = (aboves.at(candidate) & mask).count_ones();
+                                let cost = across.cut(at, below, above);
+                                if cost < best {
+                                    best = cost;
+                                    pick = candidate;
+                                }
                             }
                             face += TREELET >> width;
                         }
