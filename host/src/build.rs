@@ -135,8 +135,21 @@ pub struct BuildTimes {
     pub retries: u32,
     /// Whether the host built the tree because the device had not the room to.
     pub by_host: bool,
-    /// With profiling: kernel names, dispatches and summed times.
-    pub kernels: Vec<(&'static str, u32, Duration)>,
+    /// With profiling: what each kernel took, in order of first use.
+    pub kernels: Vec<KernelTimes>,
+}
+
+/// What all dispatches of a kernel took.
+#[derive(Clone, Copy, Debug)]
+pub struct KernelTimes {
+    /// Its name.
+    pub name: &'static str,
+    /// How often it was dispatched.
+    pub dispatches: u32,
+    /// On the device's clock.
+    pub time: Duration,
+    /// Bytes read and written in buffers: on the CPU, with the feature `traffic`.
+    pub bytes: Option<u64>,
 }
 
 /// What a build leaves on the device.
@@ -519,15 +532,17 @@ fn attempt_build(
 }
 
 /// Sums the steps' times by kernel, in order of first use.
-pub(crate) fn tally(kernels: &mut Vec<(&'static str, u32, Duration)>, steps: &[Step<'_>], timing: &Timing) {
-    for (step, &time) in steps.iter().zip(&timing.steps) {
+pub(crate) fn tally(kernels: &mut Vec<KernelTimes>, steps: &[Step<'_>], timing: &Timing) {
+    for (i, (step, &time)) in steps.iter().zip(&timing.steps).enumerate() {
         let name = step.kernel.name();
-        match kernels.iter_mut().find(|(n, ..)| *n == name) {
-            Some((_, count, sum)) => {
-                *count += 1;
-                *sum += time;
+        let bytes = timing.moved.get(i).copied().filter(|_| cfg!(feature = "traffic"));
+        match kernels.iter_mut().find(|kernel| kernel.name == name) {
+            Some(kernel) => {
+                kernel.dispatches += 1;
+                kernel.time += time;
+                kernel.bytes = kernel.bytes.zip(bytes).map(|(sum, more)| sum + more);
             }
-            None => kernels.push((name, 1, time)),
+            None => kernels.push(KernelTimes { name, dispatches: 1, time, bytes }),
         }
     }
 }

@@ -22,7 +22,7 @@ pub mod stress;
 mod traversal;
 mod tree;
 
-pub use build::{BuildOptions, BuildTimes, Builder};
+pub use build::{BuildOptions, BuildTimes, Builder, KernelTimes};
 pub use error::Error;
 pub use exec::Device;
 pub use intersector::Intersector;

@@ -115,12 +115,13 @@ pub struct Kernel {
     pub threads: u32,
     /// Map kernels run one invocation per index, group kernels one workgroup per group.
     pub slots: &'static [Slot],
-    /// Runs one workgroup on the CPU.
+    /// Runs one workgroup on the CPU. Returns the bytes it read and wrote in buffers, if compiled with the feature
+    /// `traffic` (of an atomic operation once), else 0.
     ///
     /// # Safety
     /// One [`RawBuf`] per slot, aligned to 16 bytes, valid while the call runs, writable where the slot says
     /// so; concurrent calls must be workgroups of the same dispatch, with different ids.
-    pub run: unsafe fn(Group, &[RawBuf]),
+    pub run: unsafe fn(Group, &[RawBuf]) -> u64,
 }
 
 #[cfg(not(target_arch = "spirv"))]
@@ -194,6 +195,7 @@ macro_rules! kernel {
                 for lane in group.lanes() {
                     $body(group.id * $n + lane, $(slot!(pass $mode $arg)),+);
                 }
+                0 $(+ $arg.moved())+
             },
         };
     };
@@ -233,6 +235,7 @@ macro_rules! kernel {
                 // Workgroup memory starts as garbage on a GPU, so it does here.
                 $(let mut $sh = [0xDEAD_BEEFu32; $len];)*
                 $body(group, $(&mut $sh,)* $(slot!(pass $mode $arg)),+);
+                0 $(+ $arg.moved())+
             },
         };
     };

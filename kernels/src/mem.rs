@@ -12,6 +12,8 @@ pub type Buf<T> = [T];
 pub struct Buf<T> {
     ptr: *mut T,
     len: usize,
+    #[cfg(feature = "traffic")]
+    moved: core::cell::Cell<u64>,
 }
 
 #[cfg(not(target_arch = "spirv"))]
@@ -23,7 +25,20 @@ impl<T> Buf<T> {
     /// writes through it; and no element may be written by one workgroup while another reads or writes it.
     /// That is the contract every kernel keeps: a slot has one writer per dispatch.
     pub const unsafe fn new(ptr: *mut T, len: usize) -> Self {
-        Self { ptr, len }
+        Self {
+            ptr,
+            len,
+            #[cfg(feature = "traffic")]
+            moved: core::cell::Cell::new(0),
+        }
+    }
+
+    /// Bytes read and written through this view, if compiled to count them.
+    pub const fn moved(&self) -> u64 {
+        #[cfg(feature = "traffic")]
+        return self.moved.get();
+        #[cfg(not(feature = "traffic"))]
+        0
     }
 }
 
@@ -195,6 +210,8 @@ mod cpu {
     impl<T> Buf<T> {
         #[inline(always)]
         fn slot(&self, i: u32) -> *mut T {
+            #[cfg(feature = "traffic")]
+            self.moved.set(self.moved.get() + size_of::<T>() as u64);
             let i = i as usize;
             assert!(i < self.len, "index {i} in a buffer of {}", self.len);
             // SAFETY: i is below len, and `new` promised len elements.
@@ -210,6 +227,8 @@ mod cpu {
         }
         #[inline(always)]
         fn three(&self, i: u32) -> (T, T, T) {
+            #[cfg(feature = "traffic")]
+            self.moved.set(self.moved.get() + 2 * size_of::<T>() as u64);
             let last = self.slot(i + 2);
             // SAFETY: the last one is in bounds, so the two before it are; else as above.
             unsafe { (last.sub(2).read(), last.sub(1).read(), last.read()) }
@@ -303,5 +322,21 @@ mod cpu {
         fn raise(&mut self, i: u32, value: u32) {
             self[i as usize] = self[i as usize].max(value);
         }
+    }
+}
+
+#[cfg(all(test, feature = "traffic"))]
+mod tests {
+    use super::{Atomics as _, Buf, Slots as _};
+
+    #[test]
+    fn what_is_moved_is_counted() {
+        let mut words = [0u32; 8];
+        // SAFETY: the words outlive the view, and nobody else has them.
+        let mut view = unsafe { Buf::new(words.as_mut_ptr(), words.len()) };
+        view.put(3, 7);
+        assert_eq!((view.at(3), view.three(2)), (7, (0, 7, 0)));
+        view.add(3, 1);
+        assert_eq!(view.moved(), 4 * (1 + 1 + 3 + 1));
     }
 }

@@ -397,10 +397,20 @@ fn tree_table(rows: &[Row]) -> Table {
 /// Where a build's time went.
 pub(super) fn kernel_table(title: &str, kernels: &[Kernel]) -> Table {
     let total: f64 = kernels.iter().map(|kernel| kernel.ms).sum();
-    let mut table = Table::new([title, "dispatches", "ms", "%"]);
-    for Kernel { name, dispatches, ms } in kernels {
+    let counted = kernels.iter().any(|kernel| kernel.bytes.is_some());
+    let mut heads = vec![title, "dispatches", "ms", "%"];
+    if counted {
+        heads.extend(["MB", "GB/s"]);
+    }
+    let mut table = Table::new(heads);
+    for Kernel { name, dispatches, ms, bytes } in kernels {
         let share = format!("{:.1}", 100.0 * ms / total.max(f64::MIN_POSITIVE));
-        table.row([(*name).to_owned(), dispatches.to_string(), three(*ms), share]);
+        let mut row = vec![(*name).to_owned(), dispatches.to_string(), three(*ms), share];
+        if counted {
+            let mb = bytes.unwrap_or(0) as f64 * 1e-6;
+            row.extend([three(mb), three(mb / ms.max(f64::MIN_POSITIVE))]);
+        }
+        table.row(row);
     }
     table
 }

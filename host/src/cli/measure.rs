@@ -1,8 +1,8 @@
 //! Repeating builds and traces, and taking medians.
 
 use crate::{
-    AllHits, BuildOptions, BuildTimes, Device, Error, KdTree, Mesh, Query, Ray, Resident, Scene, Traced,
-    shared::Report,
+    AllHits, BuildOptions, BuildTimes, Builder, Device, Error, KdTree, KernelTimes, Mesh, Query, Ray,
+    Resident, Scene, Traced, exact, shared::Report,
 };
 use std::time::{Duration, Instant};
 
@@ -60,6 +60,9 @@ pub(super) struct Kernel {
     pub name: &'static str,
     pub dispatches: u32,
     pub ms: f64,
+    /// Bytes read and written in buffers, if they were counted.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bytes: Option<u64>,
 }
 
 /// Builds once to warm up, then several times.
@@ -86,7 +89,13 @@ pub(super) fn build<'d>(
     let mut kernels = Vec::new();
     if options.profile {
         let profiled = Scene::build(device, mesh, options)?;
-        let row = |&(name, dispatches, time): &_| Kernel { name, dispatches, ms: ms(time) };
+        let moved = moved(device, mesh, options)?;
+        let row = |&KernelTimes { name, dispatches, time, bytes }: &KernelTimes| Kernel {
+            name,
+            dispatches,
+            ms: ms(time),
+            bytes: bytes.or_else(|| moved.iter().find(|kernel| kernel.name == name)?.bytes),
+        };
         kernels = profiled.times().kernels.iter().map(row).collect();
     }
     let tree = scene.tree()?;
@@ -96,6 +105,20 @@ pub(super) fn build<'d>(
     })?;
     let [upload, build, layout] = [upload, build, layout].map(median);
     Ok(BuildMeasure { scene, tree, report, upload, build, layout, kernels })
+}
+
+/// What kernels move that ran on a GPU: the same ones are counted on the CPU, if compiled to.
+fn moved(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Result<Vec<KernelTimes>, Error> {
+    let cpu = Device::cpu();
+    let counted = match device {
+        Device::Cpu(_) => return Ok(Vec::new()),
+        _ if !cfg!(feature = "traffic") => return Ok(Vec::new()),
+        _ if options.builder == Builder::Exact => {
+            Scene::exact_by_kernels(&cpu, mesh, options, exact::levels::SMALL)?
+        }
+        _ => Scene::build(&cpu, mesh, options)?,
+    };
+    Ok(counted.times().kernels.clone())
 }
 
 /// Traces rays once to warm up, then several times while they stay on the device.

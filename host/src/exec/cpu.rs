@@ -89,7 +89,7 @@ impl Cpu {
 
     fn run_here(&self, steps: &[Step<'_>], profile: bool) -> Timing {
         let start = Instant::now();
-        let mut times = Vec::new();
+        let (mut times, mut moved) = (Vec::new(), Vec::new());
         for step in steps {
             let begin = Instant::now();
             let groups = match step.groups {
@@ -100,15 +100,17 @@ impl Cpu {
                     xyz.iter().product()
                 }
             };
-            self.dispatch(step, groups);
+            let bytes = self.dispatch(step, groups);
             if profile {
                 times.push(begin.elapsed());
+                moved.push(bytes);
             }
         }
-        Timing { total: start.elapsed(), steps: times }
+        Timing { total: start.elapsed(), steps: times, moved }
     }
 
-    fn dispatch(&self, step: &Step<'_>, groups: u32) {
+    /// Returns how many bytes were moved, if they are counted.
+    fn dispatch(&self, step: &Step<'_>, groups: u32) -> u64 {
         let raw: Vec<Shared> = step.buffers.iter().map(|b| Shared(memory(b).raw())).collect();
         let run = |id: u32| {
             let mut buffers = [RawBuf { ptr: std::ptr::null_mut(), len: 0 }; 16];
@@ -121,9 +123,9 @@ impl Cpu {
             unsafe { (step.kernel.run)(group, &buffers[..raw.len()]) }
         };
         if self.order == Order::Reverse {
-            (0..groups).rev().for_each(run);
+            (0..groups).rev().map(run).sum()
         } else {
-            (0..groups).into_par_iter().for_each(run);
+            (0..groups).into_par_iter().map(run).sum()
         }
     }
 }

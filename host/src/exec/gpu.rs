@@ -271,7 +271,11 @@ impl Gpu {
             self.link.wait(self.link.submit(commands)?)?;
             times.push(start.elapsed());
         }
-        Ok(Timing { total: times.iter().sum(), steps: if profile { times } else { Vec::new() } })
+        Ok(Timing {
+            total: times.iter().sum(),
+            steps: if profile { times } else { Vec::new() },
+            moved: Vec::new(),
+        })
     }
 
     /// Encodes one pass; wgpu puts barriers between dispatches that need them. With `after`, a timestamp

@@ -96,6 +96,8 @@ pub struct Timing {
     pub total: Duration,
     /// Time of each step, in order; empty unless profiling was asked for.
     pub steps: Vec<Duration>,
+    /// Bytes that each step read and wrote in buffers: on the CPU, with the feature `traffic`, if profiling was asked for.
+    pub moved: Vec<u64>,
 }
 
 /// The most that one buffer may hold, and why.

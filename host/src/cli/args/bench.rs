@@ -45,7 +45,7 @@ pub(in crate::cli) struct BenchArgs {
     /// Print JSON: one array, an object per scene and device
     #[arg(long)]
     pub json: bool,
-    /// Time every kernel of the build too
+    /// Time every kernel of the build too; with the cargo feature traffic, tell what it moves
     #[arg(long)]
     pub profile: bool,
     /// Measure three times, and tell how that differs from what another version wrote with --json

@@ -42,7 +42,7 @@ pub(in crate::cli) struct BuildArgs {
     /// Print JSON
     #[arg(long)]
     pub json: bool,
-    /// Time every kernel too
+    /// Time every kernel too; with the cargo feature traffic, tell what it moves
     #[arg(long)]
     pub profile: bool,
 }

@@ -73,6 +73,6 @@ impl Clock {
                 steps.extend(pass[..count as usize].windows(2).map(|t| time(t[0], t[1])));
             }
         }
-        Ok(Timing { total, steps })
+        Ok(Timing { total, steps, moved: Vec::new() })
     }
 }
