@@ -157,6 +157,7 @@ static RACY: Kernel = Kernel {
         lanes!(group, |lane| {
             out.put(group.id * 64 + lane, shared[lane as usize]);
         });
+        out.moved()
     },
 };
 

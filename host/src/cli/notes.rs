@@ -1,11 +1,24 @@
 //! What goes to standard error while a command works: the stage it is at, and remarks.
 
 use indicatif::{ProgressBar, ProgressStyle};
-use std::{fmt::Display, time::Duration};
+use std::{
+    cell::Cell,
+    fmt::Display,
+    io::{IsTerminal as _, stderr},
+    time::{Duration, Instant},
+};
 
-/// A spinner that names the stage, on a terminal only; and notes, always.
+/// A spinner that names the stage, on a terminal only; and notes, always. Elsewhere long work says from time to time how
+/// far it is.
 #[derive(Debug)]
-pub(super) struct Notes(ProgressBar);
+pub(super) struct Notes {
+    bar: ProgressBar,
+    /// Where there is no terminal: when something was said last.
+    said: Option<Cell<Instant>>,
+}
+
+/// Of long work without a terminal something is heard so often.
+const OFTEN: Duration = Duration::from_secs(10);
 
 impl Notes {
     /// With a spinner unless `quiet` or standard error is no terminal.
@@ -14,34 +27,41 @@ impl Notes {
         let bar = if quiet { ProgressBar::hidden() } else { ProgressBar::new_spinner() };
         bar.set_style(ProgressStyle::with_template("{spinner} {wide_msg}").expect("a valid template"));
         bar.enable_steady_tick(Duration::from_millis(120));
-        Self(bar)
+        let silent = !quiet && !stderr().is_terminal();
+        Self { bar, said: silent.then(|| Cell::new(Instant::now())) }
     }
 
     /// From now on shows how many of so many jobs are done, and about how long the others will take.
     pub(super) fn expect(&self, jobs: usize) {
-        self.0.set_length(jobs as u64);
+        self.bar.set_length(jobs as u64);
         let style = ProgressStyle::with_template("{spinner} {pos} of {len}, about {eta} left: {wide_msg}");
-        self.0.set_style(style.expect("a valid template"));
+        self.bar.set_style(style.expect("a valid template"));
     }
 
     /// One of them is done.
     pub(super) fn step(&self) {
-        self.0.inc(1);
+        self.bar.inc(1);
+        if let Some(said) = self.said.as_ref().filter(|said| said.get().elapsed() > OFTEN) {
+            said.set(Instant::now());
+            let left = self.bar.eta().as_secs();
+            let (done, all) = (self.bar.position(), self.bar.length().unwrap_or(0));
+            self.note(format_args!("{done} of {all} done, about {left} s left"));
+        }
     }
 
     /// Says what happens now.
     pub(super) fn stage(&self, what: impl Display) {
-        self.0.set_message(what.to_string());
+        self.bar.set_message(what.to_string());
     }
 
     /// Says something to remember.
     pub(super) fn note(&self, what: impl Display) {
-        self.0.suspend(|| eprintln!("note: {what}"));
+        self.bar.suspend(|| eprintln!("note: {what}"));
     }
 
     /// Takes the spinner away, before results are printed.
     pub(super) fn clear(&self) {
-        self.0.finish_and_clear();
+        self.bar.finish_and_clear();
     }
 }
 
