@@ -31,6 +31,7 @@ struct Row {
     mrays_diffuse: f64,
     mrays_shadow: f64,
     /// Inner nodes passed by a primary ray that enters the scene's box.
+    steps_mean: f64,
     steps_p50: u32,
     steps_p99: u32,
     steps_max: u32,
@@ -141,19 +142,22 @@ fn row(scene: &mut Scene<'_>, traversal: Traversal, sets: &Sets) -> Result<Row, 
     found.extend(shadow.iter().map(|hit| u8::from(hit.is_hit())));
     let rate = |query, rays: &[Ray]| measure::time(scene, query, rays).map(|time| mrays(rays.len(), time));
     let [steps_p50, steps_p99, steps_max] = percentiles(&steps, |s| s.inner);
-    let turns: f64 = steps.iter().map(|s| f64::from(s.turns)).sum();
+    let mean = |of: fn(&RaySteps) -> u32| {
+        steps.iter().map(|s| f64::from(of(s))).sum::<f64>() / steps.len().max(1) as f64
+    };
     Ok(Row {
         traversal: traversal.name(),
         device: scene.device().kind(),
         mrays_primary: rate(Query::Closest, &sets.primary)?,
         mrays_diffuse: rate(Query::Closest, &sets.diffuse)?,
         mrays_shadow: rate(Query::Any, &sets.shadow)?,
+        steps_mean: mean(|s| s.inner),
         steps_p50,
         steps_p99,
         steps_max,
         leaves_p50: percentiles(&steps, |s| s.leaves)[0],
         tests_p50: percentiles(&steps, |s| s.tests)[0],
-        restarts: turns / steps.len().max(1) as f64,
+        restarts: mean(|s| s.turns),
         state_bytes: traversal.state_bytes(),
         tree_bytes: scene.tree_bytes(),
         hits_digest: digest_of(&found),
@@ -175,7 +179,8 @@ fn table(rows: &[Row]) -> Table {
         "primary",
         "diffuse",
         "shadow",
-        "steps p50",
+        "steps",
+        "p50",
         "p99",
         "max",
         "leaves",
@@ -191,6 +196,7 @@ fn table(rows: &[Row]) -> Table {
             three(row.mrays_primary),
             three(row.mrays_diffuse),
             three(row.mrays_shadow),
+            three(row.steps_mean),
             row.steps_p50.to_string(),
             row.steps_p99.to_string(),
             row.steps_max.to_string(),
