@@ -31,6 +31,21 @@ impl Random {
         (self.bits() >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
     }
 
+    /// A number from -1 to 1.
+    pub const fn signed(&mut self) -> f32 {
+        (self.unit() * 2.0 - 1.0) as f32
+    }
+
+    /// A point of the cube from -1 to 1.
+    pub fn point(&mut self) -> [f32; 3] {
+        [(); 3].map(|()| self.signed())
+    }
+
+    /// A point at most `size` from `p` along every axis.
+    pub fn near(&mut self, p: [f32; 3], size: f32) -> [f32; 3] {
+        p.map(|x| x + size * self.signed())
+    }
+
     /// A point inside the unit ball.
     fn ball(&mut self) -> [f64; 3] {
         loop {

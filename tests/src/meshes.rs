@@ -107,24 +107,11 @@ fn sized(families: Vec<Family>, sizes: RangeInclusive<u32>) -> impl Strategy<Val
     })
 }
 
-/// A number from `-1` to `1`.
-fn signed(random: &mut Random) -> f32 {
-    (random.unit() * 2.0 - 1.0) as f32
-}
-
-fn point(random: &mut Random) -> Point {
-    [(); 3].map(|()| signed(random))
-}
-
-fn near(p: Point, size: f32, random: &mut Random) -> Point {
-    p.map(|x| x + size * signed(random))
-}
-
 /// A triangle of a soup in a box of size 2.
 fn any_triangle(random: &mut Random) -> [Point; 3] {
     let size = if random.unit() < 0.1 { 1.0 } else { 0.15 };
-    let a = point(random);
-    [a, near(a, size, random), near(a, size, random)]
+    let a = random.point();
+    [a, random.near(a, size), random.near(a, size)]
 }
 
 /// An integer from 0 below `n`, as a number.
@@ -155,18 +142,18 @@ impl Recipe {
         let first = any_triangle(random);
         let axis = (random.bits() % 3) as usize;
         let level = whole(5, random);
-        let scale = 10f32.powf(30.0 * signed(random));
-        let offset = if random.unit() < 0.5 { [0.0; 3] } else { point(random).map(|x| x * scale * 1e3) };
+        let scale = 10f32.powf(30.0 * random.signed());
+        let offset = if random.unit() < 0.5 { [0.0; 3] } else { random.point().map(|x| x * scale * 1e3) };
         for i in 0..n {
             soup.push(match self.family {
                 Family::Cubes | Family::Soup => any_triangle(random),
                 Family::Lattice => [(); 3].map(|()| [(); 3].map(|()| whole(6, random))),
                 Family::Slivers => {
-                    let (a, b) = (point(random), point(random));
-                    [a, b, near(b, 1e-6, random)]
+                    let (a, b) = (random.point(), random.point());
+                    [a, b, random.near(b, 1e-6)]
                 }
                 Family::Wild => [(); 3].map(|()| {
-                    [0, 1, 2].map(|a| signed(random) * (-whole(20, random)).exp2() * scale + offset[a])
+                    [0, 1, 2].map(|a| random.signed() * (-whole(20, random)).exp2() * scale + offset[a])
                 }),
                 Family::Identical => first,
                 Family::Flat => [(); 3].map(|()| {
@@ -174,14 +161,14 @@ impl Recipe {
                     p[axis] = level;
                     p
                 }),
-                Family::Fan => [[0.25, 0.5, -0.125], point(random), point(random)],
+                Family::Fan => [[0.25, 0.5, -0.125], random.point(), random.point()],
                 Family::Nothing => {
                     let (a, d) = ([(); 3].map(|()| whole(9, random)), [(); 3].map(|()| whole(3, random)));
                     [a, [0, 1, 2].map(|k| a[k] + d[k]), [0, 1, 2].map(|k| a[k] + 2.0 * d[k])]
                 }
                 Family::Holes if i % 3 == 0 => {
-                    let a = point(random);
-                    [a, a, point(random)]
+                    let a = random.point();
+                    [a, a, random.point()]
                 }
                 Family::Holes => any_triangle(random),
                 Family::Walls => {
@@ -192,9 +179,9 @@ impl Recipe {
                 Family::Stadium if i < 4 => any_triangle(random).map(|p| p.map(|x| x * 1e6)),
                 Family::Stadium => any_triangle(random).map(|p| p.map(|x| x * 1e-3)),
                 Family::Sticks => {
-                    let a = near([0.0; 3], 0.3, random);
+                    let a = random.near([0.0; 3], 0.3);
                     let b = a.map(|x| x + 1.0);
-                    [a, b, near(b, 1e-2, random)]
+                    [a, b, random.near(b, 1e-2)]
                 }
                 Family::Far => any_triangle(random).map(|p| [p[0] + 1e6, p[1] - 1e6, p[2] + 1e6]),
             });

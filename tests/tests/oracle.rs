@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use raykd::{
-    BuildOptions, Hit, Mesh, Ray, Scene,
+    BuildOptions, Device, Hit, Mesh, Ray, Scene,
     stress::{SLACK, is_ray, settled},
 };
 use raykd_oracle::{Oracle, judge::Fault};
@@ -34,16 +34,22 @@ fn judge(mesh: &Mesh, rays: &[Ray], hits: &[Hit], slack: f64) -> Result<(), (Fau
     Ok(())
 }
 
+/// Traces rays of all kinds and judges what they hit.
+fn judge_hits(device: &Device, recipe: &Recipe, seed: u64) -> Result<(), Failure> {
+    let mesh = recipe.mesh();
+    let scene = Scene::build(device, &mesh, &BuildOptions::default())?;
+    let rays = rays(&mesh, scene.tree()?.view(), 300, seed);
+    let hits = scene.closest(&rays)?;
+    judge(&mesh, &rays, &hits, SLACK)
+        .map_err(|(fault, told)| Failure(format!("{recipe:?}: {fault:?}, {told}")))
+}
+
 proptest! {
     #![proptest_config(cases(256))]
     /// Whatever the mesh and the ray.
     #[test]
     fn hits_are_exact_but_for_rounding(recipe in small_mesh(), seed: u64) {
-        let mesh = recipe.mesh();
-        let scene = Scene::build(cpu(), &mesh, &BuildOptions::default())?;
-        let rays = rays(&mesh, scene.tree()?.view(), 300, seed);
-        let hits = scene.closest(&rays)?;
-        judge(&mesh, &rays, &hits, SLACK).map_err(|(fault, told)| Failure(format!("{recipe:?}: {fault:?}, {told}")))?;
+        judge_hits(cpu(), &recipe, seed)?;
     }
 }
 
@@ -51,11 +57,7 @@ proptest! {
     #![proptest_config(cases(16))]
     #[test]
     fn hits_of_a_gpu_too(recipe in traceable_mesh(), seed: u64) {
-        let mesh = recipe.mesh();
-        let scene = Scene::build(gpu(), &mesh, &BuildOptions::default())?;
-        let rays = rays(&mesh, scene.tree()?.view(), 300, seed);
-        let hits = scene.closest(&rays)?;
-        judge(&mesh, &rays, &hits, SLACK).map_err(|(fault, told)| Failure(format!("{recipe:?}: {fault:?}, {told}")))?;
+        judge_hits(gpu(), &recipe, seed)?;
     }
 }
 

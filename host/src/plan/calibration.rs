@@ -2,7 +2,7 @@
 
 use super::{
     CHOICES, Choice, Cost, Moving, Seen, cost,
-    look::{self, LOOKS},
+    look::{LOOKS, Looking},
 };
 use crate::{BuildOptions, Device, Error, Mesh, Scene, Traversal, mesh::teapot_level_for};
 use std::{
@@ -70,7 +70,8 @@ impl Calibration {
             let slow = usual.times().build.as_secs_f64() * 1e3 > SLOW;
             let moving = Moving::measure(&usual, &rays)?;
             drop(usual);
-            let [glance, closer] = LOOKS.each_ref().map(|look| look::seen(&mesh, look));
+            let looking = Looking::at(&mesh);
+            let [glance, closer] = LOOKS.each_ref().map(|look| looking.seen(look));
             looks.push((mesh.kept().len() as u32, [glance?, closer?]));
             for (number, choice) in CHOICES.iter().enumerate() {
                 told((at * CHOICES.len() + number) as f64 / all);

@@ -2,7 +2,10 @@
 
 use super::{grid::Grid, usual_rays};
 use crate::{BuildOptions, Builder, Device, Error, Hit, Mesh, Ray, Scene};
-use std::collections::{HashMap, HashSet};
+use std::{
+    cell::OnceCell,
+    collections::{HashMap, HashSet},
+};
 
 /// Meshes of so many triangles are looked at as they are.
 const SMALL: usize = 1024;
@@ -37,20 +40,34 @@ pub struct Seen {
     pub halfway: f64,
 }
 
-/// Sends rays through an exact tree of a coarse copy of the mesh, and as far through a grid of its triangles, on the CPU.
-pub(super) fn seen(mesh: &Mesh, look: &Look) -> Result<Seen, Error> {
-    let device = Device::cpu();
-    let coarse = coarse(mesh, look.cells);
-    let options = BuildOptions { builder: Builder::Exact, ..BuildOptions::default() };
-    let scene = Scene::build(&device, &coarse, &options)?;
-    let rays = usual_rays(&coarse, RAYS, |rays| scene.closest(rays))?;
-    let (hits, steps) = scene.steps(&rays)?;
-    let mean = |sum: f64| sum / rays.len().max(1) as f64;
-    let whole = 1.0 + mean(steps.iter().map(|s| f64::from(s.inner + s.leaves + s.tests)).sum());
-    let grid = Grid::new(mesh, HALFWAY);
-    let end = |ray: &Ray, hit: &Hit| if hit.is_hit() { hit.t } else { ray.t_max };
-    let ended = rays.iter().zip(&hits).map(|(ray, hit)| Ray { t_max: end(ray, hit), ..*ray });
-    Ok(Seen { whole, halfway: whole + mean(ended.map(|ray| grid.passed(&ray)).sum()) })
+/// A mesh that is looked at, perhaps more than once.
+#[derive(Debug)]
+pub(super) struct Looking<'m> {
+    mesh: &'m Mesh,
+    grid: OnceCell<Grid>,
+}
+
+impl<'m> Looking<'m> {
+    pub(super) const fn at(mesh: &'m Mesh) -> Self {
+        Self { mesh, grid: OnceCell::new() }
+    }
+
+    /// Sends rays through an exact tree of a coarse copy of the mesh, and as far through a grid of its triangles, on the
+    /// CPU.
+    pub(super) fn seen(&self, look: &Look) -> Result<Seen, Error> {
+        let device = Device::cpu();
+        let coarse = coarse(self.mesh, look.cells);
+        let options = BuildOptions { builder: Builder::Exact, ..BuildOptions::default() };
+        let scene = Scene::build(&device, &coarse, &options)?;
+        let rays = usual_rays(&coarse, RAYS, |rays| scene.closest(rays))?;
+        let (hits, steps) = scene.steps(&rays)?;
+        let mean = |sum: f64| sum / rays.len().max(1) as f64;
+        let whole = 1.0 + mean(steps.iter().map(|s| f64::from(s.inner + s.leaves + s.tests)).sum());
+        let grid = self.grid.get_or_init(|| Grid::new(self.mesh, HALFWAY));
+        let end = |ray: &Ray, hit: &Hit| if hit.is_hit() { hit.t } else { ray.t_max };
+        let ended = rays.iter().zip(&hits).map(|(ray, hit)| Ray { t_max: end(ray, hit), ..*ray });
+        Ok(Seen { whole, halfway: whole + mean(ended.map(|ray| grid.passed(&ray)).sum()) })
+    }
 }
 
 /// The mesh with its vertices moved to the middles of coarse cells (Rossignac & Borrel 1993), which leaves few triangles
@@ -117,7 +134,7 @@ mod tests {
         let triangles = (0..1000).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
         let dust = Mesh::new(positions, triangles).unwrap();
         // A cube of 16 cells a side: a ray through it passes the triangles of as many cells, of 4096.
-        let seen = seen(&dust, &LOOKS[0]).unwrap();
+        let seen = Looking::at(&dust).seen(&LOOKS[0]).unwrap();
         assert!((1.0..8.0).contains(&(seen.halfway - seen.whole)), "{seen:?}");
     }
 
@@ -125,7 +142,7 @@ mod tests {
     fn a_crowd_takes_more_steps_than_a_wall() {
         let wall = Mesh::new(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.1]], vec![[0, 1, 2]]).unwrap();
         for look in &LOOKS {
-            let [crowd, wall] = [&Mesh::teapot(20), &wall].map(|mesh| seen(mesh, look).unwrap());
+            let [crowd, wall] = [&Mesh::teapot(20), &wall].map(|mesh| Looking::at(mesh).seen(look).unwrap());
             assert!(
                 crowd.whole > 2.0 * wall.whole && crowd.halfway > 5.0 * wall.halfway,
                 "{crowd:?} {wall:?}"

@@ -29,7 +29,7 @@ pub use cost::{Cost, Moving, measure, usual_rays};
 pub use look::Seen;
 
 use crate::{BuildOptions, Builder, Mesh, Traversal};
-use look::LOOKS;
+use look::{LOOKS, Looking};
 
 /// A kind of tree, or none, and a way through it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -134,24 +134,22 @@ const SLACK: f64 = 1.05;
 pub fn choose(mesh: &Mesh, rays: u64, calibrations: &[&Calibration]) -> Plan {
     let triangles = mesh.kept().len() as u32;
     let mut plan = among(triangles, rays, None, calibrations);
+    let looking = Looking::at(mesh);
     for (at, look) in LOOKS.iter().enumerate() {
         if plan.total_ms() < look.from_ms + look.from_each_ms * f64::from(triangles) {
             break;
         }
-        plan = among(triangles, rays, seen(mesh, at), calibrations);
+        plan = among(triangles, rays, looking.seen(look).ok().map(|seen| (at, seen)), calibrations);
     }
     plan
-}
-
-/// What the look of this number shows.
-fn seen(mesh: &Mesh, at: usize) -> Option<(usize, Seen)> {
-    look::seen(mesh, &LOOKS[at]).ok().map(|seen| (at, seen))
 }
 
 /// What every choice would cost on a device, after a look at the mesh.
 #[cfg(feature = "cli")]
 pub(crate) fn costs(mesh: &Mesh, calibration: &Calibration) -> Vec<Cost> {
-    let (triangles, seen) = (mesh.kept().len() as u32, seen(mesh, LOOKS.len() - 1));
+    let triangles = mesh.kept().len() as u32;
+    let at = LOOKS.len() - 1;
+    let seen = Looking::at(mesh).seen(&LOOKS[at]).ok().map(|seen| (at, seen));
     CHOICES.iter().filter_map(|choice| calibration.predict(choice, triangles, seen)).collect()
 }
 

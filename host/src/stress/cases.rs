@@ -107,19 +107,6 @@ fn part(name: impl Into<String>, mesh: Mesh, rays: Vec<Ray>, rule: Rule) -> Part
     Part { name: name.into(), mesh, rays, rule }
 }
 
-fn signed(r: &mut Random) -> f32 {
-    (r.unit() * 2.0 - 1.0) as f32
-}
-
-/// A point of the cube from -1 to 1.
-fn point(r: &mut Random) -> Point {
-    [(); 3].map(|()| signed(r))
-}
-
-fn near(p: Point, size: f32, r: &mut Random) -> Point {
-    p.map(|x| x + size * signed(r))
-}
-
 fn below(n: usize, r: &mut Random) -> usize {
     (r.bits() % n as u64) as usize
 }
@@ -161,15 +148,15 @@ fn inside([a, b, c]: [Point; 3], r: &mut Random) -> Point {
 fn soup(n: usize, r: &mut Random) -> Mesh {
     loose(&many(n, || {
         let size = if below(10, r) == 0 { 1.0 } else { 0.15 };
-        let a = point(r);
-        [a, near(a, size, r), near(a, size, r)]
+        let a = r.point();
+        [a, r.near(a, size), r.near(a, size)]
     }))
 }
 
 /// Rays from around a soup at its triangles, edges and vertices.
 fn at_soup(mesh: &Mesh, n: usize, r: &mut Random) -> Vec<Ray> {
     many(n, || {
-        let from = point(r).map(|x| x * 2.0);
+        let from = r.point().map(|x| x * 2.0);
         let target = if below(2, r) == 0 { seam(mesh, r) } else { inside(corners(mesh, r), r) };
         aim(from, target)
     })

@@ -4,7 +4,7 @@ use super::*;
 
 pub(super) fn icosphere_edges(r: &mut Random, n: usize) -> Vec<Part> {
     let mesh = icosphere(3);
-    let rays = many(n, || aim(point(r).map(|x| x * 0.5), seam(&mesh, r)));
+    let rays = many(n, || aim(r.point().map(|x| x * 0.5), seam(&mesh, r)));
     vec![part("", mesh, rays, Rule::Hits)]
 }
 
@@ -16,7 +16,7 @@ pub(super) fn fan_hub(r: &mut Random, n: usize) -> Vec<Part> {
     };
     let mesh = loose(&(0..1000).map(|i| [hub, rim(i), rim(i + 1)]).collect::<Vec<_>>());
     let rays = many(n, || {
-        let [x, y, z] = point(r);
+        let [x, y, z] = r.point();
         aim([x * 0.5, y * 0.5, z * 0.5 + 2.0], hub)
     });
     vec![part("", mesh, rays, Rule::Hits)]
@@ -35,7 +35,7 @@ pub(super) fn flat_seam(r: &mut Random, n: usize) -> Vec<Part> {
     let [a, b, c, d] = [0, 1, 3, 2].map(corner);
     [[a, b, middle], [b, c, middle], [a, middle, c], [a, c, d]].into_iter().for_each(|t| mesh.triangle(t));
     let mesh = mesh.mesh();
-    let rays = many(n, || aim(point(r).map(|x| x * 0.5), mix(a, c, r.unit() as f32)));
+    let rays = many(n, || aim(r.point().map(|x| x * 0.5), mix(a, c, r.unit() as f32)));
     vec![part("", mesh, rays, Rule::Hits)]
 }
 
@@ -80,7 +80,7 @@ pub(super) fn translated(r: &mut Random, n: usize) -> Vec<Part> {
     [1.0e2f32, 1.0e4, 1.0e6]
         .map(|by| {
             let mesh = moved(&sphere, |p| p.map(|x| x + by));
-            let rays = many(n / 3, || aim(point(r).map(|x| by + x * 0.5), seam(&mesh, r)));
+            let rays = many(n / 3, || aim(r.point().map(|x| by + x * 0.5), seam(&mesh, r)));
             part(format!("{by:e}"), mesh, rays, Rule::Hits)
         })
         .into()
@@ -88,7 +88,7 @@ pub(super) fn translated(r: &mut Random, n: usize) -> Vec<Part> {
 
 pub(super) fn instances(r: &mut Random, n: usize) -> Vec<Part> {
     let sphere = icosphere(1);
-    let offsets = many(8, || point(r).map(|x| x * 1.0e5));
+    let offsets = many(8, || r.point().map(|x| x * 1.0e5));
     let mut mesh = Welded::default();
     for offset in &offsets {
         for t in sphere.triangles() {
@@ -100,7 +100,7 @@ pub(super) fn instances(r: &mut Random, n: usize) -> Vec<Part> {
     let rays = many(n, || {
         let which = below(offsets.len(), r);
         let [a, b, _] = mesh.triangles()[which * each + below(each, r)].map(|v| mesh.positions()[v as usize]);
-        let from = [0, 1, 2].map(|i| offsets[which][i] + signed(r));
+        let from = [0, 1, 2].map(|i| offsets[which][i] + r.signed());
         aim(from, mix(a, b, r.unit() as f32))
     });
     vec![part("", mesh, rays, Rule::Hits)]
@@ -112,7 +112,8 @@ pub(super) fn nearly_parallel(r: &mut Random, n: usize) -> Vec<Part> {
         let triangle = corners(&mesh, r);
         let (p, q) = (inside(triangle, r), inside(triangle, r));
         let from = mix(p, q, -20.0 * r.unit() as f32 - 1.0);
-        aim(from, near(q, 10f32.powf(-3.0 - 5.0 * r.unit() as f32), r))
+        let size = 10f32.powf(-3.0 - 5.0 * r.unit() as f32);
+        aim(from, r.near(q, size))
     });
     vec![part("", mesh, rays, Rule::Rounding)]
 }
@@ -121,7 +122,7 @@ pub(super) fn silhouettes(r: &mut Random, n: usize) -> Vec<Part> {
     let mesh = icosphere(1);
     let mut rays = Vec::new();
     while rays.len() < n {
-        let from = point(r).map(|x| x * 6.0);
+        let from = r.point().map(|x| x * 6.0);
         let p = seam(&mesh, r);
         // On a sphere the silhouette is near where the line of sight is a tangent.
         let [to, across]: [f32; 2] =

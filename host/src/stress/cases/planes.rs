@@ -25,7 +25,7 @@ fn plane_rays(n: usize, r: &mut Random) -> Vec<Ray> {
         let axis = below(3, r);
         let mut origin = [(); 3].map(|()| whole(28, r) * 0.25 - 1.0);
         origin[axis] = whole(6, r);
-        let mut direction = point(r);
+        let mut direction = r.point();
         direction[axis] = 0.0;
         if below(2, r) == 0 {
             direction[(axis + 1) % 3] = 0.0;
@@ -69,7 +69,8 @@ pub(super) fn origin_on_plane(r: &mut Random, n: usize) -> Vec<Part> {
     let planes = planes(&mesh);
     let rays = many(n, || {
         let (axis, at) = planes[below(planes.len(), r)];
-        let mut origin = near(inside(corners(&mesh, r), r), 0.3, r);
+        let target = inside(corners(&mesh, r), r);
+        let mut origin = r.near(target, 0.3);
         origin[axis] = at;
         aim(origin, inside(corners(&mesh, r), r))
     });
@@ -78,8 +79,8 @@ pub(super) fn origin_on_plane(r: &mut Random, n: usize) -> Vec<Part> {
 
 pub(super) fn on_split(r: &mut Random, n: usize) -> Vec<Part> {
     let mesh = loose(&many(300, || {
-        let a = point(r);
-        [a, near(a, 0.4, r), near(a, 0.4, r)]
+        let a = r.point();
+        [a, r.near(a, 0.4), r.near(a, 0.4)]
     }));
     let planes = planes(&mesh);
     let mut rays = Vec::new();
@@ -91,7 +92,7 @@ pub(super) fn on_split(r: &mut Random, n: usize) -> Vec<Part> {
         if (0.0..=1.0).contains(&s) {
             let mut target = mix(p, q, s);
             target[axis] = at;
-            rays.push(aim(point(r).map(|x| x * 3.0), target));
+            rays.push(aim(r.point().map(|x| x * 3.0), target));
         }
     }
     vec![part("", mesh, rays, Rule::Rounding)]
@@ -138,8 +139,9 @@ pub(super) fn flat_floor(r: &mut Random, n: usize) -> Vec<Part> {
 pub(super) fn two_walls(r: &mut Random, n: usize) -> Vec<Part> {
     let wall = |x: f32| [[x, -1.0, -1.0], [x, 1.0, -1.0], [x, -1.0, 1.0]];
     let mesh = loose(&[wall(1.000_001), wall(1.0), wall(1.000_002), wall(3.0)]);
-    let rays =
-        many(n, || Ray::new([-whole(4, r), -signed(r).abs() * 0.9, -signed(r).abs() * 0.9], [1.0, 0.0, 0.0]));
+    let rays = many(n, || {
+        Ray::new([-whole(4, r), -r.signed().abs() * 0.9, -r.signed().abs() * 0.9], [1.0, 0.0, 0.0])
+    });
     let first = vec![1; rays.len()];
     vec![part("", mesh, rays, Rule::Known(first))]
 }
@@ -152,7 +154,7 @@ pub(super) fn slabs(r: &mut Random, n: usize) -> Vec<Part> {
     slabs.push([[-9.0, -9.0, last], [19.0, -9.0, last], [0.0, 19.0, last]]);
     // Inside the boxes, past the triangles.
     let rays = many(n.div_ceil(20), || {
-        let (x, y) = (signed(r).abs(), signed(r).abs());
+        let (x, y) = (r.signed().abs(), r.signed().abs());
         Ray::new([3.9 - x, 3.9 - y * (1.8 - x).min(1.0), 2.0], [0.0, 0.0, -1.0])
     });
     let ids = vec![COUNT; rays.len()];

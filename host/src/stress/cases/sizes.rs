@@ -39,10 +39,10 @@ pub(super) fn far(r: &mut Random, n: usize) -> Vec<Part> {
     for (distance, size) in [(256.0f32, 1.0f32), (1.0e4, 1.0), (1.0e6, 100.0)] {
         let mesh = moved(&icosphere(2), |p| p.map(|x| x * size));
         let rays = many(n / 3, || {
-            let p = point(r);
+            let p = r.point();
             let length = p.iter().map(|x| x * x).sum::<f32>().sqrt().max(0.1);
             let from = p.map(|x| x / length * distance);
-            let ray = aim(from, point(r).map(|x| x * size * 0.5));
+            let ray = aim(from, r.point().map(|x| x * size * 0.5));
             Ray { direction: ray.direction.map(|x| x / distance), ..ray }
         });
         parts.push(part(format!("{distance}"), mesh, rays, Rule::Hits));
@@ -53,7 +53,7 @@ pub(super) fn far(r: &mut Random, n: usize) -> Vec<Part> {
 pub(super) fn no_rays(r: &mut Random, n: usize) -> Vec<Part> {
     let mesh = soup(100, r);
     let rays = many(n, || {
-        let mut ray = aim(point(r), point(r));
+        let mut ray = aim(r.point(), r.point());
         let odd = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -f32::NAN][below(4, r)];
         let axis = below(3, r);
         match below(5, r) {
@@ -74,7 +74,7 @@ pub(super) fn denormal_mesh(r: &mut Random, n: usize) -> Vec<Part> {
     // Subnormal numbers in rays count as 0: they start at larger ones.
     let rays = many(n, || {
         let target = inside(corners(&mesh, r), r);
-        let from = point(r).map(|x| if x < 0.0 { -2.0e-38 } else { 2.0e-38 } * (1.0 + x.abs()));
+        let from = r.point().map(|x| if x < 0.0 { -2.0e-38 } else { 2.0e-38 } * (1.0 + x.abs()));
         Ray::new(from, [0, 1, 2].map(|i| (target[i] - from[i]) * 1.0e18))
     });
     vec![part("", mesh, rays, Rule::Rounding)]
