@@ -128,7 +128,7 @@ pub fn alloc(
             let is_leaf = plane.x == Node::LEAF;
             let at = f32::from_bits(plane.y);
             // The node itself as a leaf counts as one child that keeps the slot and the box.
-            let mut place = [0u32; 2];
+            let mut starts = [0u32; 2];
             let mut child = 0;
             while child < 2 {
                 let count = if child == 0 { size.x } else { size.y };
@@ -154,7 +154,7 @@ pub fn alloc(
                     to.first = reference;
                     to.extra = chunk;
                     to.store(next_active, slot);
-                    place.put(child, reference);
+                    starts.put(child, reference);
                     let end = chunk + count.div_ceil(CHUNK);
                     while chunk < end {
                         next_chunks.put(chunk, slot);
@@ -167,7 +167,7 @@ pub fn alloc(
                     reference += count;
                 } else if !is_leaf || child == 0 {
                     to.store(treelets, treelet);
-                    place.put(child, treelet_ref | TO_TREELET);
+                    starts.put(child, treelet_ref | TO_TREELET);
                     treelet += 1;
                     treelet_ref += count;
                 }
@@ -177,7 +177,7 @@ pub fn alloc(
                 let (word0, word1) = Node::inner(plane.x, at, pair).words();
                 top.put(item.node, UVec2::new(word0, word1));
             }
-            targets.put(k, UVec2::new(place.at(0), place.at(1)));
+            targets.put(k, UVec2::new(starts.at(0), starts.at(1)));
         }
     });
     lanes!(group, |lane| {

@@ -26,9 +26,9 @@ pub const TREELETS: u32 = 4;
 pub const TREELET_REFS: u32 = 5;
 /// How many kinds there are.
 pub const KINDS: u32 = 6;
-/// Words for the sums of a block's lanes, see [`scan`].
+/// Words for the sums of a block's lanes.
 pub const SUMS: usize = scan::sums(KINDS);
-/// Words for their blocks.
+/// Words for the sums that a scan of them needs.
 pub const BLOCKS: usize = scan::blocks(KINDS);
 
 /// Active nodes in a block.
