@@ -46,12 +46,13 @@ const BENCH_KEYS: [&str; 28] = [
 ];
 
 /// Keys of `raykd trace --compare --json`, all of them.
-const COMPARE_KEYS: [&str; 14] = [
+const COMPARE_KEYS: [&str; 15] = [
     "traversal",
     "device",
     "mrays_primary",
     "mrays_diffuse",
     "mrays_shadow",
+    "steps_mean",
     "steps_p50",
     "steps_p99",
     "steps_max",
