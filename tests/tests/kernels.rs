@@ -42,12 +42,15 @@ proptest! {
     }
 }
 
+/// Triangles for several chunks, and for more small nodes on a level than one workgroup gives places to.
+const LARGE: u32 = 8000;
+
 #[test]
 fn each_kernel_does_so_over_several_chunks_too() {
     let devices: Vec<_> = devices().iter().map(|named| &named.device).collect();
     for family in [Family::Soup, Family::Lattice] {
-        for builder in BUILDERS {
-            let mesh = Recipe { family, size: 5000, seed: 1 }.mesh();
+        for builder in BUILDERS.into_iter().chain([Builder::Median]) {
+            let mesh = Recipe { family, size: LARGE, seed: 1 }.mesh();
             let options = BuildOptions { builder, ..BuildOptions::default() };
             Job { mesh: &mesh, options: &options, seed: 1 }.compare(&devices).unwrap();
         }
@@ -56,12 +59,13 @@ fn each_kernel_does_so_over_several_chunks_too() {
 
 #[test]
 fn every_kernel_is_compared() {
-    let mesh = Recipe { family: Family::Soup, size: 60, seed: 1 }.mesh();
-    let kernels = |builder| {
+    let kernels = |(builder, size)| {
+        let mesh = Recipe { family: Family::Soup, size, seed: 1 }.mesh();
         let options = BuildOptions { builder, ..BuildOptions::default() };
         Job { mesh: &mesh, options: &options, seed: 1 }.kernels(gpu()).unwrap()
     };
-    let seen: BTreeSet<_> = BUILDERS.into_iter().flat_map(kernels).collect();
+    let small = BUILDERS.map(|builder| (builder, 60));
+    let seen: BTreeSet<_> = small.into_iter().chain([(Builder::Median, LARGE)]).flat_map(kernels).collect();
     // The probe is compared by the executors' own tests: it asks what raykd need not rely on.
     let all: BTreeSet<_> = ALL.iter().map(|kernel| kernel.name()).filter(|&name| name != "probe").collect();
     assert_eq!(seen, all);
