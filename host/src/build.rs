@@ -480,7 +480,7 @@ fn attempt_build(
     steps.push(Step::groups(&PLACE, 1, vec![last, &treelet_sizes, &places, &state]));
     let first_part = device.run(&steps, profile)?;
     let mut kernels = Vec::new();
-    tally(&mut kernels, &steps, &first_part);
+    add_times(&mut kernels, &steps, &first_part);
 
     // The one look at the device: how large is the tree?
     let words: Vec<u32> = device.read(&state, 0, STATE_WORDS as usize)?;
@@ -506,7 +506,7 @@ fn attempt_build(
         ),
     ];
     let second_part = device.run(&steps, profile)?;
-    tally(&mut kernels, &steps, &second_part);
+    add_times(&mut kernels, &steps, &second_part);
     let header = TreeHeader {
         lo: params.lo,
         nodes: node_count,
@@ -532,10 +532,10 @@ fn attempt_build(
 }
 
 /// Sums the steps' times by kernel, in order of first use.
-pub(crate) fn tally(kernels: &mut Vec<KernelTimes>, steps: &[Step<'_>], timing: &Timing) {
+pub(crate) fn add_times(kernels: &mut Vec<KernelTimes>, steps: &[Step<'_>], timing: &Timing) {
     for (i, (step, &time)) in steps.iter().zip(&timing.steps).enumerate() {
         let name = step.kernel.name();
-        let bytes = timing.moved.get(i).copied().filter(|_| cfg!(feature = "traffic"));
+        let bytes = timing.moved.get(i).copied();
         match kernels.iter_mut().find(|kernel| kernel.name == name) {
             Some(kernel) => {
                 kernel.dispatches += 1;

@@ -31,6 +31,11 @@ impl Random {
         (self.bits() >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
     }
 
+    /// A whole number below `n`, which is not 0.
+    pub const fn below(&mut self, n: usize) -> usize {
+        (self.bits() % n as u64) as usize
+    }
+
     /// A number from -1 to 1.
     pub const fn signed(&mut self) -> f32 {
         (self.unit() * 2.0 - 1.0) as f32

@@ -47,7 +47,7 @@ struct Aim<'a> {
 
 impl Aim<'_> {
     fn below(&mut self, n: usize) -> usize {
-        (self.random.bits() % n as u64) as usize
+        self.random.below(n)
     }
 
     fn unit(&mut self) -> f32 {

@@ -59,15 +59,13 @@ const STYLES: [Style; 9] = [
 fn make(style: Style, seed: u64) -> Case {
     let mut random = Random::new(seed);
     let random = &mut random;
-    let signed = |r: &mut Random| (r.unit() * 2.0 - 1.0) as f32;
     let whole = |n: u64, r: &mut Random| (r.bits() % n) as f32;
-    let point = |r: &mut Random| [(); 3].map(|()| signed(r));
-    let mut t: Triangle = [(); 3].map(|()| point(random));
-    let mut corners = [point(random), point(random)];
+    let mut t: Triangle = [(); 3].map(|()| random.point());
+    let mut corners = [random.point(), random.point()];
     match style {
         Style::Plain => {}
         Style::Mesh => {
-            let place = point(random);
+            let place = random.point();
             let near = |p: [f32; 3]| [0, 1, 2].map(|i| place[i] + 0.02 * p[i]);
             (t, corners) = (t.map(near), corners.map(near));
         }
@@ -78,11 +76,11 @@ fn make(style: Style, seed: u64) -> Case {
         Style::Sliver => {
             let width = 10f32.powf(-8.0 * random.unit() as f32);
             let at = (random.bits() % 2) as usize;
-            t[2] = t[at].map(|x| x + width * signed(random));
+            t[2] = t[at].map(|x| x + width * random.signed());
             let along = random.unit() as f32;
             let size = 10f32.powf(-6.0 * random.unit() as f32);
-            corners[0] = [0, 1, 2].map(|i| t[0][i] + along * (t[1][i] - t[0][i]) + size * signed(random));
-            corners[1] = corners[0].map(|x| x + size * signed(random));
+            corners[0] = [0, 1, 2].map(|i| t[0][i] + along * (t[1][i] - t[0][i]) + size * random.signed());
+            corners[1] = corners[0].map(|x| x + size * random.signed());
         }
         Style::Tiny => {
             let (u, v) = (random.unit() as f32, random.unit() as f32);
@@ -92,18 +90,19 @@ fn make(style: Style, seed: u64) -> Case {
                 _ => (u, v * (1.0 - u)),
             };
             let size = 10f32.powf(-7.0 * random.unit() as f32);
-            corners[0] = [0, 1, 2]
-                .map(|i| t[0][i] + u * (t[1][i] - t[0][i]) + v * (t[2][i] - t[0][i]) + size * signed(random));
-            corners[1] = corners[0].map(|x| x + size * signed(random));
+            corners[0] = [0, 1, 2].map(|i| {
+                t[0][i] + u * (t[1][i] - t[0][i]) + v * (t[2][i] - t[0][i]) + size * random.signed()
+            });
+            corners[1] = corners[0].map(|x| x + size * random.signed());
         }
         Style::Far => {
-            let by = point(random).map(|x| x * 10f32.powf(7.0 * random.unit() as f32));
+            let by = random.point().map(|x| x * 10f32.powf(7.0 * random.unit() as f32));
             let add = |p: [f32; 3]| [0, 1, 2].map(|i| p[i] + by[i]);
             (t, corners) = (t.map(add), corners.map(add));
         }
         Style::Wild => {
             // From the largest extent that is not scaled down to the smallest coordinate that is not dust.
-            let mut x = || signed(random) * (20.0 - whole(90, random)).exp2();
+            let mut x = || random.signed() * (20.0 - whole(90, random)).exp2();
             (t, corners) = ([(); 3].map(|()| [(); 3].map(|()| x())), [(); 2].map(|()| [(); 3].map(|()| x())));
         }
         Style::Degenerate => {

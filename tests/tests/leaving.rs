@@ -188,7 +188,7 @@ fn origins_move_to_the_side_of_the_normal() {
     let mut random = Random::new(8);
     for _ in 0..10_000 {
         let point = [(); 3].map(|()| ((random.unit() - 0.5) * 10f64.powf(random.unit() * 12.0 - 6.0)) as f32);
-        let normal = [(); 3].map(|()| (random.unit() * 2.0 - 1.0) as f32);
+        let normal = random.point();
         let moved = offset_origin(point, normal);
         for i in 0..3 {
             let (way, most) = (moved[i] - point[i], point[i].abs() * 2f32.powi(-15) + 2f32.powi(-16));

@@ -2,7 +2,7 @@
 
 use crate::{
     BuildOptions, Error, Mesh,
-    build::{Arena, BuildTimes, Built, MeshBuffers, Room, most_refs, params, tally, upload},
+    build::{Arena, BuildTimes, Built, MeshBuffers, Room, add_times, most_refs, params, upload},
     exec::{Buffer, Device, Step},
 };
 use raykd_kernels::build::exact::{
@@ -307,7 +307,7 @@ impl Attempt {
         let mut go = |steps: Vec<Step<'_>>| -> Result<(), Error> {
             let timing = device.run(&steps, profile)?;
             times.build += timing.total;
-            tally(&mut times.kernels, &steps, &timing);
+            add_times(&mut times.kernels, &steps, &timing);
             Ok(())
         };
         let mut steps = self.root(mesh, kept);

@@ -103,7 +103,9 @@ impl Cpu {
             let bytes = self.dispatch(step, groups);
             if profile {
                 times.push(begin.elapsed());
-                moved.push(bytes);
+                if cfg!(feature = "traffic") {
+                    moved.push(bytes);
+                }
             }
         }
         Timing { total: start.elapsed(), steps: times, moved }

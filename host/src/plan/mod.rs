@@ -139,17 +139,21 @@ pub fn choose(mesh: &Mesh, rays: u64, calibrations: &[&Calibration]) -> Plan {
         if plan.total_ms() < look.from_ms + look.from_each_ms * f64::from(triangles) {
             break;
         }
-        plan = among(triangles, rays, looking.seen(look).ok().map(|seen| (at, seen)), calibrations);
+        plan = among(triangles, rays, seen(&looking, at), calibrations);
     }
     plan
+}
+
+/// What the look of this number shows.
+fn seen(looking: &Looking<'_>, at: usize) -> Option<(usize, Seen)> {
+    looking.seen(&LOOKS[at]).ok().map(|seen| (at, seen))
 }
 
 /// What every choice would cost on a device, after a look at the mesh.
 #[cfg(feature = "cli")]
 pub(crate) fn costs(mesh: &Mesh, calibration: &Calibration) -> Vec<Cost> {
     let triangles = mesh.kept().len() as u32;
-    let at = LOOKS.len() - 1;
-    let seen = Looking::at(mesh).seen(&LOOKS[at]).ok().map(|seen| (at, seen));
+    let seen = seen(&Looking::at(mesh), LOOKS.len() - 1);
     CHOICES.iter().filter_map(|choice| calibration.predict(choice, triangles, seen)).collect()
 }
 

@@ -107,12 +107,8 @@ fn part(name: impl Into<String>, mesh: Mesh, rays: Vec<Ray>, rule: Rule) -> Part
     Part { name: name.into(), mesh, rays, rule }
 }
 
-fn below(n: usize, r: &mut Random) -> usize {
-    (r.bits() % n as u64) as usize
-}
-
 fn whole(n: usize, r: &mut Random) -> f32 {
-    below(n, r) as f32
+    r.below(n) as f32
 }
 
 fn mix(a: Point, b: Point, s: f32) -> Point {
@@ -129,13 +125,13 @@ fn many<T>(n: usize, make: impl FnMut() -> T) -> Vec<T> {
 }
 
 fn corners(mesh: &Mesh, r: &mut Random) -> [Point; 3] {
-    mesh.triangles()[below(mesh.triangles().len(), r)].map(|v| mesh.positions()[v as usize])
+    mesh.triangles()[r.below(mesh.triangles().len())].map(|v| mesh.positions()[v as usize])
 }
 
 /// A point of an edge, in one case of four a vertex.
 fn seam(mesh: &Mesh, r: &mut Random) -> Point {
     let [a, b, _] = corners(mesh, r);
-    if below(4, r) == 0 { a } else { mix(a, b, r.unit() as f32) }
+    if r.below(4) == 0 { a } else { mix(a, b, r.unit() as f32) }
 }
 
 /// A point inside a triangle.
@@ -147,7 +143,7 @@ fn inside([a, b, c]: [Point; 3], r: &mut Random) -> Point {
 /// A soup of triangles in the cube from -1 to 1.
 fn soup(n: usize, r: &mut Random) -> Mesh {
     loose(&many(n, || {
-        let size = if below(10, r) == 0 { 1.0 } else { 0.15 };
+        let size = if r.below(10) == 0 { 1.0 } else { 0.15 };
         let a = r.point();
         [a, r.near(a, size), r.near(a, size)]
     }))
@@ -157,7 +153,7 @@ fn soup(n: usize, r: &mut Random) -> Mesh {
 fn at_soup(mesh: &Mesh, n: usize, r: &mut Random) -> Vec<Ray> {
     many(n, || {
         let from = r.point().map(|x| x * 2.0);
-        let target = if below(2, r) == 0 { seam(mesh, r) } else { inside(corners(mesh, r), r) };
+        let target = if r.below(2) == 0 { seam(mesh, r) } else { inside(corners(mesh, r), r) };
         aim(from, target)
     })
 }

@@ -128,17 +128,16 @@ impl Surface {
     /// One ray: from somewhere through a vertex (one in four) or a point of an edge; `None` if it may pass beside.
     fn ray(&self, random: &mut Random) -> Option<Ray> {
         let signed = |random: &mut Random| random.unit() * 2.0 - 1.0;
-        let below = |n: usize, random: &mut Random| (random.bits() % n as u64) as usize;
         #[expect(clippy::cast_possible_truncation, reason = "the nearest f32 is what is meant")]
         let narrow = |p: V| p.map(|x| x as f32);
         let origin = match &self.from {
             From::Inside(centres, half) => {
-                let centre = centres[below(centres.len(), random)];
+                let centre = centres[random.below(centres.len())];
                 centre.map(|x| x + half * signed(random))
             }
             From::Outside(centre, half) => {
                 let mut p = [(); 3].map(|()| signed(random));
-                p[below(3, random)] = if random.bits() & 1 == 0 { 1.0 } else { -1.0 };
+                p[random.below(3)] = if random.bits() & 1 == 0 { 1.0 } else { -1.0 };
                 [0, 1, 2].map(|i| centre[i] + half * p[i])
             }
         };
@@ -147,10 +146,10 @@ impl Surface {
         let (target, rim): (V, &[[u32; 2]]);
         let sides;
         if random.bits() & 3 == 0 && !self.vertices.is_empty() {
-            let (v, range) = &self.vertices[below(self.vertices.len(), random)];
+            let (v, range) = &self.vertices[random.below(self.vertices.len())];
             (target, rim) = (point(*v), &self.ring[range.clone()]);
         } else {
-            let [a, b, c, d] = self.edges[below(self.edges.len(), random)];
+            let [a, b, c, d] = self.edges[random.below(self.edges.len())];
             let (p, q, s) = (point(a), point(b), random.unit());
             target = [0, 1, 2].map(|i| p[i] + s * (q[i] - p[i]));
             // Around a point of the edge, in one direction if the triangles lie on its two sides.

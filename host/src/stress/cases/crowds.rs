@@ -64,9 +64,9 @@ pub(super) fn stadium(r: &mut Random, n: usize) -> Vec<Part> {
     triangles
         .extend(many(8, || [r.point().map(|x| x * 1.0e6), r.point().map(|x| x * 1.0e6), [0.0, -1.0e6, 0.0]]));
     let rays = many(n, || {
-        let near = below(2, r) == 0;
+        let near = r.below(2) == 0;
         let from = r.point().map(|x| x * if near { 0.01 } else { 1.0e6 });
-        let triangle = triangles[below(triangles.len(), r)];
+        let triangle = triangles[r.below(triangles.len())];
         aim(from, inside(triangle, r))
     });
     vec![part("", loose(&triangles), rays, Rule::Rounding)]

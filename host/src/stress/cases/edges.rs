@@ -44,7 +44,7 @@ pub(super) fn leaving(r: &mut Random, n: usize) -> Vec<Part> {
     let mesh = icosphere(3);
     let (mut rays, mut from) = (Vec::new(), Vec::new());
     while rays.len() < n {
-        let triangle = below(mesh.triangles().len(), r);
+        let triangle = r.below(mesh.triangles().len());
         let [a, b, c] = mesh.triangles()[triangle].map(|v| mesh.positions()[v as usize]);
         let origin = inside([a, b, c], r);
         let to = seam(&mesh, r);
@@ -98,8 +98,8 @@ pub(super) fn instances(r: &mut Random, n: usize) -> Vec<Part> {
     let mesh = mesh.mesh();
     let each = sphere.triangles().len();
     let rays = many(n, || {
-        let which = below(offsets.len(), r);
-        let [a, b, _] = mesh.triangles()[which * each + below(each, r)].map(|v| mesh.positions()[v as usize]);
+        let which = r.below(offsets.len());
+        let [a, b, _] = mesh.triangles()[which * each + r.below(each)].map(|v| mesh.positions()[v as usize]);
         let from = [0, 1, 2].map(|i| offsets[which][i] + r.signed());
         aim(from, mix(a, b, r.unit() as f32))
     });
@@ -128,8 +128,8 @@ pub(super) fn silhouettes(r: &mut Random, n: usize) -> Vec<Part> {
         let [to, across]: [f32; 2] =
             [0, 1].map(|k| (0..3).map(|i| if k == 0 { p[i] * from[i] } else { p[i] * p[i] }).sum());
         if (to - across).abs() < 0.2 * across {
-            let out = p
-                .map(|x| (0..=below(4, r)).fold(x, |x, _| if x > 0.0 { x.next_up() } else { x.next_down() }));
+            let out =
+                p.map(|x| (0..=r.below(4)).fold(x, |x, _| if x > 0.0 { x.next_up() } else { x.next_down() }));
             rays.push(aim(from, out));
         }
     }

@@ -6,7 +6,7 @@ use super::*;
 fn lattice_ray(side: usize, r: &mut Random) -> Ray {
     let origin = [(); 3].map(|()| whole(2 * side + 8, r) * 0.5 - 2.0);
     loop {
-        let direction = [(); 3].map(|()| [-1.0, 0.0, 1.0][below(3, r)]);
+        let direction = [(); 3].map(|()| [-1.0, 0.0, 1.0][r.below(3)]);
         if direction != [0.0; 3] {
             return Ray::new(origin, direction);
         }
@@ -22,12 +22,12 @@ pub(super) fn lattice_cubes(r: &mut Random, n: usize) -> Vec<Part> {
 /// Rays in planes of cubes' faces, at half-integers along the way.
 fn plane_rays(n: usize, r: &mut Random) -> Vec<Ray> {
     many(n, || {
-        let axis = below(3, r);
+        let axis = r.below(3);
         let mut origin = [(); 3].map(|()| whole(28, r) * 0.25 - 1.0);
         origin[axis] = whole(6, r);
         let mut direction = r.point();
         direction[axis] = 0.0;
-        if below(2, r) == 0 {
+        if r.below(2) == 0 {
             direction[(axis + 1) % 3] = 0.0;
         }
         Ray::new(origin, direction)
@@ -68,7 +68,7 @@ pub(super) fn origin_on_plane(r: &mut Random, n: usize) -> Vec<Part> {
     let mesh = soup(400, r);
     let planes = planes(&mesh);
     let rays = many(n, || {
-        let (axis, at) = planes[below(planes.len(), r)];
+        let (axis, at) = planes[r.below(planes.len())];
         let target = inside(corners(&mesh, r), r);
         let mut origin = r.near(target, 0.3);
         origin[axis] = at;
@@ -85,7 +85,7 @@ pub(super) fn on_split(r: &mut Random, n: usize) -> Vec<Part> {
     let planes = planes(&mesh);
     let mut rays = Vec::new();
     while rays.len() < n {
-        let (axis, at) = planes[below(planes.len(), r)];
+        let (axis, at) = planes[r.below(planes.len())];
         let triangle = corners(&mesh, r);
         let (p, q) = (inside(triangle, r), inside(triangle, r));
         let s = (at - p[axis]) / (q[axis] - p[axis]);
@@ -103,7 +103,7 @@ pub(super) fn coplanar(r: &mut Random, n: usize) -> Vec<Part> {
     let mesh = loose(&many(60, &mut flat));
     let rays = many(n, || {
         let [x, y] = [(); 2].map(|()| whole(18, r) * 0.5);
-        Ray::new([x, y, 6.0], [[-1.0, 0.0, 1.0][below(3, r)], 0.0, -1.0])
+        Ray::new([x, y, 6.0], [[-1.0, 0.0, 1.0][r.below(3)], 0.0, -1.0])
     });
     vec![part("", mesh, rays, Rule::Exact)]
 }
@@ -111,7 +111,7 @@ pub(super) fn coplanar(r: &mut Random, n: usize) -> Vec<Part> {
 pub(super) fn lattice_corners(r: &mut Random, n: usize) -> Vec<Part> {
     let mesh = cubes(60, r).mesh();
     let rays = many(n, || {
-        let direction = [(); 3].map(|()| [-1.0, 1.0][below(2, r)]);
+        let direction = [(); 3].map(|()| [-1.0, 1.0][r.below(2)]);
         let through = [(); 3].map(|()| whole(6, r));
         Ray::new([0, 1, 2].map(|i| through[i] - 8.0 * direction[i]), direction)
     });
@@ -131,7 +131,7 @@ pub(super) fn flat_floor(r: &mut Random, n: usize) -> Vec<Part> {
         let (x, z) = (place(r), place(r));
         let oblique = [place(r), 0.0, place(r)];
         let from = [x, 1.0 + whole(9, r), z];
-        if below(2, r) == 0 { Ray::new(from, [0.0, -1.0, 0.0]) } else { aim(from, oblique) }
+        if r.below(2) == 0 { Ray::new(from, [0.0, -1.0, 0.0]) } else { aim(from, oblique) }
     });
     vec![part("", mesh.mesh(), rays, Rule::Hits)]
 }

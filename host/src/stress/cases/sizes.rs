@@ -54,9 +54,9 @@ pub(super) fn no_rays(r: &mut Random, n: usize) -> Vec<Part> {
     let mesh = soup(100, r);
     let rays = many(n, || {
         let mut ray = aim(r.point(), r.point());
-        let odd = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -f32::NAN][below(4, r)];
-        let axis = below(3, r);
-        match below(5, r) {
+        let odd = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -f32::NAN][r.below(4)];
+        let axis = r.below(3);
+        match r.below(5) {
             0 => ray.origin[axis] = odd,
             1 => ray.direction[axis] = odd,
             2 => ray.direction = [0.0, -0.0, 0.0],
@@ -82,11 +82,11 @@ pub(super) fn denormal_mesh(r: &mut Random, n: usize) -> Vec<Part> {
 
 pub(super) fn denormal_rays(r: &mut Random, n: usize) -> Vec<Part> {
     let mesh = soup(200, r);
-    let odd = |r: &mut Random| f32::from_bits(below(1 << 23, r) as u32) * [1.0, -1.0][below(2, r)];
+    let odd = |r: &mut Random| f32::from_bits(r.below(1 << 23) as u32) * [1.0, -1.0][r.below(2)];
     let rays: Vec<Ray> = many(n / 2, || {
         let mut ray = at_soup(&mesh, 1, r)[0];
-        let axis = below(3, r);
-        match below(4, r) {
+        let axis = r.below(3);
+        match r.below(4) {
             0 => ray.origin[axis] = odd(r),
             1 => ray.direction[axis] = odd(r),
             2 => ray.t_min = odd(r),
@@ -122,7 +122,7 @@ pub(super) fn symmetries(r: &mut Random, n: usize) -> Vec<Part> {
     ];
     let mut order: Vec<u32> = (0..mesh.triangles().len() as u32).collect();
     for i in 0..order.len() {
-        let j = i + below(order.len() - i, r);
+        let j = i + r.below(order.len() - i);
         order.swap(i, j);
     }
     let triangles = order.iter().map(|&t| mesh.triangles()[t as usize]).collect();
