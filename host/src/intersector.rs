@@ -7,8 +7,9 @@ use raykd_kernels::{
         baldwin::BALDWIN,
         brute::{
             brute_baldwin::BRUTE_BALDWIN, brute_exact::BRUTE_EXACT, brute_moeller::BRUTE_MOELLER,
-            brute_plane::BRUTE_PLANE, brute_woop::BRUTE_WOOP,
+            brute_plane::BRUTE_PLANE, brute_strict::BRUTE_STRICT, brute_woop::BRUTE_WOOP,
         },
+        exact::EXACT,
         moeller::MOELLER,
         plane::PLANE,
         woop::WOOP,
@@ -16,13 +17,16 @@ use raykd_kernels::{
 };
 use std::fmt;
 
-/// How it is told whether a ray hits a triangle, and where. Only [`Intersector::Exact`] keeps raykd's promises; the others
-/// are the literature's, with their failures, for comparison. See `docs/accuracy.md`.
+/// How it is told whether a ray hits a triangle, and where. [`Intersector::Strict`] keeps raykd's promises, and
+/// [`Intersector::Exact`] more than those; the others are the literature's, with their failures, for comparison. See
+/// `docs/accuracy.md`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Intersector {
     /// Edge functions with exact signs: no gaps, whatever the tree
     #[default]
+    Strict,
+    /// Without rounding: exact hits, `t`, `u` and `v` correctly rounded
     Exact,
     /// Edge functions of rounded products (Woop, Benthin & Wald 2013)
     Woop,
@@ -36,11 +40,13 @@ pub enum Intersector {
 
 impl Intersector {
     /// All of them, the default first.
-    pub const ALL: [Self; 5] = [Self::Exact, Self::Woop, Self::Moeller, Self::Plane, Self::Baldwin];
+    pub const ALL: [Self; 6] =
+        [Self::Strict, Self::Exact, Self::Woop, Self::Moeller, Self::Plane, Self::Baldwin];
 
     /// Its name on the command line.
     pub const fn name(self) -> &'static str {
         match self {
+            Self::Strict => "strict",
             Self::Exact => "exact",
             Self::Woop => "woop",
             Self::Moeller => "moeller",
@@ -49,13 +55,18 @@ impl Intersector {
         }
     }
 
-    /// Whether it goes with a way through the tree: all do with [`Intersector::Exact`], of which none loses a hit.
+    /// Whether it keeps the contract: the default, and what is more accurate still.
+    pub const fn keeps_contract(self) -> bool {
+        matches!(self, Self::Strict | Self::Exact)
+    }
+
+    /// Whether it goes with a way through the tree: all do with [`Intersector::Strict`], of which none loses a hit.
     ///
     /// # Errors
     /// Another test with a traversal other than `stack` and `brute`.
     pub fn check(self, traversal: Traversal) -> Result<(), Error> {
         match (self, traversal) {
-            (Self::Exact, _) | (_, Traversal::Stack | Traversal::Brute) => Ok(()),
+            (Self::Strict, _) | (_, Traversal::Stack | Traversal::Brute) => Ok(()),
             _ => Err(Error::Intersector { name: self.name(), asked: format!("traversal {traversal}") }),
         }
     }
@@ -63,6 +74,7 @@ impl Intersector {
     /// The kernel that tests all triangles.
     pub(crate) const fn brute(self) -> &'static Kernel {
         match self {
+            Self::Strict => &BRUTE_STRICT,
             Self::Exact => &BRUTE_EXACT,
             Self::Woop => &BRUTE_WOOP,
             Self::Moeller => &BRUTE_MOELLER,
@@ -74,7 +86,8 @@ impl Intersector {
     /// The kernel that goes through the tree with a full stack; the default has several of its own.
     pub(crate) const fn stack(self) -> Option<&'static Kernel> {
         match self {
-            Self::Exact => None,
+            Self::Strict => None,
+            Self::Exact => Some(&EXACT),
             Self::Woop => Some(&WOOP),
             Self::Moeller => Some(&MOELLER),
             Self::Plane => Some(&PLANE),

@@ -26,10 +26,10 @@ fn rows(line: &[&str]) -> (i32, Vec<Value>) {
 
 #[test]
 fn scenes_pass_on_both_devices() {
-    let (code, rows) = rows(&["--scene", "signed-zeros,no-rays", "--method", "exact", "--rays", "100"]);
+    let (code, rows) = rows(&["--scene", "signed-zeros,no-rays", "--method", "strict", "--rays", "100"]);
     assert_eq!(code, 0);
     for device in ["cpu", "gpu"] {
-        let of = |row: &&Value| row["device"] == device && row["method"] == "exact/stack";
+        let of = |row: &&Value| row["device"] == device && row["method"] == "strict/stack";
         assert_eq!(rows.iter().filter(of).count(), 2);
     }
     for row in &rows {
@@ -63,11 +63,11 @@ fn unknown_failures_exit_with_1_and_can_be_replayed() {
         ["small.obj", "failed.json"].map(|name| folder.path().join(name).display().to_string());
     // So small that the paper's threshold drops it, and not small enough for raykd to scale it.
     fs::write(&mesh, "v 0 0 0\nv .0015 0 0\nv 0 .0015 0\nf 1 2 3\n").unwrap();
-    let line = ["--scene", &mesh, "--method", "moeller/stack,exact/stack", "--device", "cpu"];
+    let line = ["--scene", &mesh, "--method", "moeller/stack,strict/stack", "--device", "cpu"];
     let (code, found) = rows(&line);
     assert_eq!(code, 1);
     let of = |method: &str| found.iter().find(|row| row["method"] == method).unwrap();
-    assert_eq!((&of("exact/stack")["ok"], &of("moeller/stack")["ok"]), (&true.into(), &false.into()));
+    assert_eq!((&of("strict/stack")["ok"], &of("moeller/stack")["ok"]), (&true.into(), &false.into()));
     assert!(of("moeller/stack")["kinds"]["missed"].as_u64() > Some(100));
     fs::write(&file, serde_json::to_vec(&found).unwrap()).unwrap();
     let (code, again) = rows(&["--replay", &file]);
@@ -90,7 +90,7 @@ fn unknown_failures_exit_with_1_and_can_be_replayed() {
 #[test]
 fn surfaces_do_not_leak() {
     let (code, rows) =
-        rows(&["--scene", "leaks", "--method", "exact/stack,moeller/stack", "--rays", "50000"]);
+        rows(&["--scene", "leaks", "--method", "strict/stack,moeller/stack", "--rays", "50000"]);
     assert_eq!(code, 0);
     for name in ["sphere-inside", "cubes-inside", "sphere", "teapot"] {
         let row = |method: &str, device: &str| {
@@ -99,7 +99,7 @@ fn surfaces_do_not_leak() {
                 .find(|r| r["scene"] == scene.as_str() && r["method"] == method && r["device"] == device)
         };
         for device in ["cpu", "gpu"] {
-            let exact = row("exact/stack", device).unwrap();
+            let exact = row("strict/stack", device).unwrap();
             assert_eq!((&exact["failures"], &exact["rays"]), (&0.into(), &50_000.into()), "{name}");
         }
         let [cpu, gpu] = ["cpu", "gpu"].map(|device| &row("moeller/stack", device).unwrap()["failures"]);
@@ -112,7 +112,7 @@ fn surfaces_do_not_leak() {
 fn what_there_is_is_listed_and_wrong_names_are_errors() {
     let (code, out, _) = raykd(&["stress", "--list"]);
     assert_eq!(code, 0);
-    for word in ["icosphere-edges", "silhouettes", "leaks", "exact/stack/zhou", "woop/brute", "textbook/fma"]
+    for word in ["icosphere-edges", "silhouettes", "leaks", "strict/stack/zhou", "woop/brute", "textbook/fma"]
     {
         assert!(out.contains(word), "{word}");
     }

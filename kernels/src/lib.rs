@@ -74,6 +74,8 @@ pub const ALL: &[&Kernel] = &[
     &trace::plane::PLANE,
     &trace::baldwin::BALDWIN,
     &trace::woop::WOOP,
+    &trace::exact::EXACT,
+    &trace::brute::brute_strict::BRUTE_STRICT,
     &trace::brute::brute_exact::BRUTE_EXACT,
     &trace::brute::brute_moeller::BRUTE_MOELLER,
     &trace::brute::brute_plane::BRUTE_PLANE,

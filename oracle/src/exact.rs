@@ -5,7 +5,7 @@
 //! disagree and not all are 0; their sum is `-d·n` with `n` the normal, and `t = a·(b×c) / d·n`.
 
 use num_bigint::{BigInt, Sign};
-use num_rational::Ratio;
+use num_rational::{BigRational, Ratio};
 use num_traits::{Signed as _, ToPrimitive as _, Zero as _};
 use raykd_shared::Ray;
 use std::cmp::Ordering;
@@ -100,6 +100,27 @@ pub struct Exact {
     numerator: BigInt,
     /// Not negative; 0 only if the ray is parallel to the plane, or the triangle has no area.
     denominator: BigInt,
+    /// The weights of the second and third corner, undivided.
+    weights: [BigInt; 2],
+}
+
+/// A fraction rounded to nearest even; 0 below the normal range of `f32`. The denominator is positive.
+fn nearest(numerator: &BigInt, denominator: &BigInt) -> f32 {
+    let exact = BigRational::new(numerator.clone(), denominator.clone());
+    let near = exact.to_f64().unwrap_or(f64::NAN) as f32;
+    let between = |a: f32, b: f32| BigRational::from_float((f64::from(a) + f64::from(b)) / 2.0);
+    for other in [near.next_down(), near.next_up()] {
+        let Some(middle) = between(near, other) else { continue };
+        let beyond = if other < near { exact < middle } else { exact > middle };
+        if beyond || (exact == middle && near.to_bits() & 1 == 1) {
+            return nearest_normal(other);
+        }
+    }
+    nearest_normal(near)
+}
+
+fn nearest_normal(x: f32) -> f32 {
+    if x.is_subnormal() { 0.0 } else { x }
 }
 
 /// A finite number times `2^149`: an integer.
@@ -124,11 +145,13 @@ impl Exact {
         let edges = [-dot(&d, &bc), -dot(&d, &cross(&c, &a)), -dot(&d, &cross(&a, &b))];
         let sum: BigInt = edges.iter().sum();
         let is = |sign| edges.iter().any(|edge| edge.sign() == sign);
-        let (mut numerator, mut denominator) = (dot(&a, &bc), -sum);
+        let inside = is(Sign::Plus) != is(Sign::Minus);
+        let [_, u, v] = edges;
+        let (mut numerator, mut denominator, mut weights) = (dot(&a, &bc), -sum, [-u, -v]);
         if denominator.is_negative() {
-            (numerator, denominator) = (-numerator, -denominator);
+            (numerator, denominator, weights) = (-numerator, -denominator, weights.map(|w| -w));
         }
-        Self { inside: is(Sign::Plus) != is(Sign::Minus), numerator, denominator }
+        Self { inside, numerator, denominator, weights }
     }
 
     /// Whether the ray's line passes through the closed triangle, and not in its plane.
@@ -142,6 +165,13 @@ impl Exact {
             return f64::NAN;
         }
         Ratio::new_raw(self.numerator.clone(), self.denominator.clone()).to_f64().unwrap_or(f64::NAN)
+    }
+
+    /// The ray parameter, and the weights of the second and third corner, as `f32` rounded to nearest even; numbers
+    /// below the normal range are 0. Of a ray that is not parallel to the plane.
+    pub fn rounded(&self) -> [f32; 3] {
+        let [u, v] = &self.weights;
+        [&self.numerator, u, v].map(|n| nearest(n, &self.denominator))
     }
 
     /// Orders two ray parameters; those of rays in planes are equal to all.

@@ -58,7 +58,7 @@ impl Job<'_> {
             scene.any(&rays)?;
             scene.brute(&rays)?;
         }
-        scene.intersect_by(Intersector::Exact)?;
+        scene.intersect_by(Intersector::Strict)?;
         // In larger meshes these go so many rounds that llvmpipe may cut them short.
         if triangles <= 64 {
             scene.all(&rays, 3)?;

@@ -92,6 +92,15 @@ impl From<raykd::Error> for Failure {
     }
 }
 
+/// What a device found; nothing if it is a software rasteriser that gave up (Mesa's ends all loops of an invocation
+/// after 65,535 rounds in total).
+pub fn unless_cut<T>(found: Result<T, raykd::Error>) -> Result<Option<T>, Failure> {
+    match found {
+        Err(e) if e.to_string().contains("cut a long loop short") => Ok(None),
+        found => Ok(Some(found?)),
+    }
+}
+
 /// Compares as bytes and names the first element that differs.
 ///
 /// # Errors

@@ -7,21 +7,12 @@ use raykd_tests::{
     meshes::{Family, RANDOM, Recipe, ZOO, icosphere, small_mesh, traceable_mesh},
     one_by_one::OneByOne,
     rays::rays,
-    same,
+    same, unless_cut,
 };
 
 /// Scenes of the same mesh on CPU and GPU.
 fn both(mesh: &Mesh, options: &BuildOptions) -> Result<[Scene<'static>; 2], Failure> {
     Ok([Scene::build(cpu(), mesh, options)?, Scene::build(gpu(), mesh, options)?])
-}
-
-/// What a device found; nothing if it is a software rasteriser that gave up (Mesa's ends all loops of an invocation
-/// after 65,535 rounds in total).
-fn unless_cut<T>(found: Result<T, raykd::Error>) -> Result<Option<T>, Failure> {
-    match found {
-        Err(e) if e.to_string().contains("cut a long loop short") => Ok(None),
-        found => Ok(Some(found?)),
-    }
 }
 
 /// Traces by every traversal on CPU and GPU, and compares with brute force.

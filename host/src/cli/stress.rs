@@ -2,7 +2,7 @@
 
 use super::{args::StressArgs, input::Input, machine::Machines, notes::Notes, write_json};
 use crate::{
-    Device, Error, Hit, Intersector, Ray, rays,
+    Device, Error, Hit, Ray, rays,
     rays::Camera,
     report::{Table, count, three},
     stress::{Case, Method, Outcome, Trial, Way, cases::CASES, leaks::Surface},
@@ -286,7 +286,7 @@ fn leaks(
                 if found.leaks > 0 {
                     row.kinds.insert("leak".to_owned(), found.leaks);
                 }
-                rows.push(row.counted(found.rays, found.leaks, method.test != Intersector::Exact));
+                rows.push(row.counted(found.rays, found.leaks, !method.test.keeps_contract()));
             }
         }
     }

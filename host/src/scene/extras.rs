@@ -82,9 +82,9 @@ impl Scene<'_> {
     }
 
     /// Refuses what only the default triangle test does.
-    pub(super) fn needs_exact(&self, asked: &str) -> Result<(), Error> {
+    pub(super) fn needs_default(&self, asked: &str) -> Result<(), Error> {
         match self.intersector {
-            Intersector::Exact => Ok(()),
+            Intersector::Strict => Ok(()),
             other => Err(Error::Intersector { name: other.name(), asked: asked.to_owned() }),
         }
     }

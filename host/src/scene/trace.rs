@@ -113,7 +113,7 @@ impl Scene<'_> {
     /// # Errors
     /// There are not as many excluded triangles as rays, the scene's triangle test is not the default, or the device failed.
     pub fn trace_except(&self, query: Query, rays: &[Ray], excluded: &[u32]) -> Result<Traced, Error> {
-        self.needs_exact("leaving out a triangle")?;
+        self.needs_default("leaving out a triangle")?;
         if rays.len() != excluded.len() {
             return Err(Error::Excluded { rays: rays.len(), excluded: excluded.len() });
         }
@@ -154,7 +154,7 @@ impl Scene<'_> {
     /// # Errors
     /// The device failed, the hits of one ray do not fit it, or the scene's triangle test is not the default.
     pub fn all(&self, rays: &[Ray], limit: u32) -> Result<AllHits, Error> {
-        self.needs_exact("a query for all hits")?;
+        self.needs_default("a query for all hits")?;
         let mut all = AllHits::default();
         let room = (self.device.limit().bytes / 16 / u64::from(limit.max(1))) as usize;
         for part in rays.chunks(self.batch_limit().min(room).max(1)) {
@@ -184,7 +184,7 @@ impl Scene<'_> {
             let tests = RaySteps { tests: self.kept.len() as u32, ..RaySteps::default() };
             return Ok((self.brute(rays)?, vec![tests; rays.len()]));
         }
-        self.needs_exact("counting steps")?;
+        self.needs_default("counting steps")?;
         let (mut hits, mut steps) = (Vec::new(), Vec::new());
         for part in rays.chunks(self.batch_limit()) {
             let batch = Batch::new(self.device, part)?;

@@ -31,17 +31,17 @@ const USUAL: Way = Way::Tree(Builder::Binned, Traversal::Stack);
 impl Method {
     /// All of them, raykd's default first.
     pub fn all() -> Vec<Self> {
-        let exact = |way| Self { test: Intersector::Exact, way };
+        let usual = |way| Self { test: Intersector::Strict, way };
         let others = [Builder::Median, Builder::Zhou, Builder::Exact];
         let ways = Traversal::ALL.into_iter().filter(|t| !matches!(t, Traversal::Stack | Traversal::Brute));
         let mut all: Vec<Self> = Intersector::ALL
             .iter()
             .flat_map(|&test| [USUAL, Way::Brute].map(|way| Self { test, way }))
             .collect();
-        all.extend(others.map(|builder| exact(Way::Tree(builder, Traversal::Stack))));
-        all.extend(ways.map(|traversal| exact(Way::Tree(Builder::Binned, traversal))));
-        all.push(exact(Way::Except));
-        all.extend(Textbook::ALL.map(|textbook| exact(Way::Textbook(textbook))));
+        all.extend(others.map(|builder| usual(Way::Tree(builder, Traversal::Stack))));
+        all.extend(ways.map(|traversal| usual(Way::Tree(Builder::Binned, traversal))));
+        all.push(usual(Way::Except));
+        all.extend(Textbook::ALL.map(|textbook| usual(Way::Textbook(textbook))));
         all
     }
 
@@ -71,7 +71,7 @@ impl Method {
     pub(super) fn takes_a_tree(&self) -> bool {
         matches!(self.way, Way::Brute | Way::Except | Way::Tree(Builder::Binned, _) | Way::Textbook(_))
             && self.way != USUAL
-            || self.test != Intersector::Exact
+            || self.test != Intersector::Strict
     }
 
     /// The scene of a mesh as the method traces it, its tree built on the device if none is given.

@@ -12,7 +12,9 @@ mod textbook;
 pub use method::{Method, Way};
 pub use textbook::Textbook;
 
-use crate::{BuildOptions, Device, Error, Hit, KdTree, Mesh, Ray, Scene, rays::Random, shared::MISS};
+use crate::{
+    BuildOptions, Device, Error, Hit, Intersector, KdTree, Mesh, Ray, Scene, rays::Random, shared::MISS,
+};
 use raykd_oracle::{
     Crossing, Oracle,
     judge::{Fault, ulps},
@@ -20,9 +22,12 @@ use raykd_oracle::{
 use rayon::prelude::*;
 use std::collections::HashMap;
 
-/// How far, in units of the largest distance along an axis from the ray's origin to the scene's box, raykd's exact
+/// How far, in units of the largest distance along an axis from the ray's origin to the scene's box, raykd's default
 /// test may see a triangle moved: see `raykd_kernels::trace::frame`.
 pub const SLACK: f64 = 21.0 / (1u32 << 24) as f64;
+
+/// The same for [`Intersector::Exact`], which may not: what the judge's own `f64` round.
+pub const EXACT_SLACK: f64 = 1.0 / (1u64 << 46) as f64;
 
 /// A scene to be made.
 #[derive(Clone, Copy, Debug)]
@@ -52,7 +57,7 @@ pub struct Part {
 /// Which answers are right.
 #[derive(Clone, Debug)]
 pub enum Rule {
-    /// Those that are exact for corners moved by at most [`SLACK`].
+    /// Those that are exact for corners moved by at most [`SLACK`], or [`EXACT_SLACK`].
     Rounding,
     /// Of those, hits only: each ray passes through the inside of a surface.
     Hits,
@@ -314,7 +319,8 @@ impl Trial {
                 return Some(Failure::Symmetry);
             }
         } else {
-            let slack = SLACK * truth.oracle.reach(ray.origin);
+            let slack = if method.test == Intersector::Exact { EXACT_SLACK } else { SLACK };
+            let slack = slack * truth.oracle.reach(ray.origin);
             let (crossings, own) = match &part.rule {
                 // The triangle it leaves does not count.
                 Rule::Leaves(from) => {

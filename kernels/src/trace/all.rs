@@ -5,7 +5,7 @@
 //! last one until there is none. `n` hits take `n + 1` traversals, each from the last hit on.
 
 use super::{
-    JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, Steps, leaf::After, load, record, stack::walk, triangle::Exact,
+    JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, Steps, leaf::After, load, record, stack::walk, triangle::Strict,
 };
 use crate::{
     glam::{UVec4, Vec4},
@@ -37,7 +37,7 @@ pub fn all(
         // 1 until there are no more.
         let mut open = 1;
         while running {
-            let best = walk::<Exact, After, false>(&ray, pairs, corners, after, false, &mut steps);
+            let best = walk::<Strict, After, false>(&ray, pairs, corners, after, false, &mut steps);
             if best.triangle == MISS {
                 running = false;
                 open = 0;

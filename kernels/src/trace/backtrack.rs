@@ -12,7 +12,7 @@ use super::{
     frame::{Frame, slab},
     intersector::Best,
     leaf::{self, Every},
-    triangle::Exact,
+    triangle::Strict,
 };
 use crate::{
     glam::{UVec4, Vec4},
@@ -56,7 +56,7 @@ pub fn walk(
         // Else a hit found since makes this subtree useless.
         if enter <= best.t {
             steps.visit(here.node);
-            if !leaf::visit(Exact, ray, here.node, corners, Every, &mut best) {
+            if !leaf::visit(Strict, ray, here.node, corners, Every, &mut best) {
                 steps.status |= status::CUT_SHORT;
             }
         }

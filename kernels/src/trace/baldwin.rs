@@ -85,7 +85,7 @@ impl Intersector for Baldwin {
     }
 
     #[inline(always)]
-    fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) {
+    fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool {
         let axis = b.w.to_bits() & 3;
         let (o, d) = (cycle(ray.origin, axis), cycle(ray.direction, axis));
         let from = flush(o.z + c.x * o.x + c.y * o.y + c.z, TINY);
@@ -102,6 +102,7 @@ impl Intersector for Baldwin {
                 }
             }
         }
+        true
     }
 }
 

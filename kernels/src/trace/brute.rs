@@ -46,15 +46,16 @@ pub fn brute<I: Intersector>(
         }
         let end = if ray.valid { job.at(JOB_TO) } else { from };
         let mut r = from;
+        let mut whole = true;
         while r < end {
             let id = kept.at(r);
             let (a, b, c) = triangle(positions, indices, id);
             let (a, b, c) = I::lay_out(a, b, c);
-            by.test(&ray, id, a, b, c, &mut best);
+            whole &= by.test(&ray, id, a, b, c, &mut best);
             r += 1;
         }
         // Not `<`: see leaf.rs.
-        if r != end {
+        if r != end || !whole {
             outcome.or(OUTCOME_STATUS, status::CUT_SHORT);
         }
         bests.put(2 * i, UVec4::new(best.t.to_bits(), best.triangle, best.u.to_bits(), best.v.to_bits()));
@@ -81,9 +82,14 @@ macro_rules! brute {
     };
 }
 
-/// By [`Exact`](crate::trace::triangle::Exact).
+/// By [`Strict`](crate::trace::triangle::Strict).
+pub mod brute_strict {
+    brute!(BRUTE_STRICT = crate::trace::triangle::Strict);
+}
+
+/// By [`Exact`](crate::trace::exact::Exact).
 pub mod brute_exact {
-    brute!(BRUTE_EXACT = crate::trace::triangle::Exact);
+    brute!(BRUTE_EXACT = crate::trace::exact::Exact);
 }
 
 /// By [`Woop`](crate::trace::woop::Woop).

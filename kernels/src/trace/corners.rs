@@ -1,6 +1,6 @@
 //! The triangles of the leaves, laid out as the leaves list them: one cache line or two instead of three jumps.
 
-use super::{baldwin::Baldwin, intersector::Intersector, triangle::Exact};
+use super::{baldwin::Baldwin, intersector::Intersector, triangle::Strict};
 use crate::{
     build::boxes::triangle,
     glam::Vec4,
@@ -34,7 +34,7 @@ pub fn lay_out<I: Intersector>(
 
 kernel! {
     /// The corners of all references, for most tests.
-    map CORNERS = lay_out::<Exact>, threads 64, {
+    map CORNERS = lay_out::<Strict>, threads 64, {
         0 header: read TreeHeader, 1 positions: read f32, 2 indices: read u32, 3 refs: read u32,
         4 corners: write Vec4,
     }

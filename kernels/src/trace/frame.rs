@@ -42,6 +42,8 @@ pub struct Frame {
     pub inverse: Vec3,
     /// Direction, the largest component of size 1 to 2; components below `2^-30` are 0.
     pub direction: Vec3,
+    /// The same with all its components, but those below `2^-126`.
+    pub heading: Vec3,
     /// `PAD * M`.
     pub pad: f32,
     /// Axis of the largest direction component.
@@ -198,6 +200,7 @@ impl Frame {
         Self {
             origin,
             inverse,
+            heading: d,
             direction: Vec3::new(flush(d.x, NO_SHEAR), flush(d.y, NO_SHEAR), flush(d.z, NO_SHEAR)),
             pad,
             main,

@@ -68,8 +68,8 @@ pub trait Intersector: Copy {
         true
     }
 
-    /// The whole test of triangle `id`: keeps the better of it and `best`.
-    fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best);
+    /// The whole test of triangle `id`: keeps the better of it and `best`. False if a driver left a loop of it early.
+    fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool;
 }
 
 /// Differences of points that are smaller, in a [`Unit`], are 0.

@@ -13,8 +13,15 @@ use raykd_shared::Node;
 
 /// Which hits count.
 pub trait Filter: Copy {
-    /// Tests triangle `id` by a test; keeps the better of it and `best` if it counts.
-    fn test<I: Intersector>(self, by: I, ray: &Frame, id: u32, corners: (Vec4, Vec4, Vec4), best: &mut Best);
+    /// Tests triangle `id` by a test; keeps the better of it and `best` if it counts. False as [`Intersector::test`] is.
+    fn test<I: Intersector>(
+        self,
+        by: I,
+        ray: &Frame,
+        id: u32,
+        corners: (Vec4, Vec4, Vec4),
+        best: &mut Best,
+    ) -> bool;
 }
 
 /// All hits.
@@ -30,8 +37,8 @@ impl Filter for Every {
         id: u32,
         (a, b, c): (Vec4, Vec4, Vec4),
         best: &mut Best,
-    ) {
-        by.test(ray, id, a, b, c, best);
+    ) -> bool {
+        by.test(ray, id, a, b, c, best)
     }
 }
 
@@ -48,10 +55,8 @@ impl Filter for Except {
         id: u32,
         (a, b, c): (Vec4, Vec4, Vec4),
         best: &mut Best,
-    ) {
-        if id != self.0 {
-            by.test(ray, id, a, b, c, best);
-        }
+    ) -> bool {
+        id == self.0 || by.test(ray, id, a, b, c, best)
     }
 }
 
@@ -83,12 +88,13 @@ impl Filter for After {
         id: u32,
         (a, b, c): (Vec4, Vec4, Vec4),
         best: &mut Best,
-    ) {
+    ) -> bool {
         let mut hit = *best;
-        by.test(ray, id, a, b, c, &mut hit);
+        let whole = by.test(ray, id, a, b, c, &mut hit);
         if self.precedes(&hit) {
             *best = hit;
         }
+        whole
     }
 }
 
@@ -111,6 +117,7 @@ pub fn visit<I: Intersector, F: Filter>(
     let arrived = (leaf.words().1 | !Node::LEAF) == u32::MAX;
     let mut r = leaf.first();
     let end = if arrived { r + leaf.count() } else { r };
+    let mut whole = true;
     while r < end {
         // On a GPU lanes look for a triangle that may be hit, wait for each other, then test theirs together.
         let mut found = false;
@@ -126,8 +133,8 @@ pub fn visit<I: Intersector, F: Filter>(
         }
         if found {
             let (a, b, c) = corners.three(3 * (r - 1));
-            filter.test(by, ray, a.w.to_bits() & !NORMAL, (a, b, c), best);
+            whole &= filter.test(by, ray, a.w.to_bits() & !NORMAL, (a, b, c), best);
         }
     }
-    arrived && r == end
+    arrived && r == end && whole
 }

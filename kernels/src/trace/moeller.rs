@@ -76,7 +76,7 @@ impl Intersector for Moeller {
     }
 
     #[inline(always)]
-    fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) {
+    fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool {
         let s = self.solve(ray, a, b, c);
         if s.det > 0.0 && s.u >= 0.0 && s.v >= 0.0 {
             let inverse = div(1.0, s.det);
@@ -88,6 +88,7 @@ impl Intersector for Moeller {
                 best.offer(ray, Best { t, triangle: id, u, v, det: 1.0 });
             }
         }
+        true
     }
 }
 

@@ -39,7 +39,7 @@ impl Intersector for Plane {
     }
 
     #[inline(always)]
-    fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) {
+    fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool {
         let Self(unit) = self;
         let (a, b, c) = (a.truncate(), b.truncate(), c.truncate());
         let normal = cross(unit.between(a, b), unit.between(a, c));
@@ -61,6 +61,7 @@ impl Intersector for Plane {
                 }
             }
         }
+        true
     }
 }
 

@@ -15,7 +15,7 @@ use super::{
     intersector::Best,
     leaf::{self, Every},
     rope_links::NONE,
-    triangle::Exact,
+    triangle::Strict,
 };
 use crate::{
     glam::{UVec4, Vec4},
@@ -89,7 +89,7 @@ pub fn walk<const OPTIMISED: bool>(
         // Entering by a rope near an edge may lead to a leaf that the ray does not meet.
         if enter <= low(exit, best.t) {
             steps.visit(here.node);
-            if !leaf::visit(Exact, ray, here.node, corners, Every, &mut best) {
+            if !leaf::visit(Strict, ray, here.node, corners, Every, &mut best) {
                 steps.status |= status::CUT_SHORT;
             }
         }

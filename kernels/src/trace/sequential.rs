@@ -14,7 +14,7 @@ use super::{
     leaf::{self, Every},
     restart::Base,
     trail::Trail,
-    triangle::Exact,
+    triangle::Strict,
 };
 use crate::{
     glam::{UVec4, Vec4},
@@ -52,7 +52,7 @@ pub fn walk(ray: &Frame, pairs: &Buf<UVec4>, corners: &Buf<Vec4>, any: bool, ste
             at.level += 1;
         }
         steps.visit(at.node);
-        if !leaf::visit(Exact, ray, at.node, corners, Every, &mut best) {
+        if !leaf::visit(Strict, ray, at.node, corners, Every, &mut best) {
             steps.status |= status::CUT_SHORT;
         }
         if at.level > MAX_DEPTH {

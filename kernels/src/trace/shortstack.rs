@@ -13,7 +13,7 @@ use super::{
     leaf::{self, Every},
     restart::Base,
     trail::Trail,
-    triangle::Exact,
+    triangle::Strict,
 };
 use crate::{
     glam::{UVec4, Vec4},
@@ -86,7 +86,7 @@ pub fn walk<const ENTRIES: usize>(
         // Else a hit found since makes this subtree useless.
         if enter <= best.t {
             steps.visit(node);
-            if !leaf::visit(Exact, ray, node, corners, Every, &mut best) {
+            if !leaf::visit(Strict, ray, node, corners, Every, &mut best) {
                 steps.status |= status::CUT_SHORT;
             }
         }

@@ -11,7 +11,7 @@ use super::{
     frame::{ByAxis, Frame},
     intersector::{Best, Intersector},
     leaf::{self, Every, Except, Filter},
-    triangle::Exact,
+    triangle::Strict,
 };
 use crate::{
     glam::{UVec4, Vec4},
@@ -143,48 +143,48 @@ pub fn walk<I: Intersector, F: Filter, const COUNT: bool>(
 
 /// The closest hit.
 pub mod closest {
-    use super::{Every, Exact, walk};
+    use super::{Every, Strict, walk};
 
     query! {
         /// The closest hit, by the default triangle test.
         CLOSEST = |_, ray, pairs, corners, _, steps|
-            walk::<Exact, Every, false>(ray, pairs, corners, Every, false, steps),
+            walk::<Strict, Every, false>(ray, pairs, corners, Every, false, steps),
         {}
     }
 }
 
 /// Any hit, for shadows.
 pub mod any {
-    use super::{Every, Exact, walk};
+    use super::{Every, Strict, walk};
 
     query! {
         /// Any hit, by the default triangle test.
         ANY = |_, ray, pairs, corners, _, steps|
-            walk::<Exact, Every, false>(ray, pairs, corners, Every, true, steps),
+            walk::<Strict, Every, false>(ray, pairs, corners, Every, true, steps),
         {}
     }
 }
 
 /// The closest hit, and what it cost.
 pub mod steps {
-    use super::{Every, Exact, walk};
+    use super::{Every, Strict, walk};
 
     query! {
         /// The closest hit, counting steps.
         STEPS counts = |_, ray, pairs, corners, _, steps|
-            walk::<Exact, Every, true>(ray, pairs, corners, Every, false, steps),
+            walk::<Strict, Every, true>(ray, pairs, corners, Every, false, steps),
         {}
     }
 }
 
 /// Rays that leave a surface.
 pub mod except {
-    use super::{Exact, Except, walk};
+    use super::{Except, Strict, walk};
 
     query! {
         /// The closest or any hit of another triangle than the one given with the ray.
         EXCEPT = |i, ray, pairs, corners, any, steps|
-            walk::<Exact, Except, false>(ray, pairs, corners, Except(excluded.at(i)), any, steps),
+            walk::<Strict, Except, false>(ray, pairs, corners, Except(excluded.at(i)), any, steps),
         { 7 excluded: u32 }
     }
 }

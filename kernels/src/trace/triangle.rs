@@ -142,9 +142,9 @@ pub fn test(ray: &Frame, id: u32, a: Vec3, b: Vec3, c: Vec3, best: &mut Best) {
 
 /// The default: [`test()`].
 #[derive(Clone, Copy, Debug)]
-pub struct Exact;
+pub struct Strict;
 
-impl Intersector for Exact {
+impl Intersector for Strict {
     #[inline(always)]
     fn new(_ray: &Frame) -> Self {
         Self
@@ -156,7 +156,8 @@ impl Intersector for Exact {
     }
 
     #[inline(always)]
-    fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) {
+    fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool {
         test(ray, id, a.truncate(), b.truncate(), c.truncate(), best);
+        true
     }
 }

@@ -51,7 +51,7 @@ impl Intersector for Woop {
     }
 
     #[inline(always)]
-    fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) {
+    fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool {
         let s = seen(ray, a, b, c);
         let u = s.cx * s.by - s.cy * s.bx;
         let v = s.ax * s.cy - s.ay * s.cx;
@@ -66,6 +66,7 @@ impl Intersector for Woop {
             let t = s.depth(ray, u, v, w) * inverse;
             best.offer(ray, Best { t, triangle: id, u: v * inverse, v: w * inverse, det: 1.0 });
         }
+        true
     }
 }
 

@@ -135,7 +135,7 @@ impl Args {
             ),
             _ => return Ok(()),
         };
-        match more.filter(|_| test != Intersector::Exact) {
+        match more.filter(|_| test != Intersector::Strict) {
             Some(asked) => Err(Error::Intersector { name: test.name(), asked: asked.to_owned() }),
             None => test.check(traversal),
         }

@@ -75,7 +75,7 @@ pub(in crate::cli) struct WalkArgs {
     #[arg(long, value_enum, value_name = "NAME", default_value_t = Traversal::Stack, conflicts_with = "quality")]
     pub traversal: Traversal,
     /// How triangles are tested, see docs/accuracy.md; the others lose hits
-    #[arg(long, value_enum, value_name = "NAME", default_value_t = Intersector::Exact)]
+    #[arg(long, value_enum, value_name = "NAME", default_value_t = Intersector::Strict)]
     pub intersector: Intersector,
 }
 

@@ -57,32 +57,34 @@ pub(super) fn figure(data: &Data, scene: &str) -> Option<Figure> {
 }
 
 fn say(all: &[Accuracy], devices: &[&str], scene: &str) -> String {
-    let exact = all.iter().filter(|row| row.test == Intersector::Exact);
-    let failing = exact.clone().filter(|row| row.failures > 0).count();
+    let sound = all.iter().filter(|row| row.test.keeps_contract());
+    let failing = sound.clone().filter(|row| row.failures > 0).count();
     let mut fastest = Vec::new();
     for (at, device) in devices.iter().enumerate() {
         let speed = |row: &&Accuracy| row.mrays.get(at).map_or(0.0, |&(_, speed)| speed);
-        let of = |exact: bool| {
-            let rows = all.iter().filter(|row| (row.test == Intersector::Exact) == exact);
+        let of = |sound: bool| {
+            let rows = all.iter().filter(|row| row.test.keeps_contract() == sound);
             rows.max_by(|a, b| speed(a).total_cmp(&speed(b)))
         };
-        if let (Some(exact), Some(other)) = (of(true), of(false)) {
+        if let (Some(sound), Some(other)) = (of(true), of(false)) {
             fastest.push(format!(
                 "on the {} {} makes {} Mray/s and the fastest test that loses hits, {}, {}",
                 device.to_uppercase(),
-                exact.method,
-                three(speed(&exact)),
+                sound.method,
+                three(speed(&sound)),
                 other.method,
                 three(speed(&other))
             ));
         }
     }
-    let exact = match failing {
-        0 => "No way of finding triangles fails with the exact test".to_owned(),
-        n => format!("{n} of {} ways of finding triangles fail with the exact test", exact.count()),
+    let sound = match failing {
+        0 => "No way of finding triangles fails with the tests strict and exact".to_owned(),
+        n => {
+            format!("{n} of {} ways of finding triangles fail with the tests strict and exact", sound.count())
+        }
     };
     format!(
-        "{exact}: {} (rays of {scene}; failures are those of the CPU, whose bytes the GPU repeats; dashed: the best there is).",
+        "{sound}: {} (rays of {scene}; failures are those of the CPU, whose bytes the GPU repeats; dashed: the best there is).",
         fastest.join("; ")
     )
 }

@@ -1,0 +1,233 @@
+//! The test without rounding: a triangle is hit if, and only if, the ray's line passes through it or its border, on the
+//! numbers as they are; `t`, `u` and `v` are correctly rounded.
+//!
+//! Three stages, each for what the one before leaves open: floats turn away what is farther from the triangle than they
+//! round; pairs of floats ([`pair`](super::pair)) find signs and quotients with bounds of their errors; what those do not
+//! decide, one ray of some thousands, integers do ([`integers`]). The filters
+//! follow Shewchuk 1997, the sheared edge functions Woop, Benthin & Wald 2013.
+//!
+//! Since answers are exact, neighbours need not agree about anything, and what was decided in which stage does not show.
+//! What is below `2^-70` in an origin and below `2^-126` of a direction's largest component counts as 0.
+
+use super::{
+    frame::{Frame, component, cycle, flush},
+    integers,
+    intersector::{Best, Intersector},
+    leaf::Every,
+    pair::Pair,
+    stack::walk,
+    triangle::shear,
+};
+use crate::{
+    glam::{Vec3, Vec4},
+    math::{abs, div, exp2, exponent, high, low},
+};
+
+/// The test.
+#[derive(Clone, Copy, Debug)]
+pub struct Exact;
+
+/// A corner seen along the ray, times the direction's main component.
+#[derive(Clone, Copy)]
+struct Seen {
+    x: Pair,
+    y: Pair,
+    /// Along the ray's main axis, exactly.
+    z: Pair,
+    /// The larger of `x` and `y`, in size.
+    size: f32,
+    /// Whether `x` and `y` are floats, and what they are.
+    known: bool,
+}
+
+/// Not 0, but so small that products may lose digits below the range of `f32`.
+#[inline(always)]
+fn is_small(a: f32) -> bool {
+    (a != 0.0) & (abs(a) < exp2(-36))
+}
+
+/// `x * main - side * z`, within `2^-46` of its size and `2^-63` of the scene's, and whether it is a float, exactly.
+#[inline(always)]
+fn across(x: Pair, z: Pair, main: f32, side: f32) -> (Pair, bool) {
+    let (p, q) = (Pair::product(x.hi, main), Pair::product(side, z.hi));
+    let (r, s) = (Pair::product(x.lo, main), Pair::product(side, z.lo));
+    let first = Pair::sum(p.hi, -q.hi);
+    let second = Pair::sum(p.lo, -q.lo);
+    let third = Pair::sum(r.hi, -s.hi);
+    let fourth = Pair::sum(second.hi, third.hi);
+    let fifth = Pair::sum(first.lo, fourth.hi);
+    let rest = ((second.lo + third.lo) + (r.lo - s.lo)) + (fourth.lo + fifth.lo);
+    let whole = Pair::sum(first.hi, fifth.hi);
+    let found = Pair::sum(whole.hi, whole.lo + rest);
+    let simple = (x.lo == 0.0) & (z.lo == 0.0) & !is_small(x.hi) & !is_small(z.hi) & !is_small(side);
+    let known = simple & (first.lo == 0.0) & (second.hi == 0.0) & (second.lo == 0.0);
+    (found, known)
+}
+
+/// An edge function: how far apart its corners' directions are, whether its sign is certain, and which it is.
+#[derive(Clone, Copy)]
+struct Edge {
+    value: Pair,
+    positive: bool,
+    negative: bool,
+    certain: bool,
+}
+
+impl Edge {
+    /// Of two corners; `error` bounds that of every edge function at hand.
+    #[inline(always)]
+    fn new(a: &Seen, b: &Seen, error: f32) -> Self {
+        let value = a.x.times(b.y).plus(a.y.times(b.x).negative());
+        // Of floats the signs are exact; with a corner on the ray the edge function is 0.
+        let small = is_small(a.x.hi) | is_small(a.y.hi) | is_small(b.x.hi) | is_small(b.y.hi);
+        let on_ray = (a.known & (a.size == 0.0)) | (b.known & (b.size == 0.0));
+        let exact = on_ray | (a.known & b.known & !small);
+        let certain = exact | (abs(value.hi) > error);
+        let value = if on_ray { Pair::default() } else { value };
+        Self { value, positive: certain & (value.hi > 0.0), negative: certain & (value.hi < 0.0), certain }
+    }
+}
+
+/// What numbers with bounds of their errors tell.
+struct Verdict {
+    /// Whether that is all there is to know.
+    certain: bool,
+    /// Whether the triangle is hit, and not after the best hit so far.
+    hit: bool,
+    t: f32,
+    u: f32,
+    v: f32,
+}
+
+/// The number rounded, and whether that is certain, if it may be off by `error`.
+#[inline(always)]
+fn rounded(a: Pair, error: f32) -> (f32, f32) {
+    let wide = error + abs(a.lo) * exp2(-20);
+    (a.hi + (a.lo - wide), a.hi + (a.lo + wide))
+}
+
+/// The second stage. With `M` the scene's size as seen from the origin and `S` that of the triangle across the ray,
+/// `D` the sum of the weights: `x` and `y` of corners are within `2^-62 M + 2^-45 S`, edge functions therefore within
+/// `2^-42 S^2 + 2^-59 M S`, twice what follows; weights and `t` follow from that.
+#[inline(always)]
+fn by_pairs(ray: &Frame, id: u32, (a, b, c): (Vec3, Vec3, Vec3), best: &Best) -> Verdict {
+    let d = cycle(ray.heading, ray.main);
+    // What is left out here is below the bounds.
+    let (dx, dy) = (flush(d.x, exp2(-64)), flush(d.y, exp2(-64)));
+    let whole = (dx == d.x) & (dy == d.y);
+    let from = cycle(ray.origin, ray.main);
+    let seen = move |p: Vec3| {
+        let p = cycle(p, ray.main);
+        let (x, y, z) = (Pair::sum(p.x, -from.x), Pair::sum(p.y, -from.y), Pair::sum(p.z, -from.z));
+        let (x, one) = across(x, z, d.z, dx);
+        let (y, two) = across(y, z, d.z, dy);
+        Seen { x, y, z, size: high(abs(x.hi), abs(y.hi)), known: one & two & whole }
+    };
+    let (a, b, c) = (seen(a), seen(b), seen(c));
+    let far = ray.pad * exp2(19);
+    let size = high(a.size, high(b.size, c.size));
+    let error = exp2(-42) * size * size + exp2(-59) * far * size + exp2(-98);
+    // All corners on one side: most triangles that the ray passes by.
+    let aside = exp2(-44) * size + exp2(-61) * far;
+    let below = high(a.x.hi, high(b.x.hi, c.x.hi)) < -aside || high(a.y.hi, high(b.y.hi, c.y.hi)) < -aside;
+    let above = low(a.x.hi, low(b.x.hi, c.x.hi)) > aside || low(a.y.hi, low(b.y.hi, c.y.hi)) > aside;
+    let nothing = Verdict { certain: true, hit: false, t: 0.0, u: 0.0, v: 0.0 };
+    let open = Verdict { certain: false, ..nothing };
+    if below | above {
+        return nothing;
+    }
+    let (u, v, w) = (Edge::new(&c, &b, error), Edge::new(&a, &c, error), Edge::new(&b, &a, error));
+    let negative = u.negative | v.negative | w.negative;
+    let positive = u.positive | v.positive | w.positive;
+    if negative & positive {
+        return nothing;
+    }
+    let sure = u.certain & v.certain & w.certain;
+    if sure && !(negative | positive) {
+        return nothing;
+    }
+    let det = u.value.plus(v.value).plus(w.value);
+    if exponent(det.hi) < -70 || abs(det.hi) < 64.0 * error {
+        return open;
+    }
+    // Weights that add up to 1 to 2.
+    let unit = exp2(-exponent(det.hi));
+    let by = Pair { hi: unit, lo: 0.0 };
+    let (det, weight_u, weight_v, weight_w) =
+        (det.times(by), u.value.times(by), v.value.times(by), w.value.times(by));
+    let inverse = div(1.0, det.hi);
+    let off = abs(error * unit);
+    let depth = weight_u.times(a.z).plus(weight_v.times(b.z)).plus(weight_w.times(c.z));
+    let along = component(ray.inverse, ray.main);
+    let t = depth.over(det, inverse).over(Pair { hi: d.z, lo: 0.0 }, along);
+    let deep = high(abs(a.z.hi), high(abs(b.z.hi), abs(c.z.hi)));
+    let (near, later) = rounded(t, deep * (16.0 * off + exp2(-39)));
+    // Rounding keeps order, so this is certain too, and where the plane is met does not hang on signs of weights.
+    let behind = near > best.t || (near == later && near == best.t && id > best.triangle);
+    if behind || near > ray.t_max || later < ray.t_min {
+        return nothing;
+    }
+    let (u, v) = (weight_v.over(det, inverse), weight_w.over(det, inverse));
+    let (u_near, u_later) = rounded(u, 8.0 * off + exp2(-41) * u.hi);
+    let (v_near, v_later) = rounded(v, 8.0 * off + exp2(-41) * v.hi);
+    // An exact 0 has no digits to be uncertain of.
+    let (u_zero, v_zero) = (weight_v.hi == 0.0, weight_w.hi == 0.0);
+    let certain = sure
+        & (near == later)
+        & (abs(near) > exp2(-60))
+        & ((u_near == u_later) | u_zero)
+        & ((v_near == v_later) | v_zero);
+    Verdict {
+        certain,
+        hit: true,
+        t: near,
+        u: if u_zero { 0.0 } else { u_near },
+        v: if v_zero { 0.0 } else { v_near },
+    }
+}
+
+impl Intersector for Exact {
+    #[inline(always)]
+    fn new(_ray: &Frame) -> Self {
+        Self
+    }
+
+    /// Sheared corners are off by at most a quarter of the pad, rounded products by `2^-24` of themselves: edge
+    /// functions by less than `pad / 2` times the coordinates in them.
+    #[inline(always)]
+    fn may_hit(self, ray: &Frame, a: Vec4, b: Vec4, c: Vec4) -> bool {
+        let s = shear(ray, a.truncate(), b.truncate(), c.truncate());
+        let half = 0.5 * ray.pad;
+        let (a, b, c) = (abs(s.ax) + abs(s.ay), abs(s.bx) + abs(s.by), abs(s.cx) + abs(s.cy));
+        let u = s.cx * s.by - s.cy * s.bx;
+        let v = s.ax * s.cy - s.ay * s.cx;
+        let w = s.bx * s.ay - s.by * s.ax;
+        let (eu, ev, ew) = (half * (b + c + half), half * (c + a + half), half * (a + b + half));
+        let negative = (u < -eu) | (v < -ev) | (w < -ew);
+        let positive = (u > eu) | (v > ev) | (w > ew);
+        !(negative & positive)
+    }
+
+    #[inline(always)]
+    fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool {
+        let (a, b, c) = (a.truncate(), b.truncate(), c.truncate());
+        let mut found = by_pairs(ray, id, (a, b, c), best);
+        let mut whole = true;
+        if !found.certain {
+            let answer = integers::cross(ray.origin, ray.heading, a, b, c);
+            found = Verdict { certain: true, hit: answer.hit, t: answer.t, u: answer.u, v: answer.v };
+            whole = answer.whole;
+        }
+        if found.hit {
+            best.offer(ray, Best { t: found.t, triangle: id, u: found.u, v: found.v, det: 1.0 });
+        }
+        whole
+    }
+}
+
+query! {
+    /// The closest or any hit by this test.
+    EXACT = |_, ray, pairs, corners, any, steps|
+        walk::<Exact, Every, false>(ray, pairs, corners, Every, any, steps),
+    {}
+}
