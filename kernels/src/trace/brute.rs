@@ -51,11 +51,14 @@ pub fn brute<I: Intersector>(
             let id = kept.at(r);
             let (a, b, c) = triangle(positions, indices, id);
             let (a, b, c) = I::lay_out(a, b, c);
-            whole &= by.test(&ray, id, a, b, c, &mut best);
+            let done = by.test(&ray, id, a, b, c, &mut best);
+            if I::LOOPS {
+                whole &= done;
+            }
             r += 1;
         }
         // Not `<`: see leaf.rs.
-        if r != end || !whole {
+        if r != end || (I::LOOPS && !whole) {
             outcome.or(OUTCOME_STATUS, status::CUT_SHORT);
         }
         bests.put(2 * i, UVec4::new(best.t.to_bits(), best.triangle, best.u.to_bits(), best.v.to_bits()));

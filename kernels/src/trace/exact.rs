@@ -187,6 +187,8 @@ fn by_pairs(ray: &Frame, id: u32, (a, b, c): (Vec3, Vec3, Vec3), best: &Best) ->
 }
 
 impl Intersector for Exact {
+    const LOOPS: bool = true;
+
     #[inline(always)]
     fn new(_ray: &Frame) -> Self {
         Self

@@ -52,6 +52,9 @@ impl Best {
 /// A triangle test. Triangles come as leaves keep them: what [`Intersector::lay_out`] made of them, `w` of the first
 /// vector not counted.
 pub trait Intersector: Copy {
+    /// Whether its test has loops, which a driver may leave early.
+    const LOOPS: bool = false;
+
     /// Made ready for a ray.
     fn new(ray: &Frame) -> Self;
 

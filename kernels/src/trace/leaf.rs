@@ -133,8 +133,12 @@ pub fn visit<I: Intersector, F: Filter>(
         }
         if found {
             let (a, b, c) = corners.three(3 * (r - 1));
-            whole &= filter.test(by, ray, a.w.to_bits() & !NORMAL, (a, b, c), best);
+            let done = filter.test(by, ray, a.w.to_bits() & !NORMAL, (a, b, c), best);
+            // A test without loops costs nothing here.
+            if I::LOOPS {
+                whole &= done;
+            }
         }
     }
-    arrived && r == end && whole
+    arrived && r == end && (!I::LOOPS || whole)
 }
