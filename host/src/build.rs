@@ -337,7 +337,11 @@ fn attempt_build(
     let actives = pair("active", room.active, 48)?;
     let chunks = pair("chunks", room.active, 4)?;
     let refs = pair("level refs", room.level_refs, 4)?;
-    let hists = arena.alloc("histograms", room.active, u64::from(HIST_WORDS) * 4)?;
+    // Histograms are done with when treelets are built.
+    let words = (u64::from(room.active) * u64::from(HIST_WORDS))
+        .max(2 * u64::from(scratch_base(room.treelet_refs, room.treelets)));
+    let hists = arena.alloc("histograms", words.div_ceil(4) as u32, 16)?;
+    let scratch = &hists;
     let planes = arena.alloc("planes", room.active, 8)?;
     let sides = arena.alloc("sides", room.active, 8)?;
     let targets = arena.alloc("targets", room.active, 8)?;
@@ -346,7 +350,6 @@ fn attempt_build(
     let top = arena.alloc("top", 2 * params.treelets, 8)?;
     let treelets = arena.alloc("treelets", room.treelets, 48)?;
     let treelet_refs = arena.alloc("treelet refs", room.treelet_refs, 4)?;
-    let scratch = arena.alloc("treelet nodes", scratch_base(room.treelet_refs, room.treelets), 8)?;
     let treelet_sizes = arena.alloc("treelet sizes", room.treelets, 16)?;
     let places = arena.alloc("treelet places", room.treelets, 8)?;
 
@@ -472,7 +475,7 @@ fn attempt_build(
             &treelets,
             &treelet_refs,
             &boxes,
-            &scratch,
+            scratch,
             &treelet_sizes,
         ],
     ));
@@ -502,7 +505,7 @@ fn attempt_build(
         Step::groups(
             &EMIT,
             words[STATE_TREELETS as usize],
-            vec![&state, &treelets, &treelet_refs, &scratch, &treelet_sizes, &places, &nodes, &out],
+            vec![&state, &treelets, &treelet_refs, scratch, &treelet_sizes, &places, &nodes, &out],
         ),
     ];
     let second_part = device.run(&steps, profile)?;
