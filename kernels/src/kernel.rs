@@ -9,11 +9,26 @@ pub struct Group {
     #[cfg(target_arch = "spirv")]
     pub lane: u32,
     /// Lanes in the group.
-    #[cfg(not(target_arch = "spirv"))]
     pub width: u32,
     /// The order in which the CPU visits them.
     #[cfg(not(target_arch = "spirv"))]
     pub order: Order,
+    /// Whether that is [`Order::Forward`], and the processor has AVX2, BMI1, BMI2, LZCNT and POPCNT if it is an x86.
+    #[cfg(not(target_arch = "spirv"))]
+    pub usual: bool,
+}
+
+impl Group {
+    /// How many lanes share out a loop: they start at their numbers and take steps of this. On a CPU one lane does all,
+    /// from element to element.
+    #[inline(always)]
+    pub fn sharers(&self) -> u32 {
+        #[cfg(not(target_arch = "spirv"))]
+        if self.order == Order::Forward {
+            return 1;
+        }
+        self.width
+    }
 }
 
 #[cfg(target_arch = "spirv")]
@@ -44,14 +59,22 @@ impl Group {
     /// The lanes of the group in the group's order.
     #[inline(always)]
     pub fn lanes(&self) -> impl Iterator<Item = u32> + use<> {
+        self.first(self.width)
+    }
+
+    /// The first `count` lanes in the group's order.
+    #[inline(always)]
+    pub fn first(&self, count: u32) -> impl Iterator<Item = u32> + use<> {
         // An odd multiplier permutes the residues of a power of two.
-        let (mul, add) = match self.order {
-            Order::Forward => (1, 0),
-            Order::Reverse => (u32::MAX, u32::MAX),
-            Order::Shuffled(seed) => (seed | 1, (seed ^ self.id).wrapping_mul(0x9E37_79B9) >> 7),
+        let all = count.next_power_of_two();
+        let (number, mul, add, mask) = match self.order {
+            Order::Forward => (count, 1, 0, u32::MAX),
+            Order::Reverse => (all, u32::MAX, u32::MAX, all - 1),
+            Order::Shuffled(seed) => {
+                (all, seed | 1, (seed ^ self.id).wrapping_mul(0x9E37_79B9) >> 7, all - 1)
+            }
         };
-        let mask = self.width - 1;
-        (0..self.width).map(move |i| i.wrapping_mul(mul).wrapping_add(add) & mask)
+        (0..number).map(move |i| i.wrapping_mul(mul).wrapping_add(add) & mask).filter(move |&i| i < count)
     }
 }
 
@@ -59,8 +82,20 @@ impl Group {
 /// CPU a loop. Within a block no lane may read what another lane writes; nothing a lane computes in a private
 /// variable survives the block, so everything that must goes to workgroup memory. Code between blocks is run
 /// by every lane and must compute the same for all.
+///
+/// With `..count` only the first lanes take a turn.
 #[macro_export]
 macro_rules! lanes {
+    ($group:expr, ..$count:expr, |$lane:ident| $body:block) => {
+        #[cfg(target_arch = "spirv")]
+        {
+            let $lane = $group.lane;
+            if $lane < $count $body
+            $group.barrier();
+        }
+        #[cfg(not(target_arch = "spirv"))]
+        for $lane in $group.first($count) $body
+    };
     ($group:expr, |$lane:ident| $body:block) => {
         #[cfg(target_arch = "spirv")]
         {
@@ -120,7 +155,7 @@ pub struct Kernel {
     ///
     /// # Safety
     /// One [`RawBuf`] per slot, aligned to 16 bytes, valid while the call runs, writable where the slot says
-    /// so; concurrent calls must be workgroups of the same dispatch, with different ids.
+    /// so; [`Group::usual`] only if it holds; concurrent calls must be workgroups of the same dispatch, with different ids.
     pub run: unsafe fn(Group, &[RawBuf]) -> u64,
 }
 
@@ -211,7 +246,7 @@ macro_rules! kernel {
             $(#[spirv(workgroup)] $sh: &mut [u32; $len],)*
             $(#[spirv(storage_buffer, descriptor_set = 0, binding = $b)] $arg: slot!($mode $t)),+
         ) {
-            let group = $crate::Group { id: group.y * groups.x + group.x, lane };
+            let group = $crate::Group { id: group.y * groups.x + group.x, lane, width: $n };
             $body(group, $($sh,)* $($arg),+);
         }
 
@@ -223,19 +258,33 @@ macro_rules! kernel {
             slots: &[$($crate::Slot {
                 name: stringify!($arg), access: slot!(access $mode), stride: size_of::<$t>(),
             }),+],
-            run: |group, buffers| {
-                $(
-                    let raw = buffers[$b];
-                    // SAFETY: the contract of `Kernel::run` is that of `Buf::new`.
-                    #[allow(unused_mut, reason = "buffers that are only read are passed by & below")]
-                    let mut $arg = unsafe {
-                        $crate::mem::Buf::<$t>::new(raw.ptr.cast(), raw.len / size_of::<$t>())
-                    };
-                )+
-                // Workgroup memory starts as garbage on a GPU, so it does here.
-                $(let mut $sh = [0xDEAD_BEEFu32; $len];)*
-                $body(group, $(&mut $sh,)* $(slot!(pass $mode $arg)),+);
-                0 $(+ $arg.moved())+
+            run: {
+                #[inline(always)]
+                unsafe fn run(group: $crate::Group, buffers: &[$crate::RawBuf]) -> u64 {
+                    $(
+                        let raw = buffers[$b];
+                        // SAFETY: the contract of `Kernel::run` is that of `Buf::new`.
+                        #[allow(unused_mut, reason = "buffers that are only read are passed by & below")]
+                        let mut $arg = unsafe {
+                            $crate::mem::Buf::<$t>::new(raw.ptr.cast(), raw.len / size_of::<$t>())
+                        };
+                    )+
+                    // Workgroup memory starts as garbage on a GPU, so it does here.
+                    $(let mut $sh = [0xDEAD_BEEFu32; $len];)*
+                    $body(group, $(&mut $sh,)* $(slot!(pass $mode $arg)),+);
+                    0 $(+ $arg.moved())+
+                }
+                // A copy for the usual order, in which lanes are counted as in any loop.
+                #[cfg_attr(target_arch = "x86_64", target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt"))]
+                unsafe fn usual(group: $crate::Group, buffers: &[$crate::RawBuf]) -> u64 {
+                    let group = $crate::Group { width: $n, order: $crate::Order::Forward, ..group };
+                    // SAFETY: as for the caller.
+                    unsafe { run(group, buffers) }
+                }
+                |group, buffers| {
+                    // SAFETY: as for the caller, who says that the processor has these instructions.
+                    unsafe { if group.usual { usual(group, buffers) } else { run(group, buffers) } }
+                }
             },
         };
     };

@@ -12,6 +12,20 @@ pub fn high(a: f32, b: f32) -> f32 {
     if b > a { b } else { a }
 }
 
+/// The whole part of a number from 0 to `2^31`, not included.
+#[inline(always)]
+pub fn whole(a: f32) -> u32 {
+    debug_assert!((0.0..=2_147_483_520.0).contains(&a));
+    #[cfg(target_arch = "spirv")]
+    return a as u32;
+    // What `as` does for all other numbers takes a CPU longer than the conversion.
+    // SAFETY: fits.
+    #[cfg(not(target_arch = "spirv"))]
+    unsafe {
+        a.to_int_unchecked::<i32>() as u32
+    }
+}
+
 /// Absolute value, by clearing the sign bit.
 #[inline(always)]
 pub fn abs(a: f32) -> f32 {

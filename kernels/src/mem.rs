@@ -53,6 +53,9 @@ pub trait Slots<T: Copy> {
     }
     /// Writes element `i`.
     fn put(&mut self, i: u32, value: T);
+    /// Says that element `i` will be read, if there is one: a CPU, which runs few lanes at a time, then fetches it.
+    #[inline(always)]
+    fn soon(&self, _i: u32) {}
 }
 
 /// Atomic access for the few words that several workgroups touch; all operations commute.
@@ -237,6 +240,17 @@ mod cpu {
         fn put(&mut self, i: u32, value: T) {
             // SAFETY: in bounds; `new` promised that nobody else touches this element now.
             unsafe { self.slot(i).write(value) }
+        }
+        #[inline(always)]
+        fn soon(&self, i: u32) {
+            // SAFETY: a hint, which reads nothing from any address.
+            #[cfg(target_arch = "x86_64")]
+            unsafe {
+                use core::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};
+                _mm_prefetch::<_MM_HINT_T0>(self.ptr.wrapping_add(i as usize).cast());
+            }
+            #[cfg(not(target_arch = "x86_64"))]
+            let _ = i;
         }
     }
 

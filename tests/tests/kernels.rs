@@ -6,7 +6,7 @@ use raykd::{
     exec::Cpu,
     kernels::{
         ALL, Order,
-        math::{div, ldexp, product_difference, product_difference_wide, quotient},
+        math::{div, ldexp, product_difference, product_difference_wide, quotient, whole},
     },
     rays::Random,
 };
@@ -150,6 +150,14 @@ fn division_at_the_ends_of_the_range() {
         } else {
             assert_eq!(found.to_bits(), native.to_bits(), "{a:e} / {b:e}");
         }
+    }
+}
+
+#[test]
+fn whole_parts_are_those_of_a_conversion() {
+    let numbers = (0..=4096u16).map(|i| f32::from(i) / 128.0);
+    for a in numbers.chain([-0.0, 1e-40, 16_777_217.0, 2_147_483_520.0]) {
+        assert_eq!(whole(a), a as u32, "{a:e}");
     }
 }
 

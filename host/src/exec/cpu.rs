@@ -114,12 +114,13 @@ impl Cpu {
     /// Returns how many bytes were moved, if they are counted.
     fn dispatch(&self, step: &Step<'_>, groups: u32) -> u64 {
         let raw: Vec<Shared> = step.buffers.iter().map(|b| Shared(memory(b).raw())).collect();
+        let usual = self.order == Order::Forward && has_usual_instructions();
         let run = |id: u32| {
             let mut buffers = [RawBuf { ptr: std::ptr::null_mut(), len: 0 }; 16];
             for (slot, shared) in buffers.iter_mut().zip(&raw) {
                 *slot = shared.0;
             }
-            let group = Group { id, width: step.kernel.threads, order: self.order };
+            let group = Group { id, width: step.kernel.threads, order: self.order, usual };
             // SAFETY: one live, 16-byte aligned buffer per slot (checked in Device::run); the groups of one
             // dispatch have different ids, and kernels give every slot one writer.
             unsafe { (step.kernel.run)(group, &buffers[..raw.len()]) }
@@ -130,6 +131,19 @@ impl Cpu {
             (0..groups).into_par_iter().map(run).sum()
         }
     }
+}
+
+/// Whether the processor can run the copies of kernels that are compiled for more than the least of its kind. Only
+/// the instructions differ: nothing is fused.
+fn has_usual_instructions() -> bool {
+    #[cfg(target_arch = "x86_64")]
+    return is_x86_feature_detected!("avx2")
+        && is_x86_feature_detected!("bmi1")
+        && is_x86_feature_detected!("bmi2")
+        && is_x86_feature_detected!("lzcnt")
+        && is_x86_feature_detected!("popcnt");
+    #[cfg(not(target_arch = "x86_64"))]
+    true
 }
 
 /// A buffer's address may go to other threads: kernels keep its slots apart.

@@ -5,17 +5,18 @@
 //! rounding of the bin's index. The tree does not depend on that: `count` and `scatter` use the plane itself.
 //! And the last end in each bin: a plane there cuts fewer triangles than one at the bin's border.
 
+#[cfg(not(target_arch = "spirv"))]
+use super::ahead;
 use super::{LEVEL_CHUNKS, chunk_of};
 use crate::{
     Group,
     glam::{UVec4, Vec4},
-    math::div,
+    math::{div, high, low, whole},
     mem::{Atomics, Buf, Slots},
     trace::frame::component,
 };
 use raykd_shared::limits::{BINS, CHUNK};
 
-const LANES: u32 = 128;
 // Where starts, ends and last ends stand in a histogram, for each axis.
 /// How many boxes start in a bin.
 pub const STARTS: u32 = 0;
@@ -30,15 +31,8 @@ const WORDS: usize = HIST_WORDS as usize;
 /// The bin of coordinate `x`.
 #[inline(always)]
 fn bin_of(x: f32, lo: f32, per_bin: f32) -> u32 {
-    let f = (x - lo) * per_bin;
     // Boxes reach beyond the node; what starts before it starts in its first bin.
-    if f < 1.0 {
-        0
-    } else if f >= (BINS - 1) as f32 {
-        BINS - 1
-    } else {
-        f as u32
-    }
+    whole(low(high(0.0, (x - lo) * per_bin), (BINS - 1) as f32))
 }
 
 /// Numbers as integers in the same order; all above 0.
@@ -66,6 +60,7 @@ fn enter(hist: &mut [u32; WORDS], axis: u32, lo: f32, hi: f32, from: f32, per_bi
 /// Adds chunk `group.id` to the histogram of its node, which is all zeros before if the node has several: [`super::alloc`]
 /// sees to that.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+#[inline(always)]
 pub fn bin(
     group: Group,
     hist: &mut [u32; WORDS],
@@ -79,32 +74,39 @@ pub fn bin(
 ) {
     if group.id < level.at(LEVEL_CHUNKS) {
         let (node, item, start, count) = chunk_of(group.id, chunks, active);
-        lanes!(group, |lane| {
+        let step = group.sharers();
+        #[cfg(not(target_arch = "spirv"))]
+        ahead::first(group, refs, start, count, boxes);
+        lanes!(group, ..step, |lane| {
             let mut word = lane;
             while word < HIST_WORDS {
                 hist.put(word, 0);
-                word += LANES;
+                word += step;
             }
-            if lane < 3 {
-                let d = component(item.hi, lane) - component(item.lo, lane);
-                rate.put(lane, if d < super::FLAT { 0 } else { div(BINS as f32, d).to_bits() });
+            let mut axis = lane;
+            while axis < 3 {
+                let d = component(item.hi, axis) - component(item.lo, axis);
+                rate.put(axis, if d < super::FLAT { 0 } else { div(BINS as f32, d).to_bits() });
+                axis += step;
             }
         });
-        lanes!(group, |lane| {
+        lanes!(group, ..step, |lane| {
             let rate_x = f32::from_bits(rate.at(0));
             let rate_y = f32::from_bits(rate.at(1));
             let rate_z = f32::from_bits(rate.at(2));
             let mut i = lane;
             while i < count {
+                #[cfg(not(target_arch = "spirv"))]
+                ahead::next(group, refs, start, i, count, boxes);
                 let id = refs.at(start + i);
                 let (lo, hi) = (boxes.at(2 * id), boxes.at(2 * id + 1));
                 enter(hist, 0, lo.x, hi.x, item.lo.x, rate_x);
                 enter(hist, 1, lo.y, hi.y, item.lo.y, rate_y);
                 enter(hist, 2, lo.z, hi.z, item.lo.z, rate_z);
-                i += LANES;
+                i += step;
             }
         });
-        lanes!(group, |lane| {
+        lanes!(group, ..step, |lane| {
             let alone = item.count <= CHUNK;
             let mut word = lane;
             while word < HIST_WORDS {
@@ -116,7 +118,7 @@ pub fn bin(
                 } else if value != 0 {
                     hists.raise(at, value);
                 }
-                word += LANES;
+                word += step;
             }
         });
     }

@@ -7,6 +7,8 @@
 //!
 //! [`exact`] is another builder, with kernels of its own.
 
+#[cfg(not(target_arch = "spirv"))]
+mod ahead;
 pub mod alloc;
 pub mod bin;
 pub mod boxes;
@@ -171,7 +173,7 @@ pub fn extent(boxes: &Buf<Vec4>, id: u32, axis: u32) -> (f32, f32) {
 /// Whether a reference with this extent belongs below the plane. One that lies in the plane does, and not above.
 #[inline(always)]
 pub fn is_below(lo: f32, hi: f32, at: f32) -> bool {
-    lo < at || hi <= at
+    (lo < at) | (hi <= at)
 }
 
 /// Whether a reference with this extent belongs above the plane.

@@ -51,6 +51,7 @@ fn median_cost(border: u32, below: u32, above: u32, longest: bool) -> f32 {
 
 /// Chooses the plane of active node `group.id`, and clears its children's sizes: one lane a bin border, ties to the lowest border, then axis.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+#[inline(always)]
 pub fn split(
     group: Group,
     starts: &mut [u32; WORDS],
@@ -69,18 +70,39 @@ pub fn split(
     if group.id < level.at(LEVEL_ACTIVE) {
         let params = params.at(0);
         let item = Item::load(active, group.id);
-        lanes!(group, |lane| {
-            let mut axis = 0;
-            while axis < 3 {
-                let word = axis * BINS + lane;
-                let at = group.id * HIST_WORDS + word;
-                starts.put(word, hists.at(at + STARTS));
-                ends.put(word, hists.at(at + ENDS));
-                lasts.put(word, hists.at(at + LAST_ENDS));
-                axis += 1;
+        let step = group.sharers();
+        lanes!(group, ..step, |lane| {
+            let at = group.id * HIST_WORDS;
+            let mut word = lane;
+            while word < WORDS as u32 {
+                starts.put(word, hists.at(at + STARTS + word));
+                ends.put(word, hists.at(at + ENDS + word));
+                lasts.put(word, hists.at(at + LAST_ENDS + word));
+                word += step;
             }
-            if lane < 2 {
-                sizes.put(2 * group.id + lane, 0);
+            let mut child = lane;
+            while child < 2 {
+                sizes.put(2 * group.id + child, 0);
+                child += step;
+            }
+        });
+        // How many start before each border, and how many end behind it.
+        lanes!(group, ..6, |lane| {
+            let axis = lane >> 1;
+            let mut sum = 0;
+            let mut i = 0;
+            while i < BINS {
+                if lane & 1 == 0 {
+                    let word = axis * BINS + i;
+                    let here = starts.at(word);
+                    starts.put(word, sum);
+                    sum += here;
+                } else {
+                    let word = axis * BINS + (BINS - 1 - i);
+                    sum += ends.at(word);
+                    ends.put(word, sum);
+                }
+                i += 1;
             }
         });
         let sah = Sah::new(item.lo, item.hi, item.count, Costs::of(&params));
@@ -92,16 +114,7 @@ pub fn split(
             let mut place = 0.0;
             let mut axis = 0;
             while axis < 3 {
-                let (mut below, mut above) = (0, 0);
-                let mut b = 0;
-                while b < BINS {
-                    if b < lane {
-                        below += starts.at(axis * BINS + b);
-                    } else {
-                        above += ends.at(axis * BINS + b);
-                    }
-                    b += 1;
-                }
+                let (below, above) = (starts.at(axis * BINS + lane), ends.at(axis * BINS + lane));
                 let (lo, hi) = (component(item.lo, axis), component(item.hi, axis));
                 let mut at = border(lo, hi, lane);
                 let last = if lane > 0 && !median { lasts.at(axis * BINS + lane - 1) } else { 0 };
@@ -127,23 +140,21 @@ pub fn split(
             axes.put(lane, best_axis);
             places.put(lane, place.to_bits());
         });
-        lanes!(group, |lane| {
-            if lane == 0 {
-                let mut best = if median { f32::INFINITY } else { sah.leaf };
-                let mut plane = UVec2::new(Node::LEAF, 0);
-                if level.at(LEVEL_DEPTH) < params.max_depth {
-                    let mut b = 0;
-                    while b < BINS {
-                        let cost = f32::from_bits(costs.at(b));
-                        if cost < best {
-                            best = cost;
-                            plane = UVec2::new(axes.at(b), places.at(b));
-                        }
-                        b += 1;
+        lanes!(group, ..1, |_lane| {
+            let mut best = if median { f32::INFINITY } else { sah.leaf };
+            let mut plane = UVec2::new(Node::LEAF, 0);
+            if level.at(LEVEL_DEPTH) < params.max_depth {
+                let mut b = 0;
+                while b < BINS {
+                    let cost = f32::from_bits(costs.at(b));
+                    if cost < best {
+                        best = cost;
+                        plane = UVec2::new(axes.at(b), places.at(b));
                     }
+                    b += 1;
                 }
-                planes.put(group.id, plane);
             }
+            planes.put(group.id, plane);
         });
     }
 }
