@@ -329,6 +329,6 @@ impl Across {
         let cost = self.step
             + (area_below * below as f32 * test + area_above * above as f32 * test)
             + (below + above) as f32 * self.costs.price;
-        if (below == 0 || above == 0) && cost < self.leaf { cost * self.costs.empty } else { cost }
+        cost * if ((below == 0) | (above == 0)) & (cost < self.leaf) { self.costs.empty } else { 1.0 }
     }
 }

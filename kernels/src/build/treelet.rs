@@ -3,13 +3,17 @@
 //! Exact SAH over the box faces of the references (Zhou et al. 2008, section 3.3): which references lie on
 //! either side of each face is found once, as masks; after that counting is a population count.
 
+#[cfg(not(target_arch = "spirv"))]
+use super::ahead;
 use super::{
-    Costs, Item, Plane, STATE_STATUS, STATE_TREELETS, Sah,
+    Across, Costs, Item, Plane, STATE_STATUS, STATE_TREELETS, Sah,
     boxes::triangle,
     clip::{Bounds, clip},
-    cut, is_above, is_below,
+    cut,
     overlap::overlaps,
 };
+#[cfg(target_arch = "spirv")]
+use super::{is_above, is_below};
 use crate::{
     Group,
     glam::{UVec2, UVec4, Vec3, Vec4},
@@ -43,6 +47,11 @@ const DROP_ABOVE: u32 = 7;
 const OWN: usize = 8;
 /// Coordinates of a triangle.
 const CORNERS: usize = LANES * 9;
+
+/// Lanes that find what lies on either side of faces: on a CPU one for each face of a box.
+const FACING: u32 = if cfg!(target_arch = "spirv") { TREELET } else { FACES };
+/// Lanes that weigh a node's candidates: on a CPU one an axis.
+const WEIGHING: u32 = if cfg!(target_arch = "spirv") { TREELET } else { 3 };
 
 /// No candidate: the node becomes a leaf.
 const NONE: u32 = u32::MAX;
@@ -88,6 +97,66 @@ fn kept(corners: &[u32; CORNERS], lane: u32, corner: u32) -> Vec3 {
     Vec3::new(f(corners, 0), f(corners, TREELET), f(corners, 2 * TREELET))
 }
 
+/// Which of the first `count` references lie below and above a plane at `at`, one bit each, on the axis whose faces
+/// stand at `from`.
+#[cfg(target_arch = "spirv")]
+#[inline(always)]
+fn sides(faces: &[u32; CANDIDATES], from: u32, count: u32, at: f32) -> (u32, u32) {
+    let (mut below, mut above) = (0, 0);
+    let mut i = 0;
+    while i < count {
+        let lo = f32::from_bits(faces.at(from + i));
+        let hi = f32::from_bits(faces.at(from + TREELET + i));
+        below |= (is_below(lo, hi, at) as u32) << i;
+        above |= (is_above(hi, at) as u32) << i;
+        i += 1;
+    }
+    (below, above)
+}
+
+/// The same four references at a time, and which of them start and end there. Bits above `count` may be set, too: they
+/// are in no mask.
+#[cfg(not(target_arch = "spirv"))]
+#[inline(always)]
+fn sides(faces: &[u32; CANDIDATES], from: u32, count: u32, at: f32) -> (u32, u32, u32, u32) {
+    let (mut below, mut above, mut starts, mut ends) = (0, 0, 0, 0);
+    let at = Vec4::splat(at);
+    let mut i = 0;
+    while i < count {
+        let (lo, hi) = (four(faces, from + i), four(faces, from + TREELET + i));
+        below |= (lo.cmplt(at) | hi.cmple(at)).bitmask() << i;
+        above |= hi.cmpgt(at).bitmask() << i;
+        starts |= lo.cmpeq(at).bitmask() << i;
+        ends |= hi.cmpeq(at).bitmask() << i;
+        i += 4;
+    }
+    (below, above, starts, ends)
+}
+
+/// Which of the first `count` faces that stand at `from` the node holds.
+#[cfg(not(target_arch = "spirv"))]
+#[inline(always)]
+fn held(faces: &[u32; CANDIDATES], from: u32, count: u32, across: &Across) -> u32 {
+    let (lo, hi) = (Vec4::splat(across.lo), Vec4::splat(across.hi));
+    let mut held = 0;
+    let mut i = 0;
+    while i < count {
+        let at = four(faces, from + i);
+        held |= (at.cmpgt(lo) & at.cmplt(hi)).bitmask() << i;
+        i += 4;
+    }
+    held
+}
+
+/// Four faces.
+#[cfg(not(target_arch = "spirv"))]
+#[inline(always)]
+fn four(faces: &[u32; CANDIDATES], from: u32) -> Vec4 {
+    let from = from as usize;
+    let four: [u32; 4] = faces[from..from + 4].try_into().unwrap_or_default();
+    Vec4::from_array(four.map(f32::from_bits))
+}
+
 /// A mask of the lowest `n` bits, `n <= 32`.
 #[inline(always)]
 fn ones(n: u32) -> u32 {
@@ -104,6 +173,7 @@ pub fn scratch_base(first: u32, treelet: u32) -> u32 {
 /// Builds treelet `group.id`. Its nodes go to `scratch`, numbered from 0, the root; a leaf is its mask
 /// and `local first << 2 | 3`. `sizes` gets nodes without the root, references, and depth.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+#[inline(always)]
 pub fn treelet(
     group: Group,
     faces: &mut [u32; CANDIDATES],
@@ -112,6 +182,7 @@ pub fn treelet(
     stack: &mut [u32; ENTRIES],
     costs: &mut [u32; LANES],
     picks: &mut [u32; LANES],
+    #[cfg_attr(not(target_arch = "spirv"), allow(unused_variables, reason = "a CPU goes by bits"))]
     members: &mut [u32; LANES],
     corners: &mut [u32; CORNERS],
     own: &mut [u32; OWN],
@@ -132,21 +203,60 @@ pub fn treelet(
         // A large leaf of the level loop has nothing to build.
         let small = item.count <= TREELET;
         let clips = (params.rule & rule::CLIP) != 0;
-        lanes!(group, |lane| {
-            if lane < item.count && small {
-                let id = refs.at(item.first + lane);
+        #[cfg(not(target_arch = "spirv"))]
+        let (mut same_lows, mut same_highs) = ([0; CANDIDATES], [0; CANDIDATES]);
+        let members_of_root = if small { item.count } else { 0 };
+        #[cfg(not(target_arch = "spirv"))]
+        if clips {
+            ahead::triangles(group, positions, indices, refs, item.first, ones(members_of_root));
+        }
+        lanes!(group, ..members_of_root, |lane| {
+            let id = refs.at(item.first + lane);
+            let held = if clips {
+                let (a, b, c) = triangle(positions, indices, id);
+                keep(corners, lane, 0, a);
+                keep(corners, lane, 1, b);
+                keep(corners, lane, 2, c);
+                clip(a, b, c, &Bounds { lo: item.lo, hi: item.hi })
+            } else {
                 let (lo, hi) = (boxes.at(2 * id), boxes.at(2 * id + 1));
-                let mut held = Bounds { lo: Vec3::new(lo.x, lo.y, lo.z), hi: Vec3::new(hi.x, hi.y, hi.z) };
-                if clips {
-                    let (a, b, c) = triangle(positions, indices, id);
-                    keep(corners, lane, 0, a);
-                    keep(corners, lane, 1, b);
-                    keep(corners, lane, 2, c);
-                    held = clip(a, b, c, &Bounds { lo: item.lo, hi: item.hi });
+                Bounds { lo: Vec3::new(lo.x, lo.y, lo.z), hi: Vec3::new(hi.x, hi.y, hi.z) }
+            };
+            put_face(faces, lane, 0, held.lo.x, held.hi.x);
+            put_face(faces, lane, 1, held.lo.y, held.hi.y);
+            put_face(faces, lane, 2, held.lo.z, held.hi.z);
+        });
+        lanes!(group, ..FACING, |lane| {
+            #[cfg(target_arch = "spirv")]
+            if lane < members_of_root {
+                let mut face = 0;
+                while face < FACES {
+                    let candidate = face * TREELET + lane;
+                    let at = f32::from_bits(faces.at(candidate));
+                    let (below, above) = sides(faces, (face & !1) * TREELET, item.count, at);
+                    belows.put(candidate, below);
+                    aboves.put(candidate, above);
+                    face += 1;
                 }
-                put_face(faces, lane, 0, held.lo.x, held.hi.x);
-                put_face(faces, lane, 1, held.lo.y, held.hi.y);
-                put_face(faces, lane, 2, held.lo.z, held.hi.z);
+            }
+            // Faces in one plane share all.
+            #[cfg(not(target_arch = "spirv"))]
+            {
+                let mut left = ones(members_of_root);
+                while left != 0 {
+                    let at = f32::from_bits(faces.at(lane * TREELET + left.trailing_zeros()));
+                    let (below, above, starts, ends) = sides(faces, (lane & !1) * TREELET, item.count, at);
+                    let mut same = left & if lane & 1 == 0 { starts } else { ends };
+                    left &= (left - 1) & !same;
+                    while same != 0 {
+                        let candidate = lane * TREELET + same.trailing_zeros();
+                        belows.put(candidate, below);
+                        aboves.put(candidate, above);
+                        same_lows.put(candidate, starts);
+                        same_highs.put(candidate, ends);
+                        same &= same - 1;
+                    }
+                }
             }
             if lane == 0 {
                 push(stack, 0, ones(item.count), item.lo, item.hi, item.extra, 0);
@@ -154,27 +264,6 @@ pub fn treelet(
                 own.put(NODES, 0);
                 own.put(REFS, if small { 0 } else { item.count });
                 own.put(DEPTH, item.extra);
-            }
-        });
-        lanes!(group, |lane| {
-            if lane < item.count && small {
-                let mut face = 0;
-                while face < FACES {
-                    let at = f32::from_bits(faces.at(face * TREELET + lane));
-                    let axis_lo = (face & !1) * TREELET;
-                    let (mut below, mut above) = (0, 0);
-                    let mut i = 0;
-                    while i < item.count {
-                        let lo = f32::from_bits(faces.at(axis_lo + i));
-                        let hi = f32::from_bits(faces.at(axis_lo + TREELET + i));
-                        below |= (is_below(lo, hi, at) as u32) << i;
-                        above |= (is_above(hi, at) as u32) << i;
-                        i += 1;
-                    }
-                    belows.put(face * TREELET + lane, below);
-                    aboves.put(face * TREELET + lane, above);
-                    face += 1;
-                }
             }
         });
         while own.at(WAITING) > 0 {
@@ -187,7 +276,8 @@ pub fn treelet(
             let nodes = own.at(NODES);
             let may_pay = sah.may_pay && (params.rule & rule::LEAVES) == 0;
             if may_pay && depth < params.max_depth && nodes + 2 <= treelet_nodes(item.count) {
-                lanes!(group, |lane| {
+                lanes!(group, ..WEIGHING, |lane| {
+                    #[cfg(target_arch = "spirv")]
                     if (mask >> lane) & 1 == 1 {
                         members.put((mask & ones(lane)).count_ones(), lane);
                     }
@@ -199,43 +289,68 @@ pub fn treelet(
                         own.put(DROP_ABOVE, 0);
                     }
                 });
-                // Several faces side by side: as many as members fit the group's width.
-                let width = 32 - (number - 1).leading_zeros();
-                lanes!(group, |lane| {
-                    let member = lane & ones(width);
+                lanes!(group, ..WEIGHING, |lane| {
                     let mut best = f32::INFINITY;
                     let mut pick = NONE;
-                    if member < number {
-                        let member = members.at(member);
-                        let mut face = lane >> width;
-                        while face < FACES {
-                            let candidate = face * TREELET + member;
-                            let at = f32::from_bits(faces.at(candidate));
-                            let across = sah.across(face >> 1);
-                            if across.holds(at) {
-                                let below = (belows.at(candidate) & mask).count_ones();
-                                let above = (aboves.at(candidate) & mask).count_ones();
-                                let cost = across.cut(at, below, above);
-                                if cost < best {
-                                    best = cost;
-                                    pick = candidate;
-                                }
+                    let mut weigh = |across: &Across, candidate: u32| {
+                        let at = f32::from_bits(faces.at(candidate));
+                        if across.holds(at) {
+                            let below = (belows.at(candidate) & mask).count_ones();
+                            let above = (aboves.at(candidate) & mask).count_ones();
+                            let cost = across.cut(at, below, above);
+                            if cost < best {
+                                best = cost;
+                                pick = candidate;
                             }
-                            face += TREELET >> width;
                         }
+                    };
+                    // Several faces side by side: as many as members fit the group's width.
+                    #[cfg(target_arch = "spirv")]
+                    {
+                        let width = 32 - (number - 1).leading_zeros();
+                        let member = lane & ones(width);
+                        if member < number {
+                            let member = members.at(member);
+                            let mut face = lane >> width;
+                            while face < FACES {
+                                weigh(&sah.across(face >> 1), face * TREELET + member);
+                                face += TREELET >> width;
+                            }
+                        }
+                    }
+                    // An axis a lane. Of faces in one plane, which cost the same, the first is enough.
+                    #[cfg(not(target_arch = "spirv"))]
+                    {
+                        let across = sah.across(lane);
+                        let (starts, ends) = (2 * lane * TREELET, (2 * lane + 1) * TREELET);
+                        let mut lows = mask & held(faces, starts, item.count, &across);
+                        let mut highs = mask & held(faces, ends, item.count, &across);
+                        while lows != 0 {
+                            let candidate = starts + lows.trailing_zeros();
+                            weigh(&across, candidate);
+                            lows &= (lows - 1) & !same_lows.at(candidate);
+                            highs &= !same_highs.at(candidate);
+                        }
+                        while highs != 0 {
+                            let candidate = ends + highs.trailing_zeros();
+                            weigh(&across, candidate);
+                            highs &= (highs - 1) & !same_highs.at(candidate);
+                        }
+                    }
+                    if pick != NONE {
                         own.lower(COST, best.to_bits());
                     }
                     costs.put(lane, best.to_bits());
                     picks.put(lane, pick);
                 });
                 // Of equally cheap candidates the lowest number; costs are positive, so bits order as numbers do.
-                lanes!(group, |lane| {
+                lanes!(group, ..WEIGHING, |lane| {
                     if costs.at(lane) == own.at(COST) {
                         own.lower(PICK, picks.at(lane));
                     }
                 });
                 if clips && own.at(PICK) != NONE {
-                    lanes!(group, |lane| {
+                    lanes!(group, ..item.count, |lane| {
                         let pick = own.at(PICK);
                         let both = belows.at(pick) & aboves.at(pick) & mask;
                         if (both >> lane) & 1 == 1 {
@@ -254,47 +369,41 @@ pub fn treelet(
                     });
                 }
             } else {
-                lanes!(group, |lane| {
-                    if lane == 0 {
-                        own.put(PICK, NONE);
-                    }
+                lanes!(group, ..1, |_lane| {
+                    own.put(PICK, NONE);
                 });
             }
-            lanes!(group, |lane| {
-                if lane == 0 {
-                    let slot = stack.at(at + 8);
-                    let pick = own.at(PICK);
-                    if pick == NONE {
-                        let first = own.at(REFS);
-                        scratch.put(base + slot, UVec2::new(mask, (first << 2) | Node::LEAF));
-                        own.put(REFS, first + number);
-                        own.put(WAITING, own.at(WAITING) - 1);
-                        own.raise(DEPTH, depth);
-                    } else {
-                        let axis = pick / (2 * TREELET);
-                        let plane = f32::from_bits(faces.at(pick));
-                        let child = nodes + 1;
-                        let (word0, word1) = Node::inner(axis, plane, child).words();
-                        scratch.put(base + slot, UVec2::new(word0, word1));
-                        let below = belows.at(pick) & mask & !own.at(DROP_BELOW);
-                        let above = aboves.at(pick) & mask & !own.at(DROP_ABOVE);
-                        // The entry itself becomes the child above, cut off below; the child below comes next.
-                        push(stack, at + ENTRY, below, lo, hi, depth + 1, child);
-                        stack.put(at + ENTRY + 4 + axis, plane.to_bits());
-                        stack.put(at, above);
-                        stack.put(at + 1 + axis, plane.to_bits());
-                        stack.put(at + 7, depth + 1);
-                        stack.put(at + 8, child + 1);
-                        own.put(WAITING, own.at(WAITING) + 1);
-                        own.put(NODES, nodes + 2);
-                    }
+            lanes!(group, ..1, |_lane| {
+                let slot = stack.at(at + 8);
+                let pick = own.at(PICK);
+                if pick == NONE {
+                    let first = own.at(REFS);
+                    scratch.put(base + slot, UVec2::new(mask, (first << 2) | Node::LEAF));
+                    own.put(REFS, first + number);
+                    own.put(WAITING, own.at(WAITING) - 1);
+                    own.raise(DEPTH, depth);
+                } else {
+                    let axis = pick / (2 * TREELET);
+                    let plane = f32::from_bits(faces.at(pick));
+                    let child = nodes + 1;
+                    let (word0, word1) = Node::inner(axis, plane, child).words();
+                    scratch.put(base + slot, UVec2::new(word0, word1));
+                    let below = belows.at(pick) & mask & !own.at(DROP_BELOW);
+                    let above = aboves.at(pick) & mask & !own.at(DROP_ABOVE);
+                    // The entry itself becomes the child above, cut off below; the child below comes next.
+                    push(stack, at + ENTRY, below, lo, hi, depth + 1, child);
+                    stack.put(at + ENTRY + 4 + axis, plane.to_bits());
+                    stack.put(at, above);
+                    stack.put(at + 1 + axis, plane.to_bits());
+                    stack.put(at + 7, depth + 1);
+                    stack.put(at + 8, child + 1);
+                    own.put(WAITING, own.at(WAITING) + 1);
+                    own.put(NODES, nodes + 2);
                 }
             });
         }
-        lanes!(group, |lane| {
-            if lane == 0 {
-                sizes.put(group.id, UVec4::new(own.at(NODES), own.at(REFS), own.at(DEPTH), 0));
-            }
+        lanes!(group, ..1, |_lane| {
+            sizes.put(group.id, UVec4::new(own.at(NODES), own.at(REFS), own.at(DEPTH), 0));
         });
     }
 }
