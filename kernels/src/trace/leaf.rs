@@ -140,5 +140,6 @@ pub fn visit<I: Intersector, F: Filter>(
             }
         }
     }
-    arrived && r == end && (!I::LOOPS || whole)
+    let through = arrived && r == end;
+    if I::LOOPS { through && whole } else { through }
 }
