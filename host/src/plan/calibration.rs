@@ -77,10 +77,9 @@ impl Calibration {
                 told((at * CHOICES.len() + number) as f64 / all);
                 let (mut cost, mut scene) = cost::measure(device, &mesh, choice, &rays, &moving)?;
                 if !choice.has_tree() {
-                    // A mesh without a tree is not looked at before. At worst the first look at a triangle tells nothing, as
-                    // where triangles are tiny in a large scene, and all are tested.
+                    // Brute force tests every triangle in full.
                     scene.traverse_by(Traversal::Brute)?;
-                    cost.ray_ns = cost.ray_ns.max(1e3 / cost::speed(&scene, &rays)?);
+                    cost.worst_ns = cost.ray_ns.max(1e3 / cost::speed(&scene, &rays)?);
                 }
                 costs.push(cost);
                 movings.push(moving);
@@ -122,7 +121,7 @@ impl Calibration {
         if (read.device.as_str(), read.name.as_str()) != (device.kind(), device.name()) {
             return Err(wrong(format!("it is of {}, not of {}", read.name, device.name())));
         }
-        let numbers = |c: &Cost| [c.upload_ms, c.build_ms, c.launch_ms, c.ray_ns, c.transfer_ns];
+        let numbers = |c: &Cost| [c.upload_ms, c.build_ms, c.launch_ms, c.ray_ns, c.worst_ns, c.transfer_ns];
         let looks =
             read.looks.iter().flat_map(|&(_, looks)| looks).flat_map(|seen| [seen.whole, seen.halfway]);
         if read.costs.iter().flat_map(numbers).chain(looks).any(|x| !(x.is_finite() && x >= 0.0)) {
@@ -148,11 +147,12 @@ impl Calibration {
 
     /// What a choice costs for so many triangles: read between the sizes measured, each cost a power of the size, and
     /// beyond them by the last two. If a look at the mesh has shown how many steps a ray takes, rays cost as many times more
-    /// than in a teapot.
+    /// than in a teapot. `through` is the share of triangles that a first look does not turn away.
     pub(super) fn predict(
         &self,
         choice: &Choice,
         triangles: u32,
+        through: f64,
         seen: Option<(usize, Seen)>,
     ) -> Option<Cost> {
         let costs: Vec<&Cost> = self.costs.iter().filter(|cost| cost.choice == choice.name).collect();
@@ -168,13 +168,16 @@ impl Calibration {
             steps(seen) / power(&known, f64::from(triangles)).max(1e-3)
         });
         let harder = if choice.has_tree() { harder } else { 1.0 };
+        let (usual_ns, worst_ns) = (read(|cost| cost.ray_ns), read(|cost| cost.worst_ns));
+        let ray_ns = usual_ns + through * (worst_ns - usual_ns);
         Some(Cost {
             choice: first.choice.clone(),
             triangles,
             upload_ms: read(|cost| cost.upload_ms),
             build_ms: read(|cost| cost.build_ms),
             launch_ms: read(|cost| cost.launch_ms),
-            ray_ns: read(|cost| cost.ray_ns) * harder,
+            ray_ns: ray_ns * harder,
+            worst_ns: worst_ns * harder,
             transfer_ns: read(|cost| cost.transfer_ns),
             bytes: read(|cost| cost.bytes as f64) as u64,
         })
@@ -253,6 +256,7 @@ mod tests {
             build_ms: if choice.has_tree() { f64::from(triangles) * 1e-3 * quality } else { 0.0 },
             launch_ms: 0.01,
             ray_ns: if choice.has_tree() { 1000.0 / quality } else { f64::from(triangles) * 10.0 },
+            worst_ns: if choice.has_tree() { 1000.0 / quality } else { f64::from(triangles) * 10.0 },
             transfer_ns: 1.0,
             bytes: u64::from(triangles) * 10,
         };
@@ -283,7 +287,7 @@ mod tests {
     fn of_like_times_the_smallest_tree() {
         let mut calibration = made();
         for cost in &mut calibration.costs {
-            (cost.build_ms, cost.ray_ns) = (1.0, 100.0);
+            (cost.build_ms, cost.ray_ns, cost.worst_ns) = (1.0, 100.0, 100.0);
             cost.bytes = if cost.choice == "zhou" { 10 } else { 20 };
             cost.launch_ms = 0.0;
         }
@@ -292,7 +296,9 @@ mod tests {
         // 4 % slower is still like; 10 % is not.
         let slow = |calibration: &mut Calibration, factor: f64| {
             let of = calibration.costs.iter_mut().filter(|cost| cost.choice == "zhou");
-            of.for_each(|cost| (cost.build_ms, cost.ray_ns) = (factor, 100.0 * factor));
+            of.for_each(|cost| {
+                (cost.build_ms, cost.ray_ns, cost.worst_ns) = (factor, 100.0 * factor, 100.0 * factor);
+            });
         };
         slow(&mut calibration, 1.04);
         assert_eq!(plan(&calibration), "zhou");

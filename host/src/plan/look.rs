@@ -1,7 +1,12 @@
 //! A quick look at a mesh: how many steps a ray of the usual kind takes there, in a coarse copy of it.
 
 use super::{grid::Grid, usual_rays};
-use crate::{BuildOptions, Builder, Device, Error, Hit, Mesh, Ray, Scene};
+use crate::{BuildOptions, Builder, Device, Error, Hit, Mesh, Ray, Scene, rays::Camera};
+use raykd_kernels::{
+    glam::{Vec3, Vec4},
+    trace::{frame::Frame, triangle::may_hit},
+};
+use raykd_shared::TreeHeader;
 use std::{
     cell::OnceCell,
     collections::{HashMap, HashSet},
@@ -70,6 +75,37 @@ impl<'m> Looking<'m> {
     }
 }
 
+/// Triangles and rays that [`through`] takes: some microseconds.
+const SAMPLE: usize = 256;
+const GLANCES: u32 = 3;
+/// Larger meshes need no such look: without a tree they are slow either way.
+const FEW: usize = 1 << 13;
+
+/// The share of triangles that the cheap part of the test lets through, though rays pass most of them by: those
+/// that are tiny as seen from where rays start.
+pub(super) fn through(mesh: &Mesh) -> f64 {
+    let kept = mesh.kept();
+    if kept.is_empty() || kept.len() > FEW {
+        return 1.0;
+    }
+    let (lo, hi) = mesh.scaled_bounds();
+    let header = TreeHeader { scale: mesh.scale(), lo, hi, ..bytemuck::Zeroable::zeroed() };
+    let positions = mesh.scaled_positions();
+    let corner = |v: u32| Vec3::from_slice(&positions[3 * v as usize..]);
+    let step = kept.len().div_ceil(SAMPLE);
+    let (mut all, mut passed) = (0u32, 0u32);
+    for ray in Camera::framing(mesh.bounds()).rays(GLANCES, GLANCES) {
+        let [a, b]: [[f32; 4]; 2] = bytemuck::cast(ray);
+        let frame = Frame::new(Vec4::from_array(a), Vec4::from_array(b), &header);
+        for &t in kept.iter().step_by(step) {
+            let [a, b, c] = mesh.triangles()[t as usize].map(corner);
+            all += 1;
+            passed += u32::from(may_hit(&frame, a, b, c));
+        }
+    }
+    f64::from(passed) / f64::from(all.max(1))
+}
+
 /// The mesh with its vertices moved to the middles of coarse cells (Rossignac & Borrel 1993), which leaves few triangles
 /// but no holes: what hid others still does. A small mesh as it is.
 fn coarse(mesh: &Mesh, cells: f32) -> Mesh {
@@ -121,6 +157,20 @@ mod tests {
             scene.closest(&rays).unwrap().iter().filter(|hit| hit.is_hit()).count() as f64
         };
         assert!((seen(&coarse) / seen(&mesh) - 1.0).abs() < 0.1, "{} {}", seen(&coarse), seen(&mesh));
+    }
+
+    #[test]
+    fn tiny_triangles_are_let_through() {
+        let teapot = Mesh::teapot(2);
+        assert!(through(&teapot) < 0.1, "{}", through(&teapot));
+        let mut positions: Vec<_> = teapot.positions().iter().map(|p| p.map(|x| x * 1e-7)).collect();
+        positions.extend([[-50.0, 0.0, -50.0], [50.0, 0.0, -50.0], [0.0, 0.0, 50.0]]);
+        let last = positions.len() as u32 - 3;
+        let mut triangles = teapot.triangles().to_vec();
+        triangles.push([last, last + 1, last + 2]);
+        let stadium = Mesh::new(positions, triangles).unwrap();
+        assert!(through(&stadium) > 0.5, "{}", through(&stadium));
+        assert_eq!(through(&Mesh::teapot(60)), 1.0, "not looked at");
     }
 
     #[test]

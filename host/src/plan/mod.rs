@@ -122,24 +122,25 @@ impl Plan {
     }
 }
 
-/// How much more time than the best choice's a smaller tree may take, to build and to trace.
+/// How much more time than the best choice's a smaller tree may take, to build and to trace and in all.
 const SLACK: f64 = 1.05;
 
 /// Of all choices on all devices that were calibrated, the one that takes the least time in all; or a smaller tree on
-/// that device, if building and tracing take at most 5 % longer by it.
+/// that device, if building and tracing, and the whole job, take at most 5 % longer by it.
 /// The rays are taken to be of the usual kind, see [`usual_rays`].
 ///
 /// # Panics
 /// There is no calibration.
 pub fn choose(mesh: &Mesh, rays: u64, calibrations: &[&Calibration]) -> Plan {
     let triangles = mesh.kept().len() as u32;
-    let mut plan = among(triangles, rays, None, calibrations);
+    let through = look::through(mesh);
+    let mut plan = among(triangles, rays, through, None, calibrations);
     let looking = Looking::at(mesh);
     for (at, look) in LOOKS.iter().enumerate() {
         if plan.total_ms() < look.from_ms + look.from_each_ms * f64::from(triangles) {
             break;
         }
-        plan = among(triangles, rays, seen(&looking, at), calibrations);
+        plan = among(triangles, rays, through, seen(&looking, at), calibrations);
     }
     plan
 }
@@ -154,15 +155,22 @@ fn seen(looking: &Looking<'_>, at: usize) -> Option<(usize, Seen)> {
 pub(crate) fn costs(mesh: &Mesh, calibration: &Calibration) -> Vec<Cost> {
     let triangles = mesh.kept().len() as u32;
     let seen = seen(&Looking::at(mesh), LOOKS.len() - 1);
-    CHOICES.iter().filter_map(|choice| calibration.predict(choice, triangles, seen)).collect()
+    let through = look::through(mesh);
+    CHOICES.iter().filter_map(|choice| calibration.predict(choice, triangles, through, seen)).collect()
 }
 
 /// The best of all choices on all devices, by what was seen.
-fn among(triangles: u32, rays: u64, seen: Option<(usize, Seen)>, calibrations: &[&Calibration]) -> Plan {
+fn among(
+    triangles: u32,
+    rays: u64,
+    through: f64,
+    seen: Option<(usize, Seen)>,
+    calibrations: &[&Calibration],
+) -> Plan {
     let mut plans = Vec::new();
     for (device, calibration) in calibrations.iter().enumerate() {
         for choice in CHOICES {
-            if let Some(cost) = calibration.predict(&choice, triangles, seen) {
+            if let Some(cost) = calibration.predict(&choice, triangles, through, seen) {
                 plans.push(Plan { device, choice, cost, rays });
             }
         }
@@ -171,7 +179,8 @@ fn among(triangles: u32, rays: u64, seen: Option<(usize, Seen)>, calibrations: &
     let best = best.expect("calibrations have costs of some choice");
     // Moving a million rays takes longer than tracing them: of that every tree would be 5 %.
     let own = |plan: &Plan| plan.cost.own_ms(rays as f64);
-    let good = plans.iter().filter(|plan| plan.device == best.device && own(plan) <= own(best) * SLACK);
+    let like = |plan: &&Plan| own(plan) <= own(best) * SLACK && plan.total_ms() <= best.total_ms() * SLACK;
+    let good = plans.iter().filter(|plan| plan.device == best.device).filter(like);
     let order = |plan: &&Plan| (plan.cost.bytes, (plan.total_ms() * 1e6) as u64);
     good.min_by_key(order).expect("the best is among them").clone()
 }

@@ -99,6 +99,7 @@ mod tests {
             build_ms,
             launch_ms: 0.0,
             ray_ns,
+            worst_ns: ray_ns,
             transfer_ns: 0.0,
             bytes: 100,
         };
