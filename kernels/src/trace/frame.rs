@@ -9,7 +9,7 @@
 //! were clipped. Traversal counts every plane as [`PAD`] `* M = 32 e M` thick on either side, which covers this and
 //! the rounding of `(split - origin) * inverse` and what follows (`6 e M`). Hence each accepted hit lies in the
 //! interval of some leaf that lists its triangle, whatever the tree looks like: traversal and brute force give the
-//! same bytes.
+//! same bytes. Hits of `exact` are points of the ray and of the triangle but for the rounding of `t`: a special case.
 
 use crate::{
     glam::{Vec3, Vec4},

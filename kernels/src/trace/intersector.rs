@@ -1,7 +1,7 @@
 //! What a triangle test is to a traversal, and what the published ones share.
 //!
-//! `exact` (triangle.rs) is what raykd uses. The others are there to be compared with it: each in a file of its own,
-//! with the formulas and thresholds of its source, so that it fails where it is known to fail. Common to all are
+//! `strict` (triangle.rs) is what raykd uses, `exact` (exact.rs) rounds nothing but its answer. The others are there to be
+//! compared with them: each in a file of its own, with the formulas and thresholds of its source, so that it fails where it is known to fail. Common to all are
 //! the rules of the contract: edges belong to triangles, ranges of `t` are inclusive, the lowest number wins.
 //!
 //! # Subnormal numbers

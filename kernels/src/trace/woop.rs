@@ -3,7 +3,7 @@
 //! Edge functions are differences of rounded products. Where one is 0 the paper computes all three again in `f64`;
 //! there is none on every GPU, so 0 counts as inside. Both triangles at an edge then still agree and there is no gap,
 //! but of rays within rounding of an edge some count as hits that pass it by, and which of two triangles is hit, and `t`
-//! on grazing rays, may be wrong. `exact` has the signs right instead.
+//! on grazing rays, may be wrong. `strict` has the signs right instead.
 //!
 //! Sheared coordinates below `2^-39` count as 0, for all triangles at a vertex alike. The shear is by a product with
 //! the direction's reciprocal instead of a quotient, as many programs do: a rounding more, the same for all triangles.
