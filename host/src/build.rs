@@ -206,7 +206,7 @@ impl Room {
         Self {
             level_refs,
             treelet_refs,
-            active: level_refs / (small + 1) + chunks + 64,
+            active: level_refs / (small + 1) + chunks + 16,
             treelets: treelet_refs / a_treelet + 64,
             levels: levels.min(MAX_DEPTH),
         }

@@ -7,8 +7,8 @@ use raykd::{
         glam::{Vec3, Vec4},
         math::div,
         trace::{
-            NOTHING, baldwin::Baldwin, frame::Frame, intersector::Intersector as Test, moeller::Moeller,
-            plane::Plane, triangle::Strict, woop::Woop,
+            NOTHING, baldwin::Baldwin, exact::Exact, frame::Frame, intersector::Intersector as Test,
+            moeller::Moeller, plane::Plane, triangle::Strict, woop::Woop,
         },
     },
     rays::Random,
@@ -65,7 +65,7 @@ fn near(random: &mut Random, point: [f32; 3]) -> [f32; 3] {
 #[test]
 fn a_device_that_flushes_subnormals_finds_the_same() {
     let mut random = Random::new(9);
-    let mut hits = [0; 5];
+    let mut hits = [0; Intersector::ALL.len()];
     for _ in 0..300 {
         // Triangles from the size of the mesh down to where coordinates end, some of them both large and small.
         let mut positions = Vec::new();
@@ -104,10 +104,11 @@ fn a_device_that_flushes_subnormals_finds_the_same() {
             hits[n] += kept.chunks(16).filter(|words| words[12] != MISS).count();
         };
         check(0, alone::<Strict>);
-        check(1, alone::<Woop>);
-        check(2, alone::<Moeller>);
-        check(3, alone::<Plane>);
-        check(4, alone::<Baldwin>);
+        check(1, alone::<Exact>);
+        check(2, alone::<Woop>);
+        check(3, alone::<Moeller>);
+        check(4, alone::<Plane>);
+        check(5, alone::<Baldwin>);
     }
     println!("hits: {hits:?}");
     assert!(hits.iter().all(|&n| n > 2000), "{hits:?}");
