@@ -516,7 +516,12 @@ fn subnormal_numbers_in_rays_are_zeros() {
 #[test]
 fn every_row_of_the_contract_has_its_test() {
     let readme = include_str!("../../README.md");
-    let tests = concat!(include_str!("contract.rs"), include_str!("hits.rs"), include_str!("oracle.rs"));
+    let tests = concat!(
+        include_str!("contract.rs"),
+        include_str!("hits.rs"),
+        include_str!("oracle.rs"),
+        include_str!("unrounded.rs")
+    );
     let table = readme.split_once("## The contract").unwrap().1;
     let rows: Vec<&str> = table.lines().skip_while(|line| !line.starts_with("|---")).skip(1).collect();
     let rows = rows.iter().take_while(|line| line.starts_with('|'));
