@@ -30,6 +30,7 @@ fn favouring(name: &str) -> Calibration {
         build_ms: if choice == name { 1.0 } else { 100.0 },
         launch_ms: 0.0,
         ray_ns: 1.0,
+        worst_ns: 1.0,
         transfer_ns: 1.0,
         bytes: 1000,
     };

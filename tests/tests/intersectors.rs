@@ -4,7 +4,7 @@
 use proptest::prelude::*;
 use raykd::{BuildOptions, Hit, Intersector, Mesh, Query, Ray, Scene, Traversal, rays::Random};
 use raykd_tests::{
-    Failure, cases, cpu, devices, gpu,
+    cases, cpu, devices, gpu,
     meshes::{Family, Recipe, icosphere, small_mesh},
     rays::rays,
     same, unless_cut,

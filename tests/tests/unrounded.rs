@@ -105,7 +105,7 @@ fn through_edges(corners: &[Corners], count: usize, random: &mut Random) -> Vec<
         // A point half way, or an end, and a direction whose multiples lead there from representable points.
         let at = [0, 1, 2].map(|i| if rays.len() % 3 == 0 { a[i] } else { (a[i] + b[i]) * 0.5 });
         let exact = (0..3).all(|i| f64::from(at[i]) * 2.0 == f64::from(a[i]) + f64::from(b[i])) || at == a;
-        let direction = [(); 3].map(|()| (random.signed() * 4096.0).round() as f32 / 4096.0);
+        let direction = [(); 3].map(|()| (random.signed() * 4096.0).round() / 4096.0);
         let from = [0, 1, 2].map(|i| at[i] - direction[i]);
         let straight = (0..3).all(|i| f64::from(from[i]) + f64::from(direction[i]) == f64::from(at[i]));
         if exact && straight && direction != [0.0; 3] {
