@@ -1,10 +1,10 @@
 //! The test without rounding: a triangle is hit if, and only if, the ray's line passes through it or its border, on the
 //! numbers as they are; `t`, `u` and `v` are correctly rounded.
 //!
-//! Three stages, each for what the one before leaves open: floats turn away what is farther from the triangle than they
-//! round; pairs of floats ([`pair`](super::pair)) find signs and quotients with bounds of their errors; what those do not
-//! decide, one ray of some thousands, integers do ([`integers`]). The filters
-//! follow Shewchuk 1997, the sheared edge functions Woop, Benthin & Wald 2013.
+//! Three stages, each for what the one before leaves open: floats turn away triangles that the ray passes at more than
+//! they round; pairs of floats ([`pair`](super::pair)) find signs and quotients with bounds of their errors; what those do
+//! not decide, one triangle of some hundreds, integers do ([`integers`]). The filters follow Shewchuk 1997, the sheared
+//! edge functions Woop, Benthin & Wald 2013.
 //!
 //! Since answers are exact, neighbours need not agree about anything, and what was decided in which stage does not show.
 //! What is below `2^-70` in an origin and below `2^-126` of a direction's largest component counts as 0.

@@ -1,8 +1,9 @@
 //! What a triangle test is to a traversal, and what the published ones share.
 //!
 //! `strict` (triangle.rs) is what raykd uses, `exact` (exact.rs) rounds nothing but its answer. The others are there to be
-//! compared with them: each in a file of its own, with the formulas and thresholds of its source, so that it fails where it is known to fail. Common to all are
-//! the rules of the contract: edges belong to triangles, ranges of `t` are inclusive, the lowest number wins.
+//! compared with them: each in a file of its own, with the formulas and thresholds of its source, so that it fails where
+//! it is known to fail. Common to all are the rules of the contract: edges belong to triangles, ranges of `t` are
+//! inclusive, the lowest number wins.
 //!
 //! # Subnormal numbers
 //! Devices may flush them, so none may matter. Differences of points are multiplied with a power of two that

@@ -25,8 +25,9 @@ impl Ruler {
             Scale::Log | Scale::LogZero => {
                 let low = numbers.filter(|&x| x > 0.0).fold(f64::INFINITY, f64::min);
                 let (low, high) = if low.is_finite() { (low, high) } else { (1.0, 10.0) };
-                // A little room on either side; a whole decade for 0.
-                let (low, high) = (low / 1.3, (high * 1.3).max(low * 2.0));
+                // A little room on either side, that marks need; a whole decade for 0.
+                let room = (high / low).powf(0.05).max(1.3);
+                let (low, high) = (low / room, (high * room).max(low * 2.0));
                 zero = zero_below(low);
                 // The line of 0 stands apart from the axis.
                 if *scale == Scale::LogZero { [zero / 2.0, high] } else { [low, high] }

@@ -62,7 +62,8 @@ pub(super) fn figures(data: &Data, scenes: &[&str]) -> Vec<Figure> {
                 file: file.to_owned(),
                 title: format!("{scene}: {what}, then and now"),
                 say,
-                x: Axis::new("ms", Scale::Linear),
+                // Now would not be seen beside then.
+                x: Axis::new("ms", if then.is_empty() { Scale::Linear } else { Scale::Log }),
                 y: Axis::new("", Scale::Names(names.clone())),
                 series: vec![bars],
                 grid,
