@@ -12,7 +12,7 @@ mod tests {
     use raykd::{
         Ray,
         kernels::{
-            glam::{Vec3, Vec4},
+            glam::Vec3,
             math::div,
             trace::{NOTHING, frame::Frame, triangle},
         },
@@ -22,9 +22,7 @@ mod tests {
     /// Whether a ray hits a triangle of a scene in this box, by the function that the GPU runs too.
     fn hits(ray: &Ray, [a, b, c]: [Vec3; 3]) -> bool {
         let header = TreeHeader { lo: [-4.0; 3], hi: [4.0; 3], scale: 1.0, ..bytemuck::Zeroable::zeroed() };
-        let [ox, oy, oz] = ray.origin;
-        let [dx, dy, dz] = ray.direction;
-        let frame = Frame::new(Vec4::new(ox, oy, oz, dx), Vec4::new(dy, dz, ray.t_min, ray.t_max), &header);
+        let frame = Frame::of(ray, &header);
         let mut best = NOTHING;
         triangle::test(&frame, 0, a, b, c, &mut best);
         best.triangle == 0

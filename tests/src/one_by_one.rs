@@ -3,7 +3,7 @@
 use raykd::{
     Hit, Mesh, Ray,
     kernels::{
-        glam::{Vec3, Vec4},
+        glam::Vec3,
         math::{div, ldexp},
         trace::{NOTHING, frame::Frame, triangle::test},
     },
@@ -26,9 +26,7 @@ impl<'a> OneByOne<'a> {
     }
 
     fn frame(&self, ray: &Ray) -> Frame {
-        let [ox, oy, oz] = ray.origin;
-        let [dx, dy, dz] = ray.direction;
-        Frame::new(Vec4::new(ox, oy, oz, dx), Vec4::new(dy, dz, ray.t_min, ray.t_max), &self.header)
+        Frame::of(ray, &self.header)
     }
 
     /// A ray's hit with one triangle, if it has one, and the scaled `t` that hits are ordered by.

@@ -4,7 +4,7 @@
 use raykd::{
     BuildOptions, Intersector, Mesh, Ray, Scene,
     kernels::{
-        glam::{Vec3, Vec4},
+        glam::Vec3,
         math::div,
         trace::{
             NOTHING, baldwin::Baldwin, exact::Exact, frame::Frame, intersector::Intersector as Test,
@@ -26,9 +26,7 @@ fn alone<I: Test>(mesh: &Mesh, header: &TreeHeader, rays: &[Ray], flush: bool) -
     // SAFETY: only the treatment of subnormals changes, and it is what it was before this function returns.
     unsafe { std::arch::asm!("ldmxcsr [{}]", in(reg) &raw const word) };
     for ray in rays {
-        let [ox, oy, oz] = ray.origin;
-        let [dx, dy, dz] = ray.direction;
-        let frame = Frame::new(Vec4::new(ox, oy, oz, dx), Vec4::new(dy, dz, ray.t_min, ray.t_max), header);
+        let frame = Frame::of(ray, header);
         for &id in mesh.kept().iter().filter(|_| frame.valid) {
             let [a, b, c] =
                 mesh.triangles()[id as usize].map(|v| Vec3::from_slice(&positions[3 * v as usize..]));

@@ -136,6 +136,48 @@ fn rays_exactly_at_edges_and_vertices_are_decided() {
     }
 }
 
+/// The ray starts in an edge of all triangles but the last, too early to count, and passes through one of the last: no
+/// stage but integers decides any. A driver that ends loops after so many rounds must not pass off what it has by then
+/// as an answer, be it within the last triangle.
+#[test]
+fn what_a_driver_cuts_short_is_an_error() {
+    let mut cut = 0;
+    for seed in 0..16 {
+        let mut random = Random::new(seed);
+        // Of more and more digits, for which integers take more rounds.
+        let fine = 2f32.powi(12 + seed as i32 % 8);
+        let mut coarse = || [(); 3].map(|()| (random.signed() * fine).round() / fine);
+        let way = coarse();
+        let mut corners = Vec::new();
+        for _ in 0..89 {
+            let half = coarse();
+            corners.push([half, half.map(|x| -x), coarse()]);
+        }
+        let half = coarse();
+        let last = [1.0, -1.0].map(|sign| [0, 1, 2].map(|i| 0.5 * way[i] + sign * 0.5 * half[i]));
+        let last = [last[0], last[1], coarse()];
+        let ray = Ray { t_min: 1e-20, ..Ray::new([0.0; 3], way) };
+        for n in 30..90 {
+            let positions = [&corners[..n], &[last]].concat().concat();
+            let mesh = Mesh::new(positions, (0..=n as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect())
+                .unwrap();
+            let brute = |device| {
+                let mut scene = Scene::build(device, &mesh, &BuildOptions::default()).unwrap();
+                scene.intersect_by(Intersector::Exact).unwrap();
+                unless_cut(scene.brute(&[ray])).unwrap()
+            };
+            let expected = brute(cpu()).unwrap();
+            assert_eq!((expected[0].triangle, expected[0].t), (n as u32, 0.5));
+            match brute(gpu()) {
+                Some(found) => same(&format!("{n} triangles, seed {seed}"), &expected, &found).unwrap(),
+                None => cut += 1,
+            }
+        }
+    }
+    println!("cut short: {cut} of {}", 16 * 60);
+    assert!(cut > 0 || !gpu().name().contains("llvmpipe"), "llvmpipe takes more than that");
+}
+
 #[test]
 fn t_is_the_nearest_float() {
     let mesh = icosphere(2);

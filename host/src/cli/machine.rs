@@ -155,9 +155,8 @@ fn hardware() -> Result<Device, Error> {
 }
 
 /// Whether the device is a GPU that the CPU plays.
-#[cfg(feature = "gpu")]
 pub(super) fn is_software(device: &Device) -> bool {
-    matches!(device, Device::Gpu(gpu) if gpu.is_software())
+    device.kind() == "gpu" && !device.is_card()
 }
 
 #[cfg(not(feature = "gpu"))]
@@ -168,12 +167,6 @@ fn gpu(more: &MachineArgs, _: &Notes) -> Result<Device, Error> {
 #[cfg(not(feature = "gpu"))]
 fn hardware() -> Result<Device, Error> {
     Err(Error::NoAdapter { wanted: None })
-}
-
-/// Whether the device is a GPU that the CPU plays.
-#[cfg(not(feature = "gpu"))]
-pub(super) const fn is_software(_: &Device) -> bool {
-    false
 }
 
 #[cfg(all(test, feature = "gpu"))]

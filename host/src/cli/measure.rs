@@ -18,27 +18,16 @@ const ENOUGH: Duration = Duration::from_secs(1);
 /// and of short ones at least this much.
 const SHORT: Duration = Duration::from_millis(30);
 
-/// A graphics card that was idle is kept busy before anything is timed, because its clocks rise: until no trace was
-/// faster than those before for so long.
+/// A graphics card that was idle is woken before anything is timed, until no trace was faster than those before for so long.
 const AWAKE: Duration = Duration::from_millis(300);
 
-/// Traces without timing until the device runs at its usual clocks. The CPU and software rasterisers need none.
+/// Wakes a graphics card by random rays, of which the scene needs none of its own.
 fn wake(scene: &Scene<'_>) -> Result<(), Error> {
-    #[cfg(feature = "gpu")]
-    if let Device::Gpu(gpu) = scene.device()
-        && !gpu.is_software()
-    {
-        let header = scene.header();
-        let resident = scene.resident(&crate::rays::random((header.lo, header.hi), 1 << 18, 0))?;
-        let (mut best, mut since) = (Duration::MAX, Instant::now());
-        while since.elapsed() < AWAKE {
-            let time = resident.trace(Query::Closest)?;
-            if time < best.mul_f64(0.98) {
-                (best, since) = (time, Instant::now());
-            }
-        }
+    if !scene.device().is_card() {
+        return Ok(());
     }
-    Ok(())
+    let header = scene.header();
+    crate::plan::wake(scene, &crate::rays::random((header.lo, header.hi), 1 << 18, 0), AWAKE)
 }
 
 /// A tree, and what its build took: medians.

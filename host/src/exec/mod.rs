@@ -133,6 +133,15 @@ impl Device {
         Self::cpu()
     }
 
+    /// Whether this is a graphics card, and not the CPU, or a GPU that the CPU plays.
+    pub(crate) fn is_card(&self) -> bool {
+        match self {
+            Self::Cpu(_) => false,
+            #[cfg(feature = "gpu")]
+            Self::Gpu(gpu) => !gpu.is_software(),
+        }
+    }
+
     /// Over how many invocations to spread each of so many rays, as a power of two: see
     /// [`JOB_SPREAD`](raykd_kernels::trace::JOB_SPREAD).
     #[cfg_attr(not(feature = "gpu"), allow(unused_variables, reason = "a CPU has no idle invocations"))]

@@ -34,11 +34,7 @@ pub struct Calibration {
 
 /// Rays by which a device is measured: enough to fill it.
 pub(crate) fn rays_for(device: &Device) -> usize {
-    match device {
-        Device::Cpu(_) => 1 << 15,
-        #[cfg(feature = "gpu")]
-        Device::Gpu(gpu) => 1 << if gpu.is_software() { 15 } else { 20 },
-    }
+    1 << if device.is_card() { 20 } else { 15 }
 }
 
 impl Calibration {

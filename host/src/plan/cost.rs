@@ -14,9 +14,9 @@ const AWAKE: Duration = Duration::from_millis(150);
 const TIMES: usize = 3;
 /// Nothing is repeated after this time.
 const LONG: Duration = Duration::from_secs(2);
-/// A card that lay idle works until it has got no faster for so long,
+/// A card that lay idle works until it has got no faster for so long;
 const RESTED: Duration = Duration::from_millis(500);
-/// or until then.
+/// at most until then.
 const DROWSY: Duration = Duration::from_secs(3);
 /// Tests of triangles that brute force is given; few rays tell what it costs.
 const TESTS: usize = 1 << 26;
@@ -90,7 +90,7 @@ impl Moving {
     /// # Errors
     /// The device failed.
     pub fn measure(scene: &Scene<'_>, rays: &[Ray]) -> Result<Self, Error> {
-        wake(scene, rays)?;
+        wake(scene, rays, RESTED)?;
         let time = |rays: &[Ray]| {
             least(scene.device(), || {
                 let start = Instant::now();
@@ -179,28 +179,30 @@ fn traced(scene: &Scene<'_>, rays: &[Ray]) -> Result<Duration, Error> {
     Ok(time)
 }
 
-/// Keeps a graphics card busy until its clocks have risen, which they do in steps.
-fn wake(scene: &Scene<'_>, rays: &[Ray]) -> Result<(), Error> {
-    #[cfg(feature = "gpu")]
-    if matches!(scene.device(), Device::Gpu(gpu) if !gpu.is_software()) {
+/// Keeps a graphics card busy until it has got no faster for so long: its clocks rise, in steps. The CPU and software
+/// rasterisers need none.
+///
+/// # Errors
+/// The device failed.
+pub(crate) fn wake(scene: &Scene<'_>, rays: &[Ray], rested: Duration) -> Result<(), Error> {
+    if scene.device().is_card() {
         let resident = scene.resident(rays)?;
-        let start = Instant::now();
-        let (mut best, mut since) = (Duration::MAX, start);
-        while since.elapsed() < RESTED && start.elapsed() < DROWSY {
-            let time = resident.trace(Query::Closest)?;
-            if time < best.mul_f64(0.98) {
-                (best, since) = (time, Instant::now());
-            }
-        }
+        until_steady(rested, DROWSY, || resident.trace(Query::Closest))?;
     }
-    #[cfg(not(feature = "gpu"))]
-    let _ = (scene, rays, RESTED, DROWSY);
     Ok(())
 }
 
 /// Does work that says how long it took, until it gets no faster.
-fn least(device: &Device, mut work: impl FnMut() -> Result<Duration, Error>) -> Result<Duration, Error> {
-    let enough = if device.kind() == "cpu" { ENOUGH } else { AWAKE };
+fn least(device: &Device, work: impl FnMut() -> Result<Duration, Error>) -> Result<Duration, Error> {
+    until_steady(if device.kind() == "cpu" { ENOUGH } else { AWAKE }, LONG, work)
+}
+
+/// Does work until it has got no faster for `enough` and [`TIMES`], or for `long` in all; its best time.
+fn until_steady(
+    enough: Duration,
+    long: Duration,
+    mut work: impl FnMut() -> Result<Duration, Error>,
+) -> Result<Duration, Error> {
     let start = Instant::now();
     let (mut best, mut slower, mut since) = (Duration::MAX, Duration::MAX, start);
     for times in 1.. {
@@ -209,7 +211,7 @@ fn least(device: &Device, mut work: impl FnMut() -> Result<Duration, Error>) -> 
         if time < slower.mul_f64(0.98) {
             (slower, since) = (time, Instant::now());
         }
-        if start.elapsed() > LONG || times >= TIMES && since.elapsed() > enough {
+        if start.elapsed() > long || times >= TIMES && since.elapsed() > enough {
             break;
         }
     }

@@ -3,7 +3,7 @@
 use super::{grid::Grid, usual_rays};
 use crate::{BuildOptions, Builder, Device, Error, Hit, Mesh, Ray, Scene, rays::Camera};
 use raykd_kernels::{
-    glam::{Vec3, Vec4},
+    glam::Vec3,
     trace::{frame::Frame, triangle::may_hit},
 };
 use raykd_shared::TreeHeader;
@@ -95,8 +95,7 @@ pub(super) fn through(mesh: &Mesh) -> f64 {
     let step = kept.len().div_ceil(SAMPLE);
     let (mut all, mut passed) = (0u32, 0u32);
     for ray in Camera::framing(mesh.bounds()).rays(GLANCES, GLANCES) {
-        let [a, b]: [[f32; 4]; 2] = bytemuck::cast(ray);
-        let frame = Frame::new(Vec4::from_array(a), Vec4::from_array(b), &header);
+        let frame = Frame::of(&ray, &header);
         for &t in kept.iter().step_by(step) {
             let [a, b, c] = mesh.triangles()[t as usize].map(corner);
             all += 1;

@@ -23,9 +23,9 @@ mod look;
 #[cfg(feature = "cli")]
 pub(crate) use calibration::rays_for;
 pub use calibration::{Calibration, cache};
-#[cfg(feature = "cli")]
-pub(crate) use cost::speed;
 pub use cost::{Cost, Moving, measure, usual_rays};
+#[cfg(feature = "cli")]
+pub(crate) use cost::{speed, wake};
 pub use look::Seen;
 
 use crate::{BuildOptions, Builder, Mesh, Traversal};

@@ -6,7 +6,7 @@
 use crate::{
     Hit, Mesh, Ray,
     kernels::{
-        glam::{Vec3, Vec4},
+        glam::Vec3,
         math::{div, exponent, ldexp},
         trace::{NOTHING, frame::Frame, intersector::Best, triangle::test},
     },
@@ -74,12 +74,8 @@ impl Textbook {
     pub(super) fn closest(self, mesh: &Mesh, tree: TreeView<'_>, rays: &[Ray]) -> Vec<Hit> {
         let positions = mesh.scaled_positions();
         let answer = |ray: &Ray| {
-            let (o, d) = (ray.origin, ray.direction);
-            let frame = Frame::new(
-                Vec4::new(o[0], o[1], o[2], d[0]),
-                Vec4::new(d[1], d[2], ray.t_min, ray.t_max),
-                tree.header,
-            );
+            let frame = Frame::of(ray, tree.header);
+            let d = ray.direction;
             let top = d.iter().map(|&x| exponent(x)).fold(-127, i32::max);
             let mut walk = Walk {
                 tree,

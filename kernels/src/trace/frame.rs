@@ -15,6 +15,8 @@ use crate::{
     glam::{Vec3, Vec4},
     math::{abs, div, exp2, exponent, high, is_nan, ldexp, low},
 };
+#[cfg(not(target_arch = "spirv"))]
+use raykd_shared::Ray;
 use raykd_shared::TreeHeader;
 
 /// Half width, in units of `M`, of what a splitting plane counts as.
@@ -156,6 +158,13 @@ fn bound(t: f32, stretch: i32) -> f32 {
 }
 
 impl Frame {
+    /// Prepares a ray.
+    #[cfg(not(target_arch = "spirv"))]
+    pub fn of(ray: &Ray, header: &TreeHeader) -> Self {
+        let ([ox, oy, oz], [dx, dy, dz]) = (ray.origin, ray.direction);
+        Self::new(Vec4::new(ox, oy, oz, dx), Vec4::new(dy, dz, ray.t_min, ray.t_max), header)
+    }
+
     /// Prepares the ray in two words of four, as buffers hold it: origin and `direction.x`; `direction.y`,
     /// `direction.z`, `t_min`, `t_max`.
     pub fn new(first: Vec4, second: Vec4, header: &TreeHeader) -> Self {

@@ -80,12 +80,11 @@ pub(super) fn verdicts(data: &Data, scenes: &[(&str, &Mesh)]) -> Vec<Verdict> {
                 let device = &set[plan.device].device;
                 let of = || choices(data, scene).filter(|s| set.iter().any(|c| c.device == s.device));
                 // Rays move as fast whatever the mesh; what else the machine did meanwhile is no part of a choice.
-                let moving = |s: &Sample| {
-                    let of = data.samples.iter().filter(|other| other.device == s.device);
-                    of.map(|other| other.cost.transfer_ns).fold(s.cost.transfer_ns, f64::min)
-                };
                 let total = |s: &Sample| {
-                    s.cost.total_ms(rays as f64) - rays as f64 * (s.cost.transfer_ns - moving(s)) * 1e-6
+                    let of = data.samples.iter().filter(|other| other.device == s.device);
+                    let transfer_ns =
+                        of.map(|other| other.cost.transfer_ns).fold(s.cost.transfer_ns, f64::min);
+                    Cost { transfer_ns, ..s.cost.clone() }.total_ms(rays as f64)
                 };
                 let named = |s: &Sample| format!("{} {}", s.device.to_uppercase(), s.choice.name);
                 let chosen = of().find(|s| s.device == device && s.choice == plan.choice);
