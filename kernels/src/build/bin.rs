@@ -3,7 +3,7 @@
 //! Min-max binning (Shevtsov, Soupikov & Kapustin 2007): one counter for the bin where a box starts, one for
 //! where it ends; sums of them give the exact number of boxes on either side of every bin border, up to the
 //! rounding of the bin's index. The tree does not depend on that: `count` and `scatter` use the plane itself.
-//! And the last end in each bin: a plane there cuts fewer triangles than one at the bin's border.
+//! And the last end and the first start in each bin: planes there cut fewer triangles than one at the bin's border.
 
 #[cfg(not(target_arch = "spirv"))]
 use super::ahead;
@@ -17,15 +17,17 @@ use crate::{
 };
 use raykd_shared::limits::{BINS, CHUNK};
 
-// Where starts, ends and last ends stand in a histogram, for each axis.
+// Where they stand in a histogram, for each axis.
 /// How many boxes start in a bin.
 pub const STARTS: u32 = 0;
 /// How many end there.
 pub const ENDS: u32 = 3 * BINS;
 /// Where the last of them does, [`ordered`].
 pub const LAST_ENDS: u32 = 6 * BINS;
+/// Where the first of them starts, [`ordered`] the other way.
+pub const FIRST_STARTS: u32 = 9 * BINS;
 /// Words of a node's histogram.
-pub const HIST_WORDS: u32 = 9 * BINS;
+pub const HIST_WORDS: u32 = 12 * BINS;
 const WORDS: usize = HIST_WORDS as usize;
 
 /// The bin of coordinate `x`.
@@ -51,10 +53,12 @@ pub fn unordered(bits: u32) -> f32 {
 /// Counts a box's start and end on an axis.
 #[inline(always)]
 fn enter(hist: &mut [u32; WORDS], axis: u32, lo: f32, hi: f32, from: f32, per_bin: f32) {
+    let start = axis * BINS + bin_of(lo, from, per_bin);
     let end = axis * BINS + bin_of(hi, from, per_bin);
-    hist.add(STARTS + axis * BINS + bin_of(lo, from, per_bin), 1);
+    hist.add(STARTS + start, 1);
     hist.add(ENDS + end, 1);
     hist.raise(LAST_ENDS + end, ordered(hi));
+    hist.raise(FIRST_STARTS + start, if lo < hi { !ordered(lo) } else { u32::MAX });
 }
 
 /// Adds chunk `group.id` to the histogram of its node, which is all zeros before if the node has several: [`super::alloc`]

@@ -2,7 +2,7 @@
 
 use super::{
     Costs, Item, LEVEL_ACTIVE, LEVEL_DEPTH, Sah,
-    bin::{ENDS, HIST_WORDS, LAST_ENDS, STARTS, unordered},
+    bin::{ENDS, FIRST_STARTS, HIST_WORDS, LAST_ENDS, STARTS, unordered},
 };
 use crate::{
     Group,
@@ -57,6 +57,7 @@ pub fn split(
     starts: &mut [u32; WORDS],
     ends: &mut [u32; WORDS],
     lasts: &mut [u32; WORDS],
+    firsts: &mut [u32; WORDS],
     costs: &mut [u32; LANES],
     axes: &mut [u32; LANES],
     places: &mut [u32; LANES],
@@ -78,6 +79,7 @@ pub fn split(
                 starts.put(word, hists.at(at + STARTS + word));
                 ends.put(word, hists.at(at + ENDS + word));
                 lasts.put(word, hists.at(at + LAST_ENDS + word));
+                firsts.put(word, !hists.at(at + FIRST_STARTS + word));
                 word += step;
             }
             let mut child = lane;
@@ -114,25 +116,44 @@ pub fn split(
             let mut place = 0.0;
             let mut axis = 0;
             while axis < 3 {
-                let (below, above) = (starts.at(axis * BINS + lane), ends.at(axis * BINS + lane));
+                let word = axis * BINS + lane;
+                let (below, above) = (starts.at(word), ends.at(word));
                 let (lo, hi) = (component(item.lo, axis), component(item.hi, axis));
-                let mut at = border(lo, hi, lane);
-                let last = if lane > 0 && !median { lasts.at(axis * BINS + lane - 1) } else { 0 };
-                if last != 0 {
-                    // Nothing ends between there and the border: no more lies above, and less straddles.
-                    at = unordered(last);
-                }
-                let cost = if !median {
-                    sah.across(axis).cut(at, below, above)
-                } else if lo < at && at < hi {
-                    median_cost(lane, below, above, axis == longest)
-                } else {
-                    f32::INFINITY
+                let mut weigh = |cost: f32, at: f32| {
+                    if cost < best {
+                        best = cost;
+                        best_axis = axis;
+                        place = at;
+                    }
                 };
-                if cost < best {
-                    best = cost;
-                    best_axis = axis;
-                    place = at;
+                if median {
+                    let at = border(lo, hi, lane);
+                    if lo < at && at < hi {
+                        weigh(median_cost(lane, below, above, axis == longest), at);
+                    }
+                } else {
+                    let across = sah.across(axis);
+                    // Faces in the bins on either side of the border: the last end before it,
+                    let last = if lane > 0 { lasts.at(word - 1) } else { 0 };
+                    if last != 0 {
+                        // Nothing ends between there and the border: no more lies above. What starts there or
+                        // behind lies not below, if that is all that starts in the bin.
+                        let below = if firsts.at(word - 1) >= last { starts.at(word - 1) } else { below };
+                        let at = unordered(last);
+                        weigh(across.cut(at, below, above), at);
+                    } else {
+                        let at = border(lo, hi, lane);
+                        weigh(across.cut(at, below, above), at);
+                    }
+                    // and the first start behind it.
+                    let first = firsts.at(word);
+                    if first != u32::MAX && first != 0 {
+                        // What ends there or before lies not above, if that is all that ends in the bin; what starts in
+                        // the last one ends in it, too.
+                        let above = if lasts.at(word) > first { above } else { ends.at(word + 1) };
+                        let at = unordered(first);
+                        weigh(across.cut(at, below, above), at);
+                    }
                 }
                 axis += 1;
             }
@@ -161,7 +182,7 @@ pub fn split(
 
 kernel! {
     /// [`split`] over all active nodes of a level.
-    group SPLIT = split, threads 32, shared [starts: WORDS, ends: WORDS, lasts: WORDS, costs: LANES, axes: LANES, places: LANES], {
+    group SPLIT = split, threads 32, shared [starts: WORDS, ends: WORDS, lasts: WORDS, firsts: WORDS, costs: LANES, axes: LANES, places: LANES], {
         0 params: read BuildParams, 1 level: read u32, 2 active: read UVec4, 3 hists: read u32,
         4 planes: write UVec2, 5 sizes: write u32,
     }
