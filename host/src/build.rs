@@ -323,7 +323,6 @@ fn attempt_build(
 ) -> Result<Outcome, Error> {
     let count = params.triangles;
     let references = params.references;
-    let boxes = arena.alloc("boxes", count, 32)?;
     let param_buffer = arena.alloc("params", 1, size_of::<BuildParams>() as u64)?;
     let state = arena.alloc("state", STATE_WORDS, 4)?;
     let mut pair = |name, count, stride| -> Result<[Buffer; 2], Error> {
@@ -336,7 +335,7 @@ fn attempt_build(
     };
     let actives = pair("active", room.active, 48)?;
     let chunks = pair("chunks", room.active, 4)?;
-    let refs = pair("level refs", room.level_refs, 4)?;
+    let refs = pair("level refs", room.level_refs, 32)?;
     // Histograms are done with when treelets are built.
     let words = (u64::from(room.active) * u64::from(HIST_WORDS))
         .max(2 * u64::from(scratch_base(room.treelet_refs, room.treelets)));
@@ -381,7 +380,6 @@ fn attempt_build(
         device.write(&args[0], 0, bytemuck::cast_slice(&first_args))?;
         device.write(&actives[0], 0, bytemuck::cast_slice(&root(0, 0)))?;
         device.write(&chunks[0], 0, bytemuck::cast_slice(&vec![0u32; pieces as usize]))?;
-        device.write(&refs[0], 0, bytemuck::cast_slice(mesh.kept()))?;
         device.write(&hists, 0, &[0; HIST_WORDS as usize * 4])?;
     } else {
         device.write(&levels[0], 0, &[0; LEVEL_WORDS as usize * 4])?;
@@ -389,22 +387,23 @@ fn attempt_build(
         words[STATE_TREELETS as usize] = 1;
         words[STATE_TREELET_REFS as usize] = references;
         device.write(&treelets, 0, bytemuck::cast_slice(&root(0, 0)))?;
-        device.write(&treelet_refs, 0, bytemuck::cast_slice(mesh.kept()))?;
     }
+    device.write(&treelet_refs, 0, bytemuck::cast_slice(mesh.kept()))?;
     device.write(&state, 0, bytemuck::cast_slice(&words))?;
     let upload = begin.elapsed();
 
-    let mut steps = vec![Step::over(
-        &BOXES,
-        count,
-        vec![&param_buffer, &on_device.positions, &on_device.indices, &boxes],
-    )];
+    let mut steps = Vec::new();
+    if root_is_large {
+        let buffers =
+            vec![&param_buffer, &on_device.positions, &on_device.indices, &treelet_refs, &refs[0]];
+        steps.push(Step::over(&BOXES, references, buffers));
+    }
     let number = if root_is_large { room.levels.min(params.max_depth + 1) } else { 0 };
     for depth in 0..number as usize {
         let (now, then) = (depth % 2, (depth + 1) % 2);
         let (level, arg, active, chunk, list) =
             (&levels[now], &args[now], &actives[now], &chunks[now], &refs[now]);
-        steps.push(Step::indirect(&BIN, arg, ARGS_CHUNKS, vec![level, active, chunk, list, &boxes, &hists]));
+        steps.push(Step::indirect(&BIN, arg, ARGS_CHUNKS, vec![level, active, chunk, list, &hists]));
         steps.push(Step::indirect(
             &SPLIT,
             arg,
@@ -423,7 +422,6 @@ fn attempt_build(
                 active,
                 chunk,
                 list,
-                &boxes,
                 &planes,
                 &sides,
                 &sizes,
@@ -460,7 +458,21 @@ fn attempt_build(
             &SCATTER,
             arg,
             ARGS_CHUNKS,
-            vec![level, active, chunk, list, &sides, &targets, &state, &refs[then], &treelet_refs],
+            vec![
+                &param_buffer,
+                &on_device.positions,
+                &on_device.indices,
+                level,
+                active,
+                chunk,
+                list,
+                &planes,
+                &sides,
+                &targets,
+                &state,
+                &refs[then],
+                &treelet_refs,
+            ],
         ));
     }
     steps.push(Step::indirect(
@@ -474,7 +486,6 @@ fn attempt_build(
             &state,
             &treelets,
             &treelet_refs,
-            &boxes,
             scratch,
             &treelet_sizes,
         ],

@@ -5,12 +5,10 @@
 //! rounding of the bin's index. The tree does not depend on that: `count` and `scatter` use the plane itself.
 //! And the last end and the first start in each bin: planes there cut fewer triangles than one at the bin's border.
 
-#[cfg(not(target_arch = "spirv"))]
-use super::ahead;
-use super::{LEVEL_CHUNKS, chunk_of};
+use super::{LEVEL_CHUNKS, chunk_of, reference::Reference};
 use crate::{
     Group,
-    glam::{UVec4, Vec4},
+    glam::UVec4,
     math::{div, high, low, whole},
     mem::{Atomics, Buf, Slots},
     trace::frame::component,
@@ -72,15 +70,12 @@ pub fn bin(
     level: &Buf<u32>,
     active: &Buf<UVec4>,
     chunks: &Buf<u32>,
-    refs: &Buf<u32>,
-    boxes: &Buf<Vec4>,
+    refs: &Buf<UVec4>,
     hists: &mut Buf<u32>,
 ) {
     if group.id < level.at(LEVEL_CHUNKS) {
         let (node, item, start, count) = chunk_of(group.id, chunks, active);
         let step = group.sharers();
-        #[cfg(not(target_arch = "spirv"))]
-        ahead::first(group, refs, start, count, boxes);
         lanes!(group, ..step, |lane| {
             let mut word = lane;
             while word < HIST_WORDS {
@@ -100,13 +95,10 @@ pub fn bin(
             let rate_z = f32::from_bits(rate.at(2));
             let mut i = lane;
             while i < count {
-                #[cfg(not(target_arch = "spirv"))]
-                ahead::next(group, refs, start, i, count, boxes);
-                let id = refs.at(start + i);
-                let (lo, hi) = (boxes.at(2 * id), boxes.at(2 * id + 1));
-                enter(hist, 0, lo.x, hi.x, item.lo.x, rate_x);
-                enter(hist, 1, lo.y, hi.y, item.lo.y, rate_y);
-                enter(hist, 2, lo.z, hi.z, item.lo.z, rate_z);
+                let part = Reference::load(refs, start + i).bounds;
+                enter(hist, 0, part.lo.x, part.hi.x, item.lo.x, rate_x);
+                enter(hist, 1, part.lo.y, part.hi.y, item.lo.y, rate_y);
+                enter(hist, 2, part.lo.z, part.hi.z, item.lo.z, rate_z);
                 i += step;
             }
         });
@@ -131,7 +123,6 @@ pub fn bin(
 kernel! {
     /// [`bin`] over all chunks of a level.
     group BIN = bin, threads 128, shared [hist: WORDS, rate: 3], {
-        0 level: read u32, 1 active: read UVec4, 2 chunks: read u32, 3 refs: read u32, 4 boxes: read Vec4,
-        5 hists: write u32,
+        0 level: read u32, 1 active: read UVec4, 2 chunks: read u32, 3 refs: read UVec4, 4 hists: write u32,
     }
 }

@@ -1,8 +1,8 @@
-//! The box of every triangle.
+//! The references of the root: all triangles, each with its box.
 
+use super::{clip::Bounds, reference::Reference};
 use crate::{
-    glam::{Vec3, Vec4},
-    math::{high, low},
+    glam::{UVec4, Vec3},
     mem::{Buf, Slots},
 };
 use raykd_shared::BuildParams;
@@ -19,26 +19,25 @@ fn vertex(positions: &Buf<f32>, indices: &Buf<u32>, id: u32, corner: u32) -> Vec
     Vec3::new(positions.at(p), positions.at(p + 1), positions.at(p + 2))
 }
 
-/// Writes the box of triangle `i` as two points.
+/// Writes reference `i`.
 pub fn bound(
     i: u32,
     params: &Buf<BuildParams>,
     positions: &Buf<f32>,
     indices: &Buf<u32>,
-    boxes: &mut Buf<Vec4>,
+    kept: &Buf<u32>,
+    refs: &mut Buf<UVec4>,
 ) {
-    if i < params.at(0).triangles {
-        let (a, b, c) = triangle(positions, indices, i);
-        let lo = Vec3::new(low(low(a.x, b.x), c.x), low(low(a.y, b.y), c.y), low(low(a.z, b.z), c.z));
-        let hi = Vec3::new(high(high(a.x, b.x), c.x), high(high(a.y, b.y), c.y), high(high(a.z, b.z), c.z));
-        boxes.put(2 * i, lo.extend(0.0));
-        boxes.put(2 * i + 1, hi.extend(0.0));
+    if i < params.at(0).references {
+        let id = kept.at(i);
+        let (a, b, c) = triangle(positions, indices, id);
+        Reference { triangle: id, bounds: Bounds::of(a, b, c) }.store(refs, i);
     }
 }
 
 kernel! {
-    /// [`bound`] over all triangles.
+    /// [`bound`] over all references of the root.
     map BOXES = bound, threads 64, {
-        0 params: read BuildParams, 1 positions: read f32, 2 indices: read u32, 3 boxes: write Vec4,
+        0 params: read BuildParams, 1 positions: read f32, 2 indices: read u32, 3 kept: read u32, 4 refs: write UVec4,
     }
 }

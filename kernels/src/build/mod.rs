@@ -18,6 +18,7 @@ pub mod emit;
 pub mod exact;
 pub mod overlap;
 pub mod place;
+pub mod reference;
 mod scan;
 pub mod scatter;
 pub mod split;
@@ -26,11 +27,11 @@ pub mod top;
 pub mod treelet;
 
 use crate::{
-    glam::{UVec2, UVec4, Vec3, Vec4},
+    glam::{UVec2, UVec4, Vec3},
     math::abs,
     mem::{Buf, Slots},
 };
-use raykd_shared::{BuildParams, Node, limits::CHUNK};
+use raykd_shared::{BuildParams, limits::CHUNK};
 
 /// Words of a level's record: active nodes, chunks, references, level number.
 pub const LEVEL_ACTIVE: u32 = 0;
@@ -157,19 +158,6 @@ pub struct Plane {
     pub at: f32,
 }
 
-/// The box of triangle `id`, on `axis`.
-#[inline(always)]
-pub fn extent(boxes: &Buf<Vec4>, id: u32, axis: u32) -> (f32, f32) {
-    let (lo, hi) = (boxes.at(2 * id), boxes.at(2 * id + 1));
-    if axis == 0 {
-        (lo.x, hi.x)
-    } else if axis == 1 {
-        (lo.y, hi.y)
-    } else {
-        (lo.z, hi.z)
-    }
-}
-
 /// Whether a reference with this extent belongs below the plane. One that lies in the plane does, and not above.
 #[inline(always)]
 pub fn is_below(lo: f32, hi: f32, at: f32) -> bool {
@@ -197,17 +185,6 @@ fn with(v: Vec3, axis: u32, value: f32) -> Vec3 {
         Vec3::new(v.x, value, v.z)
     } else {
         Vec3::new(v.x, v.y, value)
-    }
-}
-
-/// Which children reference `id` goes to: bit 0 below, bit 1 above. A leaf keeps all its references below.
-#[inline(always)]
-pub fn side(boxes: &Buf<Vec4>, id: u32, plane: Plane) -> u32 {
-    if plane.axis == Node::LEAF {
-        1
-    } else {
-        let (lo, hi) = extent(boxes, id, plane.axis);
-        is_below(lo, hi, plane.at) as u32 | ((is_above(hi, plane.at) as u32) << 1)
     }
 }
 

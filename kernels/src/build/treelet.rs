@@ -14,9 +14,11 @@ use super::{
 };
 #[cfg(target_arch = "spirv")]
 use super::{is_above, is_below};
+#[cfg(not(target_arch = "spirv"))]
+use crate::glam::Vec4;
 use crate::{
     Group,
-    glam::{UVec2, UVec4, Vec3, Vec4},
+    glam::{UVec2, UVec4, Vec3},
     mem::{Atomics, Buf, Slots},
 };
 use raykd_shared::{
@@ -192,7 +194,6 @@ pub fn treelet(
     state: &Buf<u32>,
     treelets: &Buf<UVec4>,
     refs: &Buf<u32>,
-    boxes: &Buf<Vec4>,
     scratch: &mut Buf<UVec2>,
     sizes: &mut Buf<UVec4>,
 ) {
@@ -205,23 +206,18 @@ pub fn treelet(
         let clips = (params.rule & rule::CLIP) != 0;
         #[cfg(not(target_arch = "spirv"))]
         let (mut same_lows, mut same_highs) = ([0; CANDIDATES], [0; CANDIDATES]);
-        let members_of_root = if small { item.count } else { 0 };
+        let leaves = (params.rule & rule::LEAVES) != 0;
+        let members_of_root = if small && !leaves { item.count } else { 0 };
         #[cfg(not(target_arch = "spirv"))]
-        if clips {
-            ahead::triangles(group, positions, indices, refs, item.first, ones(members_of_root));
-        }
+        ahead::triangles(group, positions, indices, ones(members_of_root), |k| refs.at(item.first + k));
         lanes!(group, ..members_of_root, |lane| {
             let id = refs.at(item.first + lane);
-            let held = if clips {
-                let (a, b, c) = triangle(positions, indices, id);
-                keep(corners, lane, 0, a);
-                keep(corners, lane, 1, b);
-                keep(corners, lane, 2, c);
-                clip(a, b, c, &Bounds { lo: item.lo, hi: item.hi })
-            } else {
-                let (lo, hi) = (boxes.at(2 * id), boxes.at(2 * id + 1));
-                Bounds { lo: Vec3::new(lo.x, lo.y, lo.z), hi: Vec3::new(hi.x, hi.y, hi.z) }
-            };
+            let (a, b, c) = triangle(positions, indices, id);
+            keep(corners, lane, 0, a);
+            keep(corners, lane, 1, b);
+            keep(corners, lane, 2, c);
+            let cell = Bounds { lo: item.lo, hi: item.hi };
+            let held = if clips { clip(a, b, c, &cell) } else { Bounds::of(a, b, c) };
             put_face(faces, lane, 0, held.lo.x, held.hi.x);
             put_face(faces, lane, 1, held.lo.y, held.hi.y);
             put_face(faces, lane, 2, held.lo.z, held.hi.z);
@@ -274,7 +270,7 @@ pub fn treelet(
             let number = mask.count_ones();
             let sah = Sah::new(lo, hi, number, Costs::of(&params));
             let nodes = own.at(NODES);
-            let may_pay = sah.may_pay && (params.rule & rule::LEAVES) == 0;
+            let may_pay = sah.may_pay && !leaves;
             if may_pay && depth < params.max_depth && nodes + 2 <= treelet_nodes(item.count) {
                 lanes!(group, ..WEIGHING, |lane| {
                     #[cfg(target_arch = "spirv")]
@@ -414,7 +410,6 @@ kernel! {
         shared [faces: CANDIDATES, belows: CANDIDATES, aboves: CANDIDATES, stack: ENTRIES, costs: LANES,
                 picks: LANES, members: LANES, corners: CORNERS, own: OWN], {
         0 params: read BuildParams, 1 positions: read f32, 2 indices: read u32, 3 state: read u32,
-        4 treelets: read UVec4, 5 refs: read u32, 6 boxes: read Vec4, 7 scratch: write UVec2,
-        8 sizes: write UVec4,
+        4 treelets: read UVec4, 5 refs: read u32, 6 scratch: write UVec2, 7 sizes: write UVec4,
     }
 }

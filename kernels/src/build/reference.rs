@@ -1,0 +1,48 @@
+//! References of the nodes above treelets: a triangle, and the box of what the node holds of it.
+
+use super::{Plane, from_bits, is_above, is_below, to_bits};
+use crate::{
+    build::clip::Bounds,
+    glam::UVec4,
+    mem::{Buf, Slots},
+    trace::frame::component,
+};
+use raykd_shared::Node;
+
+/// A reference in a level's list: two words of four.
+#[derive(Clone, Copy, Debug)]
+pub struct Reference {
+    /// The triangle's number.
+    pub triangle: u32,
+    /// A box around its part in the node; empty if that has turned out to be nothing.
+    pub bounds: Bounds,
+}
+
+impl Reference {
+    /// Reads reference `i` of a list.
+    #[inline(always)]
+    pub fn load(list: &Buf<UVec4>, i: u32) -> Self {
+        let (lo, hi) = (list.at(2 * i), list.at(2 * i + 1));
+        Self { triangle: lo.w, bounds: Bounds { lo: from_bits(lo), hi: from_bits(hi) } }
+    }
+
+    /// Writes reference `i` of a list.
+    #[inline(always)]
+    pub fn store(&self, list: &mut Buf<UVec4>, i: u32) {
+        list.put(2 * i, to_bits(self.bounds.lo, self.triangle));
+        list.put(2 * i + 1, to_bits(self.bounds.hi, 0));
+    }
+
+    /// Which children it goes to: bit 0 below, bit 1 above. A leaf keeps all its references below.
+    #[inline(always)]
+    pub fn sides(&self, plane: Plane) -> u32 {
+        if plane.axis == Node::LEAF {
+            1
+        } else if self.bounds.is_empty() {
+            0
+        } else {
+            let (lo, hi) = (component(self.bounds.lo, plane.axis), component(self.bounds.hi, plane.axis));
+            is_below(lo, hi, plane.at) as u32 | ((is_above(hi, plane.at) as u32) << 1)
+        }
+    }
+}
