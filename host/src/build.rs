@@ -394,8 +394,7 @@ fn attempt_build(
 
     let mut steps = Vec::new();
     if root_is_large {
-        let buffers =
-            vec![&param_buffer, &on_device.positions, &on_device.indices, &treelet_refs, &refs[0]];
+        let buffers = vec![&param_buffer, &on_device.positions, &on_device.indices, &treelet_refs, &refs[0]];
         steps.push(Step::over(&BOXES, references, buffers));
     }
     let number = if root_is_large { room.levels.min(params.max_depth + 1) } else { 0 };

@@ -56,7 +56,9 @@ pub fn count(
                     k += 1;
                 }
                 #[cfg(not(target_arch = "spirv"))]
-                ahead::triangles(group, positions, indices, straddling, |k| refs.at(2 * (start + i + k * step)).w);
+                ahead::triangles(group, positions, indices, straddling, |k| {
+                    refs.at(2 * (start + i + k * step)).w
+                });
                 while straddling != 0 {
                     let at = start + i + straddling.trailing_zeros() * step;
                     straddling &= straddling - 1;
