@@ -199,15 +199,15 @@ impl Room {
         // The usual bound on useful depth (Pharr, Jakob & Humphreys, PBRT): 8 + 1.3 log2 N.
         let levels = 12 + 13 * (n + 1).ilog2() / 10;
         let chunks = n.div_ceil(CHUNK);
-        let level_refs = n + n / 2 + 1024;
+        let level_refs = n + n / 2 + 64;
         // Dragons, Sponza and the teapot take 1.7 to 2.4 in treelets of 14 to 18; without costs, in short leaves, 5.
         let (treelet_refs, a_treelet) = if small < TREELET { (5 * n, 3) } else { (2 * n + n / 2, 14) };
-        let treelet_refs = treelet_refs + 1024;
+        let treelet_refs = treelet_refs + 64;
         Self {
             level_refs,
             treelet_refs,
-            active: level_refs / (small + 1) + chunks + 16,
-            treelets: treelet_refs / a_treelet + 64,
+            active: level_refs / (small + 1) + chunks + 4,
+            treelets: treelet_refs / a_treelet + 16,
             levels: levels.min(MAX_DEPTH),
         }
     }

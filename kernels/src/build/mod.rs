@@ -81,6 +81,10 @@ pub const ARGS_WORDS: u32 = 9;
 /// Extents below `2^-60` count as flat: areas stay clear of subnormals, and nothing is split there.
 const FLAT: f32 = crate::math::exp2(-60);
 
+/// What part of its price a reference has in a long node: without any, nodes around a vertex that many triangles share
+/// are cut again and again, as deep as the tree may be.
+const LONG: f32 = crate::math::exp2(-7);
+
 /// A node or treelet in a list: three words of four.
 #[derive(Clone, Copy, Debug)]
 pub struct Item {
@@ -197,8 +201,8 @@ pub struct Costs {
     pub test: f32,
     /// Of a reference, whoever passes: see [`BuildParams::price`].
     pub price: f32,
-    /// But in nodes of more references than this they have no price: a long leaf holds up all rays of a warp, more than
-    /// its area tells.
+    /// But in nodes of more references than this they have hardly any: a long leaf holds up all rays of a warp, more
+    /// than its area tells.
     pub long: u32,
     /// Factor on planes that cut off empty space (Wald & Havran 2006, section 3.1), if they pay without it.
     pub empty: f32,
@@ -245,7 +249,8 @@ impl Sah {
         let d = hi - lo;
         let (x, y, z) = (flat(d.x), flat(d.y), flat(d.z));
         let area = x * y + y * z + z * x;
-        let costs = Costs { price: if count > costs.long { 0.0 } else { costs.price }, ..costs };
+        let price = if count > costs.long { costs.price * LONG } else { costs.price };
+        let costs = Costs { price, ..costs };
         let tests = area * count as f32 * costs.test;
         Self {
             lo,
