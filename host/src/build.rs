@@ -321,7 +321,6 @@ fn attempt_build(
     profile: bool,
     arena: &mut Arena<'_>,
 ) -> Result<Outcome, Error> {
-    let count = params.triangles;
     let references = params.references;
     let param_buffer = arena.alloc("params", 1, size_of::<BuildParams>() as u64)?;
     let state = arena.alloc("state", STATE_WORDS, 4)?;
@@ -525,7 +524,7 @@ fn attempt_build(
         nodes: node_count,
         hi: params.hi,
         refs: ref_count,
-        triangles: count,
+        triangles: params.triangles,
         depth: words[STATE_DEPTH as usize],
         scale: mesh.scale(),
         cost_step: params.cost_step,

@@ -100,18 +100,19 @@ fn probe_gives_the_same_bytes() {
 #[test]
 fn boxes_give_the_same_bytes() {
     let triangles = 1001u32;
-    let params = BuildParams { triangles, ..bytemuck::Zeroable::zeroed() };
+    let params = BuildParams { triangles, references: triangles, ..bytemuck::Zeroable::zeroed() };
     let positions: Vec<f32> = probe_inputs(triangles).into_iter().take(triangles as usize * 3).collect();
     let indices: Vec<u32> = words(3).map(|word| word % triangles).take(triangles as usize * 3).collect();
     let [cpu, gpu] = devices().map(|device| {
         let params = buffer(device, "params", &[params]);
         let positions = buffer(device, "positions", &positions);
         let indices = buffer(device, "indices", &indices);
+        let kept = buffer(device, "kept", &(0..triangles).collect::<Vec<_>>());
         // With room to spare, which must stay as it is.
-        let boxes = poisoned(device, "boxes", triangles as usize * 32 + 4096);
-        let step = Step::over(&BOXES, triangles, vec![&params, &positions, &indices, &boxes]);
+        let refs = poisoned(device, "refs", triangles as usize * 32 + 4096);
+        let step = Step::over(&BOXES, triangles, vec![&params, &positions, &indices, &kept, &refs]);
         device.run(&[step], false).unwrap();
-        bytes(device, &boxes)
+        bytes(device, &refs)
     });
     assert!(cpu == gpu);
     let (written, spare) = cpu.split_at(triangles as usize * 32);

@@ -28,7 +28,7 @@ pub struct BuildParams {
     pub active: u32,
     /// Room in the list of treelets, and for as many pairs of nodes above them; in `exact`, for all nodes.
     pub treelets: u32,
-    /// References have no price in nodes of more.
+    /// References have hardly any price in nodes of more.
     pub long: u32,
     /// How planes are chosen: bits of [`rule`].
     pub rule: u32,

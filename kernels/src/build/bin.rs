@@ -22,8 +22,11 @@ pub const STARTS: u32 = 0;
 pub const ENDS: u32 = 3 * BINS;
 /// Where the last of them does, [`ordered`].
 pub const LAST_ENDS: u32 = 6 * BINS;
-/// Where the first of them starts, [`ordered`] the other way.
+/// Where the first that starts in a bin does, [`ordered`] and inverted; [`UNTOLD`] if a flat one does, which lies below a plane
+/// through it.
 pub const FIRST_STARTS: u32 = 9 * BINS;
+/// No first start is told.
+pub const UNTOLD: u32 = u32::MAX;
 /// Words of a node's histogram.
 pub const HIST_WORDS: u32 = 12 * BINS;
 const WORDS: usize = HIST_WORDS as usize;
@@ -56,7 +59,7 @@ fn enter(hist: &mut [u32; WORDS], axis: u32, lo: f32, hi: f32, from: f32, per_bi
     hist.add(STARTS + start, 1);
     hist.add(ENDS + end, 1);
     hist.raise(LAST_ENDS + end, ordered(hi));
-    hist.raise(FIRST_STARTS + start, if lo < hi { !ordered(lo) } else { u32::MAX });
+    hist.raise(FIRST_STARTS + start, if lo < hi { !ordered(lo) } else { UNTOLD });
 }
 
 /// Adds chunk `group.id` to the histogram of its node, which is all zeros before if the node has several: [`super::alloc`]

@@ -1,4 +1,4 @@
-//! The references of the root: all triangles, each with its box.
+//! The references of the root: the triangles that take part, each with its box.
 
 use super::{clip::Bounds, reference::Reference};
 use crate::{

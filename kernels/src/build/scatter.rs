@@ -116,23 +116,25 @@ pub fn scatter(
                 let mut k = 0;
                 while k < 32 && i + k * step < number {
                     let at = i + k * step;
-                    let (word, bit) = (at / 32, 1u32 << (at % 32));
-                    let (is_below, is_above) = (belows.at(word) & bit != 0, aboves.at(word) & bit != 0);
+                    let bit = 1 << (at % 32);
+                    let (is_below, is_above) = (belows.at(at / 32) & bit != 0, aboves.at(at / 32) & bit != 0);
                     if is_below | is_above {
                         let reference = Reference::load(refs, start + at);
                         if clips && is_below && is_above && !(below.is_treelet && above.is_treelet) {
                             straddling |= 1 << k;
                             indices.soon(3 * reference.triangle);
                         } else {
+                            let before = sums.at(at / 32);
                             if is_below {
-                                let before =
-                                    (sums.at(word) & 0xFFFF) + (belows.at(word) & (bit - 1)).count_ones();
-                                below.put(before, &reference, next, treelet_refs);
+                                below.put(
+                                    &reference,
+                                    (before & 0xFFFF) + lower(belows, at),
+                                    next,
+                                    treelet_refs,
+                                );
                             }
                             if is_above {
-                                let before =
-                                    (sums.at(word) >> 16) + (aboves.at(word) & (bit - 1)).count_ones();
-                                above.put(before, &reference, next, treelet_refs);
+                                above.put(&reference, (before >> 16) + lower(aboves, at), next, treelet_refs);
                             }
                         }
                     }
@@ -145,19 +147,25 @@ pub fn scatter(
                 while straddling != 0 {
                     let at = i + straddling.trailing_zeros() * step;
                     straddling &= straddling - 1;
-                    let (word, bit) = (at / 32, 1u32 << (at % 32));
                     let whole = Reference::load(refs, start + at);
                     let (a, b, c) = triangle(positions, indices, whole.triangle);
                     let (under, over) = clip_plane(a, b, c, &whole.bounds, plane.axis, plane.at);
-                    let before = (sums.at(word) & 0xFFFF) + (belows.at(word) & (bit - 1)).count_ones();
-                    below.put(before, &Reference { bounds: under, ..whole }, next, treelet_refs);
-                    let before = (sums.at(word) >> 16) + (aboves.at(word) & (bit - 1)).count_ones();
-                    above.put(before, &Reference { bounds: over, ..whole }, next, treelet_refs);
+                    let before = sums.at(at / 32);
+                    let (under, over) =
+                        (Reference { bounds: under, ..whole }, Reference { bounds: over, ..whole });
+                    below.put(&under, (before & 0xFFFF) + lower(belows, at), next, treelet_refs);
+                    above.put(&over, (before >> 16) + lower(aboves, at), next, treelet_refs);
                 }
                 i += 32 * step;
             }
         });
     }
+}
+
+/// How many bits are set below bit `at`, in its word.
+#[inline(always)]
+fn lower(bits: &[u32; WORDS], at: u32) -> u32 {
+    (bits.at(at / 32) & ((1 << (at % 32)) - 1)).count_ones()
 }
 
 /// Where a chunk's references for a child go.
@@ -176,7 +184,7 @@ impl Target {
 
     /// Stores a reference, `before` which others come from this chunk.
     #[inline(always)]
-    fn put(&self, before: u32, reference: &Reference, next: &mut Buf<UVec4>, treelet_refs: &mut Buf<u32>) {
+    fn put(&self, reference: &Reference, before: u32, next: &mut Buf<UVec4>, treelet_refs: &mut Buf<u32>) {
         if self.is_treelet {
             treelet_refs.put(self.first + before, reference.triangle);
         } else {

@@ -2,7 +2,7 @@
 
 use super::{
     Costs, Item, LEVEL_ACTIVE, LEVEL_DEPTH, Sah,
-    bin::{ENDS, FIRST_STARTS, HIST_WORDS, LAST_ENDS, STARTS, unordered},
+    bin::{ENDS, FIRST_STARTS, HIST_WORDS, LAST_ENDS, STARTS, UNTOLD, unordered},
 };
 use crate::{
     Group,
@@ -14,6 +14,8 @@ use raykd_shared::{BuildParams, Node, limits::BINS, rule};
 
 const WORDS: usize = (3 * BINS) as usize;
 const LANES: usize = BINS as usize;
+/// Nothing starts in the bin: behind all places.
+const NONE: u32 = u32::MAX;
 
 /// Position of the border below bin `i`.
 #[inline(always)]
@@ -147,7 +149,7 @@ pub fn split(
                     }
                     // and the first start behind it.
                     let first = firsts.at(word);
-                    if first != u32::MAX && first != 0 {
+                    if first != !UNTOLD && first != NONE {
                         // What ends there or before lies not above, if that is all that ends in the bin; what starts in
                         // the last one ends in it, too.
                         let above = if lasts.at(word) > first { above } else { ends.at(word + 1) };
