@@ -53,7 +53,8 @@ impl Job<'_> {
         for query in [Query::Closest, Query::Any] {
             scene.trace_except(query, &rays, &own)?;
         }
-        // In larger meshes these go so many rounds that llvmpipe may cut them short, and so do rays along edges by `exact`.
+        // In larger meshes these go so many rounds that llvmpipe may cut them short (a leaf of a lattice may hold thousands),
+        // and so do rays along edges by `exact`.
         let small = triangles <= 64;
         let (lo, hi) = self.mesh.bounds();
         let size = (0..3).map(|i| hi[i] - lo[i]).fold(f32::MIN_POSITIVE, f32::max);
@@ -67,8 +68,9 @@ impl Job<'_> {
         for intersector in Intersector::ALL {
             let rays = match intersector {
                 Intersector::Exact if small => &easy,
-                Intersector::Exact => continue,
-                _ => &rays,
+                _ if small => &rays,
+                Intersector::Strict => &rays,
+                _ => continue,
             };
             scene.intersect_by(intersector)?;
             scene.closest(rays)?;
