@@ -156,7 +156,7 @@ fn to_bits(v: Vec3, last: u32) -> UVec4 {
 /// A plane that cuts a node.
 #[derive(Clone, Copy, Debug)]
 pub struct Plane {
-    /// Axis it is perpendicular to, or [`Node::LEAF`] for none: the node becomes a leaf.
+    /// Axis it is perpendicular to, or [`raykd_shared::Node::LEAF`] for none: the node becomes a leaf.
     pub axis: u32,
     /// Its position.
     pub at: f32,
