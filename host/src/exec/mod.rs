@@ -134,6 +134,7 @@ impl Device {
     }
 
     /// Whether this is a graphics card, and not the CPU, or a GPU that the CPU plays.
+    #[cfg(feature = "plan")]
     pub(crate) fn is_card(&self) -> bool {
         match self {
             Self::Cpu(_) => false,
