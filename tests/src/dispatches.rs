@@ -53,9 +53,10 @@ impl Job<'_> {
         for query in [Query::Closest, Query::Any] {
             scene.trace_except(query, &rays, &own)?;
         }
-        // In larger meshes these go so many rounds that llvmpipe may cut them short (a leaf of a lattice may hold thousands),
-        // and so do rays along edges by `exact`.
+        // In larger meshes these go so many rounds that llvmpipe may cut them short, and so do rays along edges by `exact`.
         let small = triangles <= 64;
+        // And all but the usual test where a leaf of a lattice may hold thousands.
+        let large = triangles > 1000;
         let (lo, hi) = self.mesh.bounds();
         let size = (0..3).map(|i| hi[i] - lo[i]).fold(f32::MIN_POSITIVE, f32::max);
         let mut random = Random::new(self.seed);
@@ -68,9 +69,10 @@ impl Job<'_> {
         for intersector in Intersector::ALL {
             let rays = match intersector {
                 Intersector::Exact if small => &easy,
-                _ if small => &rays,
+                Intersector::Exact => continue,
                 Intersector::Strict => &rays,
-                _ => continue,
+                _ if large => continue,
+                _ => &rays,
             };
             scene.intersect_by(intersector)?;
             scene.closest(rays)?;
