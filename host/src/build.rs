@@ -74,7 +74,7 @@ pub struct BuildOptions {
     /// Price of a reference: how many tests a ray through the scene it has to save, times the number of triangles.
     /// 0 takes every split that saves anything; more makes trees smaller where that costs least.
     pub price: f32,
-    /// Nodes of more references are cut whatever the price: long leaves hold up the rays beside.
+    /// In nodes of more references the price is a hundredth (2^-7): long leaves hold up the rays beside.
     pub long: u32,
     /// Most references a triangle, on average: `price` and `long` are doubled until the tree keeps to it. A scene that
     /// needs more gets slow. [`Builder::Median`] weighs no costs, [`Builder::Zhou`] none in large nodes: they may not keep to it.
@@ -401,6 +401,18 @@ fn attempt_build(
         let (now, then) = (depth % 2, (depth + 1) % 2);
         let (level, arg, active, chunk, list) =
             (&levels[now], &args[now], &actives[now], &chunks[now], &refs[now]);
+        // What both kernels bind that clip references.
+        let clipping = [
+            &param_buffer,
+            &on_device.positions,
+            &on_device.indices,
+            level,
+            active,
+            chunk,
+            list,
+            &planes,
+            &sides,
+        ];
         steps.push(Step::indirect(&BIN, arg, ARGS_CHUNKS, vec![level, active, chunk, list, &hists]));
         steps.push(Step::indirect(
             &SPLIT,
@@ -408,23 +420,7 @@ fn attempt_build(
             ARGS_ACTIVE,
             vec![&param_buffer, level, active, &hists, &planes, &sizes],
         ));
-        steps.push(Step::indirect(
-            &COUNT,
-            arg,
-            ARGS_CHUNKS,
-            vec![
-                &param_buffer,
-                &on_device.positions,
-                &on_device.indices,
-                level,
-                active,
-                chunk,
-                list,
-                &planes,
-                &sides,
-                &sizes,
-            ],
-        ));
+        steps.push(Step::indirect(&COUNT, arg, ARGS_CHUNKS, [&clipping[..], &[&sizes]].concat()));
         // No more nodes than that are active here.
         if room.active.min(1 << depth.min(31)) > BLOCK {
             let buffers = vec![&param_buffer, level, &planes, &sizes, &blocks];
@@ -456,21 +452,7 @@ fn attempt_build(
             &SCATTER,
             arg,
             ARGS_CHUNKS,
-            vec![
-                &param_buffer,
-                &on_device.positions,
-                &on_device.indices,
-                level,
-                active,
-                chunk,
-                list,
-                &planes,
-                &sides,
-                &targets,
-                &state,
-                &refs[then],
-                &treelet_refs,
-            ],
+            [&clipping[..], &[&targets, &state, &refs[then], &treelet_refs]].concat(),
         ));
     }
     steps.push(Step::indirect(

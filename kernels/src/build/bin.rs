@@ -34,7 +34,7 @@ const WORDS: usize = HIST_WORDS as usize;
 /// The bin of coordinate `x`.
 #[inline(always)]
 fn bin_of(x: f32, lo: f32, per_bin: f32) -> u32 {
-    // Boxes reach beyond the node; what starts before it starts in its first bin.
+    // Boxes that are not clipped reach beyond the node; what starts before it starts in its first bin.
     whole(low(high(0.0, (x - lo) * per_bin), (BINS - 1) as f32))
 }
 

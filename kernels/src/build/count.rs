@@ -57,7 +57,7 @@ pub fn count(
                 }
                 #[cfg(not(target_arch = "spirv"))]
                 ahead::triangles(group, positions, indices, straddling, |k| {
-                    refs.at(2 * (start + i + k * step)).w
+                    Reference::load(refs, start + i + k * step).triangle
                 });
                 while straddling != 0 {
                     let at = start + i + straddling.trailing_zeros() * step;

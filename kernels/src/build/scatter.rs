@@ -20,7 +20,8 @@ const WORDS: usize = BITS as usize;
 const BLOCK: u32 = 8;
 const BLOCKS: usize = (BITS / BLOCK) as usize;
 
-/// Scatters chunk `group.id`: who goes where is a bit each, and how many did before counts of bits.
+/// Scatters chunk `group.id`. Which references go below is a bit each, and so is above: how many go there before one is a
+/// count of bits. Those that go both ways are clipped again: [`super::count`] has no room for two boxes.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 pub fn scatter(
@@ -128,13 +129,18 @@ pub fn scatter(
                             if is_below {
                                 below.put(
                                     &reference,
-                                    (before & 0xFFFF) + lower(belows, at),
+                                    (before & 0xFFFF) + ones_before(belows, at),
                                     next,
                                     treelet_refs,
                                 );
                             }
                             if is_above {
-                                above.put(&reference, (before >> 16) + lower(aboves, at), next, treelet_refs);
+                                above.put(
+                                    &reference,
+                                    (before >> 16) + ones_before(aboves, at),
+                                    next,
+                                    treelet_refs,
+                                );
                             }
                         }
                     }
@@ -153,8 +159,8 @@ pub fn scatter(
                     let before = sums.at(at / 32);
                     let (under, over) =
                         (Reference { bounds: under, ..whole }, Reference { bounds: over, ..whole });
-                    below.put(&under, (before & 0xFFFF) + lower(belows, at), next, treelet_refs);
-                    above.put(&over, (before >> 16) + lower(aboves, at), next, treelet_refs);
+                    below.put(&under, (before & 0xFFFF) + ones_before(belows, at), next, treelet_refs);
+                    above.put(&over, (before >> 16) + ones_before(aboves, at), next, treelet_refs);
                 }
                 i += 32 * step;
             }
@@ -162,9 +168,9 @@ pub fn scatter(
     }
 }
 
-/// How many bits are set below bit `at`, in its word.
+/// How many bits are set in the word of bit `at`, before it.
 #[inline(always)]
-fn lower(bits: &[u32; WORDS], at: u32) -> u32 {
+fn ones_before(bits: &[u32; WORDS], at: u32) -> u32 {
     (bits.at(at / 32) & ((1 << (at % 32)) - 1)).count_ones()
 }
 

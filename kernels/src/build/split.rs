@@ -1,4 +1,5 @@
-//! The cheapest plane of every active node, over the last ends before the bin borders of all three axes.
+//! The cheapest plane of every active node, over the last ends before the bin borders of all three axes and the first starts
+//! behind them.
 
 use super::{
     Costs, Item, LEVEL_ACTIVE, LEVEL_DEPTH, Sah,
