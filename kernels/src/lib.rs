@@ -19,6 +19,7 @@
 mod kernel;
 pub mod math;
 pub mod mem;
+pub mod mesh;
 
 pub mod build;
 pub mod probe;

@@ -32,6 +32,13 @@ pub fn abs(a: f32) -> f32 {
     f32::from_bits(a.to_bits() & 0x7FFF_FFFF)
 }
 
+/// Whether a number is not 0, but smaller than `floor` in size.
+#[inline(always)]
+pub const fn is_small(a: f32, floor: f32) -> bool {
+    // 0 wraps around.
+    (a.to_bits() << 1).wrapping_sub(1) < (floor.to_bits() << 1) - 1
+}
+
 /// Whether this is no number, by its bits.
 #[inline(always)]
 pub fn is_nan(a: f32) -> bool {

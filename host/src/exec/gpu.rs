@@ -161,16 +161,6 @@ impl Gpu {
         self.link.device.adapter_info().device_type == wgpu::DeviceType::Cpu
     }
 
-    /// So many rays leave at least half of it idle: found by trying on an H200 (0.22 ms for 50,000 rays together, 0.20 ms
-    /// apart), guessed for others.
-    pub(super) fn few(&self) -> u32 {
-        match self.link.device.adapter_info().device_type {
-            wgpu::DeviceType::DiscreteGpu => 1 << 16,
-            wgpu::DeviceType::Cpu => 1 << 6,
-            _ => 1 << 12,
-        }
-    }
-
     /// Loses the device, as a driver might.
     #[cfg(test)]
     pub(crate) fn lose(&self) {

@@ -143,17 +143,6 @@ impl Device {
         }
     }
 
-    /// Over how many invocations to spread each of so many rays, as a power of two: see
-    /// [`JOB_SPREAD`](raykd_kernels::trace::JOB_SPREAD).
-    #[cfg_attr(not(feature = "gpu"), allow(unused_variables, reason = "a CPU has no idle invocations"))]
-    pub(crate) fn spread(&self, rays: u32) -> u32 {
-        match self {
-            Self::Cpu(_) => 0,
-            #[cfg(feature = "gpu")]
-            Self::Gpu(gpu) => u32::from(rays <= gpu.few()),
-        }
-    }
-
     /// Runs work of the host with the device's threads; a GPU has those of the machine.
     pub(crate) fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
         match self {

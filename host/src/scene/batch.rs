@@ -106,15 +106,13 @@ impl Batch {
         buffers: Vec<&Buffer>,
         query: Query,
     ) -> Result<Duration, Error> {
-        let spread = device.spread(self.count);
-        self.begin(device, spread, u32::from(query == Query::Any))?;
-        Ok(device.run(&[Step::over(kernel, self.count << spread, buffers)], false)?.total)
+        self.begin(device, u32::from(query == Query::Any))?;
+        Ok(device.run(&[Step::over(kernel, self.count, buffers)], false)?.total)
     }
 
-    /// Forgets what earlier kernels reported, and sets the words of the job: how thin rays are spread, see
-    /// [`Device::spread`], and what some kernels are asked.
-    pub(super) fn begin(&self, device: &Device, spread: u32, option: u32) -> Result<(), Error> {
-        let job: [u32; JOB_WORDS as usize] = [self.count, spread, 0, option];
+    /// Forgets what earlier kernels reported, and sets the words of the job: how many rays, and what is asked.
+    pub(super) fn begin(&self, device: &Device, option: u32) -> Result<(), Error> {
+        let job: [u32; JOB_WORDS as usize] = [self.count, 0, 0, option];
         device.write(&self.job, 0, bytemuck::cast_slice(&job))?;
         device.write(&self.outcome, 0, &[0; OUTCOME_WORDS as usize * 4])
     }

@@ -164,7 +164,7 @@ impl Scene<'_> {
             all.upload += start.elapsed();
             let mut buffers = batch.buffers(self);
             buffers.push(&totals);
-            batch.begin(self.device, 0, limit)?;
+            batch.begin(self.device, limit)?;
             all.trace += self.device.run(&[Step::over(&ALL, batch.count, buffers)], false)?.total;
             let start = Instant::now();
             all.invalid += batch.outcome(self.device)?;
@@ -251,7 +251,7 @@ impl Scene<'_> {
         // Without triangles one empty slice still writes the misses.
         let steps: Vec<Step<'_>> =
             if slices.is_empty() { vec![step(&batch.job)] } else { slices.iter().map(step).collect() };
-        batch.begin(self.device, 0, 0)?;
+        batch.begin(self.device, 0)?;
         Ok(self.device.run(&steps, false)?.total)
     }
 

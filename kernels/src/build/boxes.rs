@@ -1,23 +1,11 @@
 //! The references of the root: the triangles that take part, each with its box.
 
-use super::{clip::Bounds, reference::Reference};
+use super::reference::Reference;
 use crate::{
-    glam::{UVec4, Vec3},
+    glam::UVec4,
     mem::{Buf, Slots},
 };
 use raykd_shared::BuildParams;
-
-/// The vertices of triangle `id` of an indexed mesh.
-#[inline(always)]
-pub fn triangle(positions: &Buf<f32>, indices: &Buf<u32>, id: u32) -> (Vec3, Vec3, Vec3) {
-    (vertex(positions, indices, id, 0), vertex(positions, indices, id, 1), vertex(positions, indices, id, 2))
-}
-
-#[inline(always)]
-fn vertex(positions: &Buf<f32>, indices: &Buf<u32>, id: u32, corner: u32) -> Vec3 {
-    let p = indices.at(3 * id + corner) * 3;
-    Vec3::new(positions.at(p), positions.at(p + 1), positions.at(p + 2))
-}
 
 /// Writes reference `i`.
 pub fn bound(
@@ -29,9 +17,7 @@ pub fn bound(
     refs: &mut Buf<UVec4>,
 ) {
     if i < params.at(0).references {
-        let id = kept.at(i);
-        let (a, b, c) = triangle(positions, indices, id);
-        Reference { triangle: id, bounds: Bounds::of(a, b, c) }.store(refs, i);
+        Reference::whole(positions, indices, kept.at(i)).store(refs, i);
     }
 }
 

@@ -2,11 +2,12 @@
 
 #[cfg(not(target_arch = "spirv"))]
 use super::ahead;
-use super::{LEVEL_CHUNKS, boxes::triangle, chunk_of, clip::clip_plane, plane_of, reference::Reference};
+use super::{LEVEL_CHUNKS, chunk_of, clip::clip_plane, plane_of, reference::Reference};
 use crate::{
     Group,
     glam::{UVec2, UVec4},
     mem::{Atomics, Buf, Slots},
+    mesh::triangle,
 };
 use raykd_shared::{BuildParams, rule};
 

@@ -1,10 +1,11 @@
-//! References of the nodes above treelets: a triangle, and the box of what the node holds of it.
+//! References of a level: a triangle, and the box of what its node holds of it.
 
 use super::{Plane, from_bits, is_above, is_below, to_bits};
 use crate::{
     build::clip::Bounds,
     glam::UVec4,
     mem::{Buf, Slots},
+    mesh,
     trace::frame::component,
 };
 use raykd_shared::Node;
@@ -14,23 +15,32 @@ use raykd_shared::Node;
 pub struct Reference {
     /// The triangle's number.
     pub triangle: u32,
+    /// For [`super::exact`], the number of its node in the level.
+    pub cell: u32,
     /// A box around its part in the node; empty if that has turned out to be nothing.
     pub bounds: Bounds,
 }
 
 impl Reference {
+    /// A triangle's reference in the root.
+    #[inline(always)]
+    pub fn whole(positions: &Buf<f32>, indices: &Buf<u32>, triangle: u32) -> Self {
+        let (a, b, c) = mesh::triangle(positions, indices, triangle);
+        Self { triangle, cell: 0, bounds: Bounds::of(a, b, c) }
+    }
+
     /// Reads reference `i` of a list.
     #[inline(always)]
     pub fn load(list: &Buf<UVec4>, i: u32) -> Self {
         let (lo, hi) = (list.at(2 * i), list.at(2 * i + 1));
-        Self { triangle: lo.w, bounds: Bounds { lo: from_bits(lo), hi: from_bits(hi) } }
+        Self { triangle: lo.w, cell: hi.w, bounds: Bounds { lo: from_bits(lo), hi: from_bits(hi) } }
     }
 
     /// Writes reference `i` of a list.
     #[inline(always)]
     pub fn store(&self, list: &mut Buf<UVec4>, i: u32) {
         list.put(2 * i, to_bits(self.bounds.lo, self.triangle));
-        list.put(2 * i + 1, to_bits(self.bounds.hi, 0));
+        list.put(2 * i + 1, to_bits(self.bounds.hi, self.cell));
     }
 
     /// Which children it goes to: bit 0 below, bit 1 above. A leaf keeps all its references below.

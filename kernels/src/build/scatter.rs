@@ -3,13 +3,13 @@
 #[cfg(not(target_arch = "spirv"))]
 use super::ahead;
 use super::{
-    LEVEL_CHUNKS, STATE_STATUS, alloc::TO_TREELET, boxes::triangle, chunk_of, clip::clip_plane, plane_of,
-    reference::Reference,
+    LEVEL_CHUNKS, STATE_STATUS, alloc::TO_TREELET, chunk_of, clip::clip_plane, plane_of, reference::Reference,
 };
 use crate::{
     Group,
     glam::{UVec2, UVec4},
     mem::{Atomics, Buf, Slots},
+    mesh::triangle,
 };
 use raykd_shared::{BuildParams, limits::CHUNK, rule};
 

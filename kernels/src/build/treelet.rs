@@ -7,7 +7,6 @@
 use super::ahead;
 use super::{
     Across, Costs, Item, Plane, STATE_STATUS, STATE_TREELETS, Sah,
-    boxes::triangle,
     clip::{Bounds, clip},
     cut,
     overlap::overlaps,
@@ -20,6 +19,7 @@ use crate::{
     Group,
     glam::{UVec2, UVec4, Vec3},
     mem::{Atomics, Buf, Slots},
+    mesh::triangle,
 };
 use raykd_shared::{
     BuildParams, Node,

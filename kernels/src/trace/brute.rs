@@ -9,9 +9,9 @@ use super::{
     load, record,
 };
 use crate::{
-    build::boxes::triangle,
     glam::{UVec4, Vec4},
     mem::{Atomics, Buf, Slots},
+    mesh::triangle,
 };
 use raykd_shared::{TreeHeader, status};
 

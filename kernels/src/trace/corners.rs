@@ -2,9 +2,9 @@
 
 use super::{baldwin::Baldwin, intersector::Intersector, triangle::Strict};
 use crate::{
-    build::boxes::triangle,
     glam::Vec4,
     mem::{Buf, Slots},
+    mesh::triangle,
 };
 use raykd_shared::TreeHeader;
 

@@ -55,6 +55,13 @@ impl Crossing {
         let (first, last) = thick(ray, node.axis(), node.split());
         Self { near: if back { above } else { below }, far: if back { below } else { above }, first, last }
     }
+
+    /// Whether a ray that enters the node at `enter` goes on to the far child alone, if it is `reached`: it is past the near
+    /// one, or that is an empty leaf, not worth a visit.
+    #[inline(always)]
+    pub fn skips_near(&self, enter: f32, reached: bool) -> bool {
+        self.last < enter || (reached && self.near.node.is_empty())
+    }
 }
 
 /// From and to which `t` a ray is inside the thick plane across `axis` at `position`.

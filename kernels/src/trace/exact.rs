@@ -20,7 +20,7 @@ use super::{
 };
 use crate::{
     glam::{Vec3, Vec4},
-    math::{abs, div, exp2, exponent, high, low},
+    math::{abs, div, exp2, exponent, high, is_small, low},
 };
 
 /// The test.
@@ -40,11 +40,8 @@ struct Seen {
     known: bool,
 }
 
-/// Not 0, but so small that products may lose digits below the range of `f32`.
-#[inline(always)]
-fn is_small(a: f32) -> bool {
-    (a != 0.0) & (abs(a) < exp2(-36))
-}
+/// Products of smaller numbers may lose digits below the range of `f32`.
+const SMALL: f32 = exp2(-36);
 
 /// `x * main - side * z`, within `2^-46` of its size and `2^-63` of the scene's, and whether it is a float, exactly.
 #[inline(always)]
@@ -59,7 +56,11 @@ fn across(x: Pair, z: Pair, main: f32, side: f32) -> (Pair, bool) {
     let rest = ((second.lo + third.lo) + (r.lo - s.lo)) + (fourth.lo + fifth.lo);
     let whole = Pair::sum(first.hi, fifth.hi);
     let found = Pair::sum(whole.hi, whole.lo + rest);
-    let simple = (x.lo == 0.0) & (z.lo == 0.0) & !is_small(x.hi) & !is_small(z.hi) & !is_small(side);
+    let simple = (x.lo == 0.0)
+        & (z.lo == 0.0)
+        & !is_small(x.hi, SMALL)
+        & !is_small(z.hi, SMALL)
+        & !is_small(side, SMALL);
     let known = simple & (first.lo == 0.0) & (second.hi == 0.0) & (second.lo == 0.0);
     (found, known)
 }
@@ -79,7 +80,10 @@ impl Edge {
     fn new(a: &Seen, b: &Seen, error: f32) -> Self {
         let value = a.x.times(b.y).plus(a.y.times(b.x).negative());
         // Of floats the signs are exact; with a corner on the ray the edge function is 0.
-        let small = is_small(a.x.hi) | is_small(a.y.hi) | is_small(b.x.hi) | is_small(b.y.hi);
+        let small = is_small(a.x.hi, SMALL)
+            | is_small(a.y.hi, SMALL)
+            | is_small(b.x.hi, SMALL)
+            | is_small(b.y.hi, SMALL);
         let on_ray = (a.known & (a.size == 0.0)) | (b.known & (b.size == 0.0));
         let exact = on_ray | (a.known & b.known & !small);
         let certain = exact | (abs(value.hi) > error);

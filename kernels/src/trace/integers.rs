@@ -5,6 +5,7 @@
 //! Four determinants decide: `D = d . (b x c) + d . (c x a) + d . (a x b)`, whose parts are the weights, and
 //! `N = a . (b x c)`; then `t = N / D` (the volumes of Möller & Trumbore 1997, undivided). Quotients are rounded once.
 
+use super::frame::component;
 use crate::{
     glam::Vec3,
     math::exponent,
@@ -47,14 +48,7 @@ fn widen(range: (i32, i32), v: Vec3) -> (i32, i32) {
     let (mut lo, mut hi) = range;
     let mut axis = 0;
     while axis < 3 {
-        let x = if axis == 0 {
-            v.x
-        } else if axis == 1 {
-            v.y
-        } else {
-            v.z
-        };
-        let e = exponent(x);
+        let e = exponent(component(v, axis));
         if e > -127 {
             lo = if e < lo { e } else { lo };
             hi = if e > hi { e } else { hi };
@@ -286,20 +280,7 @@ pub fn cross(origin: Vec3, d: Vec3, a: Vec3, b: Vec3, c: Vec3) -> Answer {
         } else {
             c
         };
-        let x = if axis == 0 {
-            v.x
-        } else if axis == 1 {
-            v.y
-        } else {
-            v.z
-        };
-        let from = if axis == 0 {
-            origin.x
-        } else if axis == 1 {
-            origin.y
-        } else {
-            origin.z
-        };
+        let (x, from) = (component(v, axis), component(origin, axis));
         let (n, grid) = if row == 0 { (nd, grid_d) } else { (n, grid) };
         clear(&mut m, base, n);
         add_float(&mut m, base, n, x, grid, false);

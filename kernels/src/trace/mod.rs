@@ -23,9 +23,7 @@ macro_rules! query {
             $($more: &$crate::mem::Buf<$t>),*
         ) {
             use $crate::{mem::{Atomics as _, Slots as _}, trace};
-            let spread = job.at(trace::JOB_SPREAD);
-            let (i, idle) = (i >> spread, i & ((1 << spread) - 1));
-            if idle == 0 && i < job.at(trace::JOB_RAYS) {
+            if i < job.at(trace::JOB_RAYS) {
                 let $ray = &trace::load(i, rays, &header.at(0), outcome);
                 let ($i, $any) = (i, job.at(trace::JOB_ANY) != 0);
                 let $steps = &mut trace::Steps::default();
@@ -90,9 +88,6 @@ use raykd_shared::{MISS, Node, TreeHeader};
 
 /// Words of the job record: how many rays this dispatch has.
 pub const JOB_RAYS: u32 = 0;
-/// Queries of either kind: `2^spread` invocations a ray, all but one of them idle. A batch that leaves most of a GPU idle is
-/// done sooner if fewer rays wait for each other.
-pub const JOB_SPREAD: u32 = 1;
 /// Brute force: where in the list of triangles this dispatch starts.
 pub const JOB_FROM: u32 = 1;
 /// Brute force: where it ends.

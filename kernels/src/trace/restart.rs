@@ -68,16 +68,22 @@ pub fn walk<const PUSHDOWN: bool>(
         let Base { mut node, mut level, mut enter, mut exit } = base;
         // One more than the level of the deepest node whose far child is to be visited later; 0 for none.
         let mut waiting = 0;
+        // The first `t` in any of them.
+        let mut first_waiting = f32::INFINITY;
         while !node.is_leaf() && enter <= best.t {
             steps.inner += 1;
             let plane = Crossing::new(ray, node, pairs);
-            let far = if level < fixed { trail.is_far(level) } else { plane.last < enter };
+            let reached = plane.first <= low(exit, best.t);
+            let far = if level < fixed { trail.is_far(level) } else { plane.skips_near(enter, reached) };
             if far {
                 trail = if level < fixed { trail } else { trail.turned(level) };
                 node = plane.far.node;
                 enter = high(enter, plane.first);
             } else {
-                waiting = if plane.first <= low(exit, best.t) { level + 1 } else { waiting };
+                if reached && !plane.far.node.is_empty() {
+                    waiting = level + 1;
+                    first_waiting = low(first_waiting, high(enter, plane.first));
+                }
                 node = plane.near.node;
                 exit = low(exit, plane.last);
             }
@@ -96,7 +102,8 @@ pub fn walk<const PUSHDOWN: bool>(
         if level > MAX_DEPTH {
             steps.status |= status::STACK;
         }
-        if waiting == 0 || (any && best.triangle != MISS) {
+        // What waits beyond the best hit is not worth a visit.
+        if waiting == 0 || first_waiting > best.t || (any && best.triangle != MISS) {
             running = false;
             open = 0;
         } else {

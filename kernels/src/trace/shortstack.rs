@@ -23,9 +23,9 @@ use crate::{
 use raykd_shared::{MISS, limits::MAX_DEPTH, status};
 
 /// Bytes that a ray keeps between two leaves with a stack of `entries`, beside its best hit: entries, their place,
-/// how many they are, the deepest one lost, and what `pushdown` keeps.
+/// how many they are, the deepest one lost, where the first lost begins, and what `pushdown` keeps.
 pub const fn state(entries: u32) -> u32 {
-    16 * entries + 12 + super::pushdown::STATE
+    16 * entries + 16 + super::pushdown::STATE
 }
 
 /// Finds the closest hit, or if `any` will do the best one in the first leaf that has one, with a stack of
@@ -44,8 +44,8 @@ pub fn walk<const ENTRIES: usize>(
     let mut ring = scratch::<UVec4, ENTRIES>();
     // Entries pushed less those popped, modulo the ring's size, and how many of them are still there.
     let (mut top, mut held) = (0u32, 0u32);
-    // One more than the level of the deepest entry lost; 0 for none.
-    let mut lost = 0;
+    // One more than the level of the deepest entry lost, 0 for none; and the first `t` in any that was lost.
+    let (mut lost, mut first_lost) = (0, f32::INFINITY);
     let mut base = Base::root(ray, pairs);
     let Base { mut node, mut level, mut enter, mut exit } = base;
     let mut trail = Trail::ROOT;
@@ -58,16 +58,19 @@ pub fn walk<const ENTRIES: usize>(
         while !node.is_leaf() && enter <= best.t {
             steps.inner += 1;
             let plane = Crossing::new(ray, node, pairs);
-            let far = if level < fixed { trail.is_far(level) } else { plane.last < enter };
+            let reached = plane.first <= low(exit, best.t);
+            let far = if level < fixed { trail.is_far(level) } else { plane.skips_near(enter, reached) };
             if far {
                 trail = if level < fixed { trail } else { trail.turned(level) };
                 node = plane.far.node;
                 enter = high(enter, plane.first);
             } else {
-                if plane.first <= low(exit, best.t) {
+                if reached && !plane.far.node.is_empty() {
                     let slot = top & (entries - 1);
                     if held == entries {
-                        lost = ring.at(slot).y + 1;
+                        let oldest = ring.at(slot);
+                        lost = oldest.y + 1;
+                        first_lost = low(first_lost, f32::from_bits(oldest.z));
                     } else {
                         held += 1;
                     }
@@ -93,7 +96,8 @@ pub fn walk<const ENTRIES: usize>(
         if level > MAX_DEPTH {
             steps.status |= status::STACK;
         }
-        if (held == 0 && lost == 0) || (any && best.triangle != MISS) {
+        // What was lost beyond the best hit is no loss.
+        if (held == 0 && (lost == 0 || first_lost > best.t)) || (any && best.triangle != MISS) {
             running = false;
             open = 0;
         } else if held != 0 {
@@ -109,7 +113,7 @@ pub fn walk<const ENTRIES: usize>(
         } else {
             trail = trail.turned(lost - 1);
             fixed = lost;
-            lost = 0;
+            (lost, first_lost) = (0, f32::INFINITY);
             Base { node, level, enter, exit } = base;
             steps.turns += 1;
         }

@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     glam::{Vec3, Vec4},
-    math::{div, exp2, exponent, product_difference, product_difference_wide},
+    math::{div, exp2, exponent, is_small, product_difference, product_difference_wide},
 };
 
 /// Depths smaller than this count as zero, and so do weights below [`WEIGHT_FLOOR`]: their products stay normal.
@@ -85,8 +85,13 @@ pub fn may_hit(ray: &Frame, a: Vec3, b: Vec3, c: Vec3) -> bool {
 /// The three edge functions, up to a common power of two: exact signs, sizes within `2^-22`.
 #[inline(always)]
 fn edges(s: &Sheared) -> (f32, f32, f32) {
-    let small =
-        is_small(s.ax) | is_small(s.ay) | is_small(s.bx) | is_small(s.by) | is_small(s.cx) | is_small(s.cy);
+    // Too small for [`product_difference`].
+    let small = is_small(s.ax, SMALL)
+        | is_small(s.ay, SMALL)
+        | is_small(s.bx, SMALL)
+        | is_small(s.by, SMALL)
+        | is_small(s.cx, SMALL)
+        | is_small(s.cy, SMALL);
     if small {
         let (u, eu) = product_difference_wide(s.cx, s.by, s.cy, s.bx);
         let (v, ev) = product_difference_wide(s.ax, s.cy, s.ay, s.cx);
@@ -101,13 +106,6 @@ fn edges(s: &Sheared) -> (f32, f32, f32) {
             product_difference(s.bx, s.ay, s.by, s.ax),
         )
     }
-}
-
-/// Not 0, but too small for [`product_difference`].
-#[inline(always)]
-fn is_small(a: f32) -> bool {
-    let doubled = a.to_bits() << 1;
-    doubled.wrapping_sub(1) < const { (SMALL.to_bits() << 1) - 1 }
 }
 
 /// `a * 2^e` for `e <= 0`, keeping the sign of what is too small to matter.

@@ -2,9 +2,10 @@
 
 use super::{ABOVE, BELOW, CLIPPED_SHIFT, CUT, Cell, HEAD, LEAF, LEVEL_REFS, LISTED, Reference, decide};
 use crate::{
-    build::{boxes::triangle, clip::clip_plane},
+    build::clip::clip_plane,
     glam::UVec4,
     mem::{Buf, Slots},
+    mesh::triangle,
     trace::frame::component,
 };
 use raykd_shared::{BuildParams, Node, rule};

@@ -2,12 +2,13 @@
 
 use super::{
     BELOW, CLIPPED, CLIPPED_SHIFT, CUT, Cell, LEAF, LEAVES, LEVEL_LEAVES, LEVEL_NODES, LEVEL_REFS, LISTS,
-    Reference, STATE_STATUS, WHOLE, decide, fresh_room, in_two, pick, ranked,
+    Reference, STATE_STATUS, WHOLE, decide, face, fresh_room, in_two, pick, ranked,
 };
 use crate::{
-    build::{boxes::triangle, clip::clip_plane},
+    build::clip::clip_plane,
     glam::{UVec2, UVec4},
     mem::{Buf, Slots},
+    mesh::triangle,
 };
 use raykd_shared::{BuildParams, rule};
 
@@ -71,7 +72,7 @@ pub fn distribute(
                         let at = child.fresh + pick(clipped, side);
                         let mut list = 0;
                         while list < LISTS {
-                            fresh.put(list * fresh_room(room) + at, made.face(list, to));
+                            fresh.put(list * fresh_room(room) + at, face(&made.bounds, list, to));
                             list += 1;
                         }
                     } else if (code & CUT) == 0 {

@@ -32,6 +32,7 @@ use super::{
     bin::{ordered, unordered},
     clip::Bounds,
     cut, from_bits,
+    reference::Reference,
     scan::LANES,
     to_bits,
 };
@@ -177,40 +178,13 @@ impl Cell {
     }
 }
 
-/// A reference of a level: two words of four.
-#[derive(Clone, Copy, Debug)]
-pub struct Reference {
-    /// The triangle's number.
-    pub triangle: u32,
-    /// The cell it lies in.
-    pub cell: u32,
-    /// The box of what the cell holds of the triangle.
-    pub bounds: Bounds,
-}
-
-impl Reference {
-    /// Reads reference `i` of a level.
-    #[inline(always)]
-    pub fn load(refs: &Buf<UVec4>, i: u32) -> Self {
-        let (lo, hi) = (refs.at(2 * i), refs.at(2 * i + 1));
-        Self { triangle: lo.w, cell: hi.w, bounds: Bounds { lo: from_bits(lo), hi: from_bits(hi) } }
-    }
-
-    /// Writes reference `i` of a level.
-    #[inline(always)]
-    pub fn store(&self, refs: &mut Buf<UVec4>, i: u32) {
-        refs.put(2 * i, to_bits(self.bounds.lo, self.triangle));
-        refs.put(2 * i + 1, to_bits(self.bounds.hi, self.cell));
-    }
-
-    /// A face of its box as list number `list` holds it.
-    #[inline(always)]
-    fn face(&self, list: u32, number: u32) -> UVec2 {
-        let (lo, hi) = (component(self.bounds.lo, list >> 1), component(self.bounds.hi, list >> 1));
-        let is_end = (list & 1) == 1;
-        let kind = if is_end || lo == hi { 0 } else { AFTER_FLAT };
-        UVec2::new(ordered(if is_end { hi } else { lo }), kind | number)
-    }
+/// A face of a reference's box as list number `list` holds it.
+#[inline(always)]
+fn face(bounds: &Bounds, list: u32, number: u32) -> UVec2 {
+    let (lo, hi) = (component(bounds.lo, list >> 1), component(bounds.hi, list >> 1));
+    let is_end = (list & 1) == 1;
+    let kind = if is_end || lo == hi { 0 } else { AFTER_FLAT };
+    UVec2::new(ordered(if is_end { hi } else { lo }), kind | number)
 }
 
 /// The cell that reference `i` of a level lies in.

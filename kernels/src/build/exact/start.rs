@@ -1,8 +1,7 @@
 //! The references of the root, and their faces in no order.
 
-use super::{LEVEL_REFS, LISTS, Reference};
+use super::{LEVEL_REFS, LISTS, Reference, face};
 use crate::{
-    build::{boxes::triangle, clip::Bounds},
     glam::{UVec2, UVec4},
     mem::{Buf, Slots},
 };
@@ -22,13 +21,11 @@ pub fn start(
 ) {
     if i < level.at(LEVEL_REFS) {
         let room = params.at(0).level_refs;
-        let id = kept.at(i);
-        let (a, b, c) = triangle(positions, indices, id);
-        let reference = Reference { triangle: id, cell: 0, bounds: Bounds::of(a, b, c) };
+        let reference = Reference::whole(positions, indices, kept.at(i));
         reference.store(refs, i);
         let mut list = 0;
         while list < LISTS {
-            faces.put(list * room + i, reference.face(list, i));
+            faces.put(list * room + i, face(&reference.bounds, list, i));
             list += 1;
         }
     }
