@@ -3,7 +3,7 @@
 //!
 //! Where an entry was lost and the stack is empty, the paper goes on at the last `t`; programs written after it
 //! lose nodes just there. Here the level of the deepest entry lost is kept: a [`Trail`] leads back to it, and the
-//! descent pushes again what is above it.
+//! descent pushes again what is above it. Where the first entry lost begins is kept, too: what lies beyond the best hit is no loss.
 
 use super::{
     NOTHING, Steps,
