@@ -23,7 +23,7 @@ use raykd_shared::{MISS, Node, limits::MAX_DEPTH, status};
 /// A lane in an empty leaf takes the next entry at once while it has passed fewer nodes than this since lanes tested
 /// triangles together: two of three leaves on a ray's way are empty, but a lane that never stops makes the others wait. Found
 /// by trying on an H200 (`docs/figures.md`). On a CPU nobody waits.
-const IN_A_ROW: u32 = if cfg!(target_arch = "spirv") { 12 } else { 0 };
+const IN_A_ROW: u32 = 12;
 
 /// Whether a ray goes to the far child first, and whether it goes to both; by whether its interval is `past` the near child,
 /// ends `before` the far one, and which of them is empty: such a leaf is not worth a visit beside another child.
@@ -117,7 +117,7 @@ pub fn walk<I: Intersector, F: Filter, const COUNT: bool>(
             enter = if over { begins } else { enter };
             exit = if over { exit } else { ends };
             // See [`IN_A_ROW`].
-            if node.is_empty() & (top != 0) & (passed < IN_A_ROW) {
+            if cfg!(target_arch = "spirv") && node.is_empty() & (top != 0) & (passed < IN_A_ROW) {
                 let entry = stack.at(top - 1);
                 let begin = f32::from_bits(entry.w);
                 // What lies beyond the best hit is left to the search below.
