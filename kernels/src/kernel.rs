@@ -194,6 +194,26 @@ macro_rules! slot {
     };
 }
 
+/// Runs a workgroup, by one of two copies of the same code.
+#[cfg(not(target_arch = "spirv"))]
+macro_rules! run_twice {
+    ($n:tt, |$group:ident, $buffers:ident| $run:block) => {{
+        #[inline(always)]
+        unsafe fn run($group: $crate::Group, $buffers: &[$crate::RawBuf]) -> u64 $run
+        // A copy for the usual order, in which lanes are counted as in any loop.
+        #[cfg_attr(target_arch = "x86_64", target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt"))]
+        unsafe fn usual(group: $crate::Group, buffers: &[$crate::RawBuf]) -> u64 {
+            let group = $crate::Group { width: $n, order: $crate::Order::Forward, ..group };
+            // SAFETY: as for the caller.
+            unsafe { run(group, buffers) }
+        }
+        |group, buffers| {
+            // SAFETY: as for the caller, who says that the processor has these instructions.
+            unsafe { if group.usual { usual(group, buffers) } else { run(group, buffers) } }
+        }
+    }};
+}
+
 /// Declares a kernel: a SPIR-V entry point on the GPU, a [`Kernel`] constant on the CPU.
 macro_rules! kernel {
     ($(#[$doc:meta])* map $name:ident = $body:path, threads $n:tt,
@@ -218,7 +238,7 @@ macro_rules! kernel {
             slots: &[$($crate::Slot {
                 name: stringify!($arg), access: slot!(access $mode), stride: size_of::<$t>(),
             }),+],
-            run: |group, buffers| {
+            run: run_twice!($n, |group, buffers| {
                 $(
                     let raw = buffers[$b];
                     // SAFETY: the contract of `Kernel::run` is that of `Buf::new`.
@@ -231,7 +251,7 @@ macro_rules! kernel {
                     $body(group.id * $n + lane, $(slot!(pass $mode $arg)),+);
                 }
                 0 $(+ $arg.moved())+
-            },
+            }),
         };
     };
     ($(#[$doc:meta])* group $name:ident = $body:path, threads $n:tt, shared [$($sh:ident: $len:expr),*],
@@ -258,34 +278,20 @@ macro_rules! kernel {
             slots: &[$($crate::Slot {
                 name: stringify!($arg), access: slot!(access $mode), stride: size_of::<$t>(),
             }),+],
-            run: {
-                #[inline(always)]
-                unsafe fn run(group: $crate::Group, buffers: &[$crate::RawBuf]) -> u64 {
-                    $(
-                        let raw = buffers[$b];
-                        // SAFETY: the contract of `Kernel::run` is that of `Buf::new`.
-                        #[allow(unused_mut, reason = "buffers that are only read are passed by & below")]
-                        let mut $arg = unsafe {
-                            $crate::mem::Buf::<$t>::new(raw.ptr.cast(), raw.len / size_of::<$t>())
-                        };
-                    )+
-                    // Workgroup memory starts as garbage on a GPU, so it does here.
-                    $(let mut $sh = [0xDEAD_BEEFu32; $len];)*
-                    $body(group, $(&mut $sh,)* $(slot!(pass $mode $arg)),+);
-                    0 $(+ $arg.moved())+
-                }
-                // A copy for the usual order, in which lanes are counted as in any loop.
-                #[cfg_attr(target_arch = "x86_64", target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt"))]
-                unsafe fn usual(group: $crate::Group, buffers: &[$crate::RawBuf]) -> u64 {
-                    let group = $crate::Group { width: $n, order: $crate::Order::Forward, ..group };
-                    // SAFETY: as for the caller.
-                    unsafe { run(group, buffers) }
-                }
-                |group, buffers| {
-                    // SAFETY: as for the caller, who says that the processor has these instructions.
-                    unsafe { if group.usual { usual(group, buffers) } else { run(group, buffers) } }
-                }
-            },
+            run: run_twice!($n, |group, buffers| {
+                $(
+                    let raw = buffers[$b];
+                    // SAFETY: the contract of `Kernel::run` is that of `Buf::new`.
+                    #[allow(unused_mut, reason = "buffers that are only read are passed by & below")]
+                    let mut $arg = unsafe {
+                        $crate::mem::Buf::<$t>::new(raw.ptr.cast(), raw.len / size_of::<$t>())
+                    };
+                )+
+                // Workgroup memory starts as garbage on a GPU, so it does here.
+                $(let mut $sh = [0xDEAD_BEEFu32; $len];)*
+                $body(group, $(&mut $sh,)* $(slot!(pass $mode $arg)),+);
+                0 $(+ $arg.moved())+
+            }),
         };
     };
 }

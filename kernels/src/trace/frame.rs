@@ -167,6 +167,7 @@ impl Frame {
 
     /// Prepares the ray in two words of four, as buffers hold it: origin and `direction.x`; `direction.y`,
     /// `direction.z`, `t_min`, `t_max`.
+    #[cfg_attr(not(target_arch = "spirv"), inline(always))]
     pub fn new(first: Vec4, second: Vec4, header: &TreeHeader) -> Self {
         let direction = Vec3::new(first.w, second.x, second.y);
         let (dx, dy, dz) = (exponent(direction.x), exponent(direction.y), exponent(direction.z));

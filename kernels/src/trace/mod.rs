@@ -9,6 +9,7 @@ macro_rules! query {
     ($(#[$doc:meta])* $name:ident $($counts:ident)? = |$i:pat_param, $ray:ident, $pairs:ident, $corners:ident,
      $any:pat_param, $steps:ident| $walk:expr, { $($b:tt $more:ident: $t:ty),* $(,)? }) => {
         /// Answers the ray of invocation `i`.
+        #[cfg_attr(not(target_arch = "spirv"), inline(always))]
         #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
         pub fn answer(
             i: u32,
