@@ -7,11 +7,11 @@ use crate::{
     mesh::Mesh,
 };
 use raykd_kernels::build::{
-    ARGS_ACTIVE, ARGS_BLOCKS, ARGS_CHUNKS, ARGS_TREELETS, ARGS_WORDS, Costs, LEVEL_WORDS, STATE_DEPTH,
-    STATE_NODES, STATE_REFS, STATE_STATUS, STATE_TREELET_REFS, STATE_TREELETS, STATE_WORDS, alloc::ALLOC,
-    bin::BIN, bin::HIST_WORDS, boxes::BOXES, count::COUNT, emit::EMIT, place::PLACE, scatter::SCATTER,
-    split::SPLIT, tally::BLOCK, tally::KINDS, tally::TALLY, tally::blocks_of, top::TOP, treelet::TREELETS,
-    treelet::scratch_base,
+    ARGS_ACTIVE, ARGS_BLOCKS, ARGS_CHUNKS, ARGS_TREELET_BLOCKS, ARGS_TREELETS, ARGS_WORDS, Costs,
+    LEVEL_WORDS, STATE_DEPTH, STATE_LEFT, STATE_NODES, STATE_REFS, STATE_STATUS, STATE_TREELET_REFS,
+    STATE_TREELETS, STATE_WORDS, alloc::ALLOC, bin::BIN, bin::HIST_WORDS, boxes::BOXES, count::COUNT,
+    emit::EMIT, place::PLACE, scatter::SCATTER, split::SPLIT, tally::BLOCK, tally::KINDS, tally::TALLY,
+    tally::blocks_of, top::TOP, treelet::TREELETS, treelet::scratch_base,
 };
 use raykd_shared::{
     BuildParams, Node, TreeHeader,
@@ -200,13 +200,13 @@ impl Room {
         let levels = 12 + 13 * (n + 1).ilog2() / 10;
         let chunks = n.div_ceil(CHUNK);
         let level_refs = n + n / 2 + 64;
-        // Dragons, Sponza and the teapot take 1.7 to 2.4 in treelets of 14 to 18; without costs, in short leaves, 5.
-        let (treelet_refs, a_treelet) = if small < TREELET { (5 * n, 3) } else { (2 * n + n / 2, 14) };
+        // Dragons, Sponza and the teapot take 1.4 to 2.1 in treelets of 14 to 18; without costs, in short leaves, 5.
+        let (treelet_refs, a_treelet) = if small < TREELET { (5 * n, 3) } else { (2 * n + n / 4, 14) };
         let treelet_refs = treelet_refs + 64;
         Self {
             level_refs,
             treelet_refs,
-            active: level_refs / (small + 1) + chunks + 4,
+            active: n / small + chunks + 4,
             treelets: treelet_refs / a_treelet + 16,
             levels: levels.min(MAX_DEPTH),
         }
@@ -347,8 +347,13 @@ fn attempt_build(
     let blocks = arena.alloc("blocks", blocks_of(room.active), u64::from(KINDS) * 4)?;
     let top = arena.alloc("top", 2 * params.treelets, 8)?;
     let treelets = arena.alloc("treelets", room.treelets, 48)?;
-    let treelet_refs = arena.alloc("treelet refs", room.treelet_refs, 4)?;
-    let treelet_sizes = arena.alloc("treelet sizes", room.treelets, 16)?;
+    let treelet_refs = arena.alloc("treelet refs", room.treelet_refs, 32)?;
+    let treelet_sizes = arena.alloc("treelet sizes", room.treelets, 8)?;
+    let treelet_blocks = arena.alloc(
+        "treelet blocks",
+        blocks_of(room.treelets),
+        u64::from(raykd_kernels::build::place::KINDS) * 4,
+    )?;
     let places = arena.alloc("treelet places", room.treelets, 8)?;
 
     let begin = Instant::now();
@@ -363,12 +368,13 @@ fn attempt_build(
     // The root and the padding after it.
     words[raykd_kernels::build::STATE_TOP as usize] = 2;
     device.write(&top, 8, bytemuck::bytes_of(&Node::PADDING))?;
+    let mut first_args = [0u32; ARGS_WORDS as usize];
+    first_args[3 * ARGS_TREELET_BLOCKS as usize..].copy_from_slice(&[1, 1, 1]);
     if root_is_large {
         let pieces = references.div_ceil(CHUNK);
         // The root and the padding after it are the first two slots.
         let first: [u32; LEVEL_WORDS as usize] = [1, pieces, references, 0, 2, 0, 0];
         device.write(&levels[0], 0, bytemuck::cast_slice(&first))?;
-        let mut first_args = [0u32; ARGS_WORDS as usize];
         first_args[3 * ARGS_ACTIVE as usize..][..3].copy_from_slice(&[1, 1, 1]);
         first_args[3 * ARGS_BLOCKS as usize..][..3].copy_from_slice(&[1, 1, 1]);
         first_args[3 * ARGS_CHUNKS as usize..][..3].copy_from_slice(&[
@@ -376,7 +382,6 @@ fn attempt_build(
             pieces.div_ceil(raykd_shared::limits::GROUPS_X),
             1,
         ]);
-        device.write(&args[0], 0, bytemuck::cast_slice(&first_args))?;
         device.write(&actives[0], 0, bytemuck::cast_slice(&root(0, 0)))?;
         device.write(&chunks[0], 0, bytemuck::cast_slice(&vec![0u32; pieces as usize]))?;
         device.write(&hists, 0, &[0; HIST_WORDS as usize * 4])?;
@@ -387,15 +392,18 @@ fn attempt_build(
         words[STATE_TREELET_REFS as usize] = references;
         device.write(&treelets, 0, bytemuck::cast_slice(&root(0, 0)))?;
     }
-    device.write(&treelet_refs, 0, bytemuck::cast_slice(mesh.kept()))?;
+    device.write(&args[0], 0, bytemuck::cast_slice(&first_args))?;
+    device.write(&treelet_blocks, 0, &vec![0; treelet_blocks.bytes() as usize])?;
+    // The second list is not needed before the first has been moved.
+    let kept = &refs[1];
+    device.write(kept, 0, bytemuck::cast_slice(mesh.kept()))?;
     device.write(&state, 0, bytemuck::cast_slice(&words))?;
     let upload = begin.elapsed();
 
     let mut steps = Vec::new();
-    if root_is_large {
-        let buffers = vec![&param_buffer, &on_device.positions, &on_device.indices, &treelet_refs, &refs[0]];
-        steps.push(Step::over(&BOXES, references, buffers));
-    }
+    let whole = if root_is_large { &refs[0] } else { &treelet_refs };
+    let buffers = vec![&param_buffer, &on_device.positions, &on_device.indices, kept, whole];
+    steps.push(Step::over(&BOXES, references, buffers));
     let number = if root_is_large { room.levels.min(params.max_depth + 1) } else { 0 };
     for depth in 0..number as usize {
         let (now, then) = (depth % 2, (depth + 1) % 2);
@@ -420,7 +428,7 @@ fn attempt_build(
             ARGS_ACTIVE,
             vec![&param_buffer, level, active, &hists, &planes, &sizes],
         ));
-        steps.push(Step::indirect(&COUNT, arg, ARGS_CHUNKS, [&clipping[..], &[&sizes]].concat()));
+        steps.push(Step::indirect(&COUNT, arg, ARGS_CHUNKS, [&clipping[..], &[&sizes, &hists]].concat()));
         // No more nodes than that are active here.
         if room.active.min(1 << depth.min(31)) > BLOCK {
             let buffers = vec![&param_buffer, level, &planes, &sizes, &blocks];
@@ -445,7 +453,6 @@ fn attempt_build(
                 &args[then],
                 &treelets,
                 &state,
-                &hists,
             ],
         ));
         steps.push(Step::indirect(
@@ -468,10 +475,12 @@ fn attempt_build(
             &treelet_refs,
             scratch,
             &treelet_sizes,
+            &treelet_blocks,
         ],
     ));
-    let last = &levels[number as usize % 2];
-    steps.push(Step::groups(&PLACE, 1, vec![last, &treelet_sizes, &places, &state]));
+    let last = number as usize % 2;
+    let buffers = vec![&levels[last], &treelet_sizes, &treelet_blocks, &places, &state];
+    steps.push(Step::indirect(&PLACE, &args[last], ARGS_TREELET_BLOCKS, buffers));
     let first_part = device.run(&steps, profile)?;
     let mut kernels = Vec::new();
     add_times(&mut kernels, &steps, &first_part);
@@ -482,11 +491,11 @@ fn attempt_build(
     if bits & status::CAPACITY != 0 {
         return Ok(Outcome::MoreRoom);
     }
-    if bits & status::LEVELS != 0 {
-        return Ok(Outcome::MoreLevels);
-    }
     if bits != 0 {
         return Err(Error::Kernel(status::describe(bits)));
+    }
+    if words[STATE_LEFT as usize] != 0 {
+        return Ok(Outcome::MoreLevels);
     }
     let (node_count, ref_count) = (words[STATE_NODES as usize], words[STATE_REFS as usize]);
     let nodes = arena.alloc("nodes", node_count, 8)?;

@@ -15,7 +15,7 @@ pub const CHUNK: u32 = 2048;
 
 /// Node slots a treelet of `n` references may use, root excluded: bounds its memory.
 pub const fn treelet_nodes(n: u32) -> u32 {
-    if n > TREELET { 0 } else { 4 * n + 8 }
+    if n > TREELET { 0 } else { 2 * n + 8 }
 }
 
 /// Most triangles in one mesh: ids and counts share 30-bit fields with tags.

@@ -4,7 +4,7 @@ use num_rational::BigRational;
 use proptest::prelude::*;
 use raykd::{
     kernels::{
-        build::clip::{Bounds, clip, clip_plane},
+        build::clip::{Bounds, clip_plane},
         glam::Vec3,
     },
     rays::Random,
@@ -178,6 +178,14 @@ fn inside(inner: &Bounds, outer: &Bounds) -> bool {
 
 fn corners(triangle: Triangle) -> [Vec3; 3] {
     triangle.map(Vec3::from_array)
+}
+
+/// A triangle's box, cut at all faces of a cell.
+fn clip(a: Vec3, b: Vec3, c: Vec3, cell: &Bounds) -> Bounds {
+    (0..3).fold(Bounds::of(a, b, c), |part, axis| {
+        let part = clip_plane(a, b, c, &part, axis, cell.hi[axis as usize]).0;
+        clip_plane(a, b, c, &part, axis, cell.lo[axis as usize]).1
+    })
 }
 
 fn check(case: &Case) -> Result<Option<[f64; 3]>, Failure> {

@@ -3,11 +3,9 @@
 //! Counts, scan, write: [`super::tally`] counted, so the order of everything is that of the nodes.
 
 use super::{
-    ARGS_ACTIVE, ARGS_BLOCKS, ARGS_CHUNKS, ARGS_TREELETS, Item, LEVEL_ACTIVE, LEVEL_CHUNKS, LEVEL_DEPTH,
-    LEVEL_REFS, LEVEL_TOP, LEVEL_TREELET_REFS, LEVEL_TREELETS, Plane, STATE_STATUS, STATE_TOP,
-    STATE_TREELET_REFS, STATE_TREELETS,
-    bin::HIST_WORDS,
-    cut,
+    ARGS_ACTIVE, ARGS_BLOCKS, ARGS_CHUNKS, ARGS_TREELET_BLOCKS, ARGS_TREELETS, Item, LEVEL_ACTIVE,
+    LEVEL_CHUNKS, LEVEL_DEPTH, LEVEL_REFS, LEVEL_TOP, LEVEL_TREELET_REFS, LEVEL_TREELETS, Plane,
+    STATE_STATUS, STATE_TOP, STATE_TREELET_REFS, STATE_TREELETS, cut,
     scan::{LANES, before, total},
     tally::{
         ACTIVE, BLOCKS, CHUNKS, KINDS, PAIRS, REFS, SUMS, TREELET_REFS, TREELETS, blocks_of,
@@ -30,16 +28,6 @@ pub const TO_TREELET: u32 = 1 << 31;
 /// Sums over the blocks before this one, then over all.
 const OUTER: usize = 2 * KINDS as usize;
 
-/// Clears the histogram of active node `slot`: several workgroups will add to it.
-#[inline(always)]
-fn clear(hists: &mut Buf<u32>, slot: u32) {
-    let mut word = 0;
-    while word < HIST_WORDS {
-        hists.put(slot * HIST_WORDS + word, 0);
-        word += 1;
-    }
-}
-
 /// Places the children of block `group.id`, a node a lane.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn alloc(
@@ -61,7 +49,6 @@ pub fn alloc(
     next_args: &mut Buf<u32>,
     treelets: &mut Buf<UVec4>,
     state: &mut Buf<u32>,
-    hists: &mut Buf<u32>,
 ) {
     let params = params.at(0);
     let number = level.at(LEVEL_ACTIVE);
@@ -75,6 +62,7 @@ pub fn alloc(
                 put_groups(next_args, ARGS_ACTIVE, 0);
                 put_groups(next_args, ARGS_CHUNKS, 0);
                 put_groups(next_args, ARGS_BLOCKS, blocks_of(0));
+                put_groups(next_args, ARGS_TREELET_BLOCKS, blocks_of(state.at(STATE_TREELETS)));
             }
         });
         return;
@@ -160,9 +148,6 @@ pub fn alloc(
                         next_chunks.put(chunk, slot);
                         chunk += 1;
                     }
-                    if count > CHUNK {
-                        clear(hists, slot);
-                    }
                     slot += 1;
                     reference += count;
                 } else if !is_leaf || child == 0 {
@@ -202,6 +187,7 @@ pub fn alloc(
                 state.put(STATE_TREELETS, treelets);
                 state.put(STATE_TREELET_REFS, refs);
                 put_groups(state, ARGS_TREELETS, treelets);
+                put_groups(next_args, ARGS_TREELET_BLOCKS, blocks_of(treelets));
             } else {
                 state.or(STATE_STATUS, status::CAPACITY);
             }
@@ -224,6 +210,6 @@ kernel! {
         0 params: read BuildParams, 1 level: read u32, 2 active: read UVec4, 3 planes: read UVec2,
         4 sizes: read UVec2, 5 blocks: read u32, 6 targets: write UVec2, 7 top: write UVec2, 8 next_level: write u32,
         9 next_active: write UVec4, 10 next_chunks: write u32, 11 next_args: write u32, 12 treelets: write UVec4,
-        13 state: write u32, 14 hists: write u32,
+        13 state: write u32,
     }
 }

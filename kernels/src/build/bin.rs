@@ -62,8 +62,8 @@ fn enter(hist: &mut [u32; WORDS], axis: u32, lo: f32, hi: f32, from: f32, per_bi
     hist.raise(FIRST_STARTS + start, if lo < hi { !ordered(lo) } else { UNTOLD });
 }
 
-/// Adds chunk `group.id` to the histogram of its node, which is all zeros before if the node has several: [`super::alloc`]
-/// sees to that.
+/// Adds chunk `group.id` to the histogram of its node, which is all zeros before if the node has several:
+/// [`super::count`] sees to that.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 pub fn bin(

@@ -1,8 +1,9 @@
 //! Clipping triangles: how far the part of one in a box or on a side of a plane reaches, rounded outward ("perfect
 //! splits", Wald & Havran 2006, section 4.3).
 //!
-//! No polygon is kept. What lies of a triangle between two planes across an axis is spanned by its vertices there and
-//! the points where its edges meet the planes; [`clip`] intersects the boxes of these parts for the three axes.
+//! No polygon is kept. What lies of a triangle on one side of a plane is spanned by its vertices there and the points where its
+//! edges meet the plane; the box of that is intersected with the one at hand, from plane to plane. Not always as tight as the clipped
+//! polygon's, since a plane does not cut the edges that another has made, and empty only if the polygon is.
 //!
 //! # Rounding
 //! Let `u = 2^-24`, `span` the triangle's extent on an axis and `far` its largest coordinate there, by magnitude.
@@ -16,7 +17,7 @@
 use crate::{
     glam::Vec3,
     math::{abs, div, exp2, high, low},
-    trace::frame::{component, cycle},
+    trace::frame::cycle,
 };
 
 /// Smaller numbers count as 0 inside, and are rounded outward in results.
@@ -117,6 +118,7 @@ fn on(a: f32, b: f32, t: f32) -> f32 {
 }
 
 /// A part of a triangle, seen along z: how far it reaches across.
+#[derive(Clone, Copy)]
 struct Part {
     x: Span,
     y: Span,
@@ -156,24 +158,26 @@ fn crosses(a: Vec3, b: Vec3, at: f32) -> bool {
     low(a.z, b.z) < at && at < high(a.z, b.z)
 }
 
-/// What lies of a triangle between two planes across `axis`.
+/// Cuts `bounds`, a box around some part of a triangle, by a plane: boxes around what lies below and above, each
+/// the box of the triangle's half within `bounds`.
 #[inline(always)]
-fn between(a: Vec3, b: Vec3, c: Vec3, axis: u32, lo: f32, hi: f32) -> Bounds {
+pub fn clip_plane(a: Vec3, b: Vec3, c: Vec3, bounds: &Bounds, axis: u32, at: f32) -> (Bounds, Bounds) {
     let (mut a, mut b, mut c) = (cycle(a, axis), cycle(b, axis), cycle(c, axis));
-    let mut part = Part::nothing(a, b, c);
+    let mut below = Part::nothing(a, b, c);
+    let mut above = below;
     let mut edge = 0;
     while edge < 3 {
-        if lo <= a.z && a.z <= hi {
-            part.vertex(a);
+        if a.z <= at {
+            below.vertex(a);
         }
-        let mut side = 0;
-        while side < 2 {
-            let at = if side == 0 { lo } else { hi };
-            if crosses(a, b, at) {
-                let t = div(at - a.z, b.z - a.z);
-                part.point(on(a.x, b.x, t), on(a.y, b.y, t));
-            }
-            side += 1;
+        if a.z >= at {
+            above.vertex(a);
+        }
+        if crosses(a, b, at) {
+            let t = div(at - a.z, b.z - a.z);
+            let (x, y) = (on(a.x, b.x, t), on(a.y, b.y, t));
+            below.point(x, y);
+            above.point(x, y);
         }
         let first = a;
         a = b;
@@ -181,33 +185,7 @@ fn between(a: Vec3, b: Vec3, c: Vec3, axis: u32, lo: f32, hi: f32) -> Bounds {
         c = first;
         edge += 1;
     }
-    part.bounds(Span { lo, hi }).turn_back(axis)
-}
-
-/// A box around what lies of a triangle in a cell, both closed, no larger than either's: that of the triangle within
-/// each pair of the cell's faces. Not always as tight as that of the clipped polygon, since a face does not cut the
-/// edges that another has made. Empty only if the intersection is.
-#[inline(always)]
-pub fn clip(a: Vec3, b: Vec3, c: Vec3, cell: &Bounds) -> Bounds {
-    let whole = Bounds::of(a, b, c);
-    let mut bounds = whole.and(cell);
-    let mut axis = 0;
-    while axis < 3 {
-        let (lo, hi) = (component(cell.lo, axis), component(cell.hi, axis));
-        // Between faces that it does not reach lies the whole triangle.
-        if component(whole.lo, axis) < lo || component(whole.hi, axis) > hi {
-            bounds = bounds.and(&between(a, b, c, axis, lo, hi));
-        }
-        axis += 1;
-    }
-    bounds
-}
-
-/// Cuts `bounds`, a box around some part of a triangle, by a plane: boxes around what lies below and above, each
-/// the box of the triangle's half within `bounds`.
-#[inline(always)]
-pub fn clip_plane(a: Vec3, b: Vec3, c: Vec3, bounds: &Bounds, axis: u32, at: f32) -> (Bounds, Bounds) {
-    let below = between(a, b, c, axis, f32::NEG_INFINITY, at);
-    let above = between(a, b, c, axis, at, f32::INFINITY);
+    let below = below.bounds(Span { lo: f32::NEG_INFINITY, hi: at }).turn_back(axis);
+    let above = above.bounds(Span { lo: at, hi: f32::INFINITY }).turn_back(axis);
     (below.and(bounds), above.and(bounds))
 }

@@ -1,8 +1,11 @@
-//! Which references of a chunk go below and above its node's plane, and how many; these are the children's sizes.
+//! Which references of a chunk go below and above its node's plane, and how many; these are the children's sizes. And room
+//! for their histograms is cleared.
 
 #[cfg(not(target_arch = "spirv"))]
 use super::ahead;
-use super::{LEVEL_CHUNKS, chunk_of, clip::clip_plane, plane_of, reference::Reference};
+use super::{
+    LEVEL_ACTIVE, LEVEL_CHUNKS, bin::HIST_WORDS, chunk_of, clip::clip_plane, plane_of, reference::Reference,
+};
 use crate::{
     Group,
     glam::{UVec2, UVec4},
@@ -27,14 +30,27 @@ pub fn count(
     planes: &Buf<UVec2>,
     sides: &mut Buf<UVec2>,
     sizes: &mut Buf<u32>,
+    hists: &mut Buf<u32>,
 ) {
     if group.id < level.at(LEVEL_CHUNKS) {
         let (node, _, start, number) = chunk_of(group.id, chunks, active);
         let plane = plane_of(planes, node);
         let clips = (params.at(0).rule & rule::CLIP) != 0;
         let step = group.sharers();
-        lanes!(group, ..2, |lane| {
-            sums.put(lane, 0);
+        // Only nodes of several chunks have children of several; a level has at most twice as many nodes as the one before
+        // has chunks.
+        let clears = level.at(LEVEL_CHUNKS) > level.at(LEVEL_ACTIVE);
+        lanes!(group, ..step, |lane| {
+            let mut sum = lane;
+            while sum < 2 {
+                sums.put(sum, 0);
+                sum += step;
+            }
+            let mut word = lane;
+            while clears && word < 2 * HIST_WORDS && 2 * group.id + word / HIST_WORDS < params.at(0).active {
+                hists.put(2 * group.id * HIST_WORDS + word, 0);
+                word += step;
+            }
         });
         lanes!(group, ..step, |lane| {
             let (mut below, mut above) = (0, 0);
@@ -95,6 +111,6 @@ kernel! {
     group COUNT = count, threads 128, shared [sums: 2], {
         0 params: read BuildParams, 1 positions: read f32, 2 indices: read u32, 3 level: read u32,
         4 active: read UVec4, 5 chunks: read u32, 6 refs: write UVec4, 7 planes: read UVec2,
-        8 sides: write UVec2, 9 sizes: write u32,
+        8 sides: write UVec2, 9 sizes: write u32, 10 hists: write u32,
     }
 }

@@ -1,6 +1,6 @@
 //! Writes the nodes and references of a treelet to their final places.
 
-use super::{Item, STATE_TREELETS, treelet::scratch_base};
+use super::{Item, STATE_TREELETS, reference::triangle_at, treelet::scratch_base};
 use crate::{
     Group,
     glam::{UVec2, UVec4},
@@ -16,9 +16,9 @@ pub fn emit(
     group: Group,
     state: &Buf<u32>,
     treelets: &Buf<UVec4>,
-    refs: &Buf<u32>,
+    refs: &Buf<UVec4>,
     scratch: &Buf<UVec2>,
-    sizes: &Buf<UVec4>,
+    sizes: &Buf<UVec2>,
     places: &Buf<UVec2>,
     nodes: &mut Buf<UVec2>,
     out: &mut Buf<u32>,
@@ -31,7 +31,7 @@ pub fn emit(
             if item.count > TREELET {
                 let mut i = lane;
                 while i < item.count {
-                    out.put(place.y + i, refs.at(item.first + i));
+                    out.put(place.y + i, triangle_at(refs, item.first + i));
                     i += LANES;
                 }
                 if lane == 0 {
@@ -50,7 +50,7 @@ pub fn emit(
                         made = Node::leaf(first, mask.count_ones());
                         let mut at = first;
                         while mask != 0 {
-                            out.put(at, refs.at(item.first + mask.trailing_zeros()));
+                            out.put(at, triangle_at(refs, item.first + mask.trailing_zeros()));
                             mask &= mask - 1;
                             at += 1;
                         }
@@ -68,7 +68,7 @@ pub fn emit(
 kernel! {
     /// [`emit`] over all treelets.
     group EMIT = emit, threads 32, shared [], {
-        0 state: read u32, 1 treelets: read UVec4, 2 refs: read u32, 3 scratch: read UVec2, 4 sizes: read UVec4,
+        0 state: read u32, 1 treelets: read UVec4, 2 refs: read UVec4, 3 scratch: read UVec2, 4 sizes: read UVec2,
         5 places: read UVec2, 6 nodes: write UVec2, 7 out: write u32,
     }
 }

@@ -16,7 +16,6 @@ pub mod clip;
 pub mod count;
 pub mod emit;
 pub mod exact;
-pub mod overlap;
 pub mod place;
 pub mod reference;
 mod scan;
@@ -64,6 +63,8 @@ pub const STATE_NODES: u32 = 4;
 pub const STATE_REFS: u32 = 5;
 /// Depth of the deepest leaf.
 pub const STATE_DEPTH: u32 = 6;
+/// Active nodes that the level loop left.
+pub const STATE_LEFT: u32 = 7;
 /// Among the words of the state, the entry with the indirect arguments over treelets.
 pub const ARGS_TREELETS: u32 = 3;
 /// Words of the build's state.
@@ -75,8 +76,10 @@ pub const ARGS_ACTIVE: u32 = 0;
 pub const ARGS_CHUNKS: u32 = 1;
 /// A workgroup per block of active nodes.
 pub const ARGS_BLOCKS: u32 = 2;
+/// A workgroup per block of treelets so far.
+pub const ARGS_TREELET_BLOCKS: u32 = 3;
 /// Words of the indirect arguments of a level.
-pub const ARGS_WORDS: u32 = 9;
+pub const ARGS_WORDS: u32 = 12;
 
 /// Extents below `2^-60` count as flat: areas stay clear of subnormals, and nothing is split there.
 const FLAT: f32 = crate::math::exp2(-60);

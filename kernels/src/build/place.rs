@@ -1,89 +1,88 @@
-//! Gives every treelet its place in the final lists: an exclusive scan of their sizes. One workgroup.
+//! Gives every treelet its place in the final lists: an exclusive scan of their sizes, a block of treelets a workgroup.
 
 use super::{
-    LEVEL_ACTIVE, STATE_DEPTH, STATE_NODES, STATE_REFS, STATE_STATUS, STATE_TOP, STATE_TREELETS,
-    scan::{self, LANES, before, scan, total},
+    LEVEL_ACTIVE, STATE_DEPTH, STATE_LEFT, STATE_NODES, STATE_REFS, STATE_STATUS, STATE_TOP, STATE_TREELETS,
+    scan::{self, LANES, before, scan, word},
+    tally::blocks_of,
 };
 use crate::{
     Group,
-    glam::{UVec2, UVec4},
+    glam::UVec2,
     mem::{Atomics, Buf, Slots},
 };
-use raykd_shared::status;
+// What [`super::treelet`] adds up of a block's treelets.
+/// Nodes without the roots.
+pub const NODES: u32 = 0;
+/// References.
+pub const REFS: u32 = 1;
+/// Depth of the deepest leaf.
+pub const DEPTH: u32 = 2;
+/// How many words that are.
+pub const KINDS: u32 = 3;
+/// What is scanned of it.
+const SCANNED: u32 = 2;
+const SUMS: usize = scan::sums(SCANNED);
+const PARTS: usize = scan::blocks(SCANNED);
+/// Nodes and references in the blocks before this one; then all, and the greatest depth.
+const OUTER: usize = (SCANNED + KINDS) as usize;
 
-const NODES: u32 = 0;
-const REFS: u32 = 1;
-const KINDS: u32 = 2;
-const SUMS: usize = scan::sums(KINDS);
-const BLOCKS: usize = scan::blocks(KINDS);
-
-/// Places all treelets; raises [`status::LEVELS`] if the level loop left active nodes.
+/// Places the treelets of block `group.id`. The first block writes the tree's sizes.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn place(
     group: Group,
     sums: &mut [u32; SUMS],
-    blocks: &mut [u32; BLOCKS],
-    deepest: &mut [u32; 1],
+    parts: &mut [u32; PARTS],
+    outer: &mut [u32; OUTER],
     level: &Buf<u32>,
-    sizes: &Buf<UVec4>,
+    sizes: &Buf<UVec2>,
+    blocks: &Buf<u32>,
     places: &mut Buf<UVec2>,
     state: &mut Buf<u32>,
 ) {
     let number = if state.at(STATE_STATUS) == 0 { state.at(STATE_TREELETS) } else { 0 };
     let top = state.at(STATE_TOP);
-    let run = number.div_ceil(LANES);
     lanes!(group, |lane| {
-        if lane == 0 {
-            deepest.put(0, 0);
+        let k = group.id * LANES + lane;
+        let size = if k < number { sizes.at(k) } else { UVec2::new(0, 0) };
+        sums.put(word(NODES, lane), size.x);
+        sums.put(word(REFS, lane), size.y);
+        if lane < OUTER as u32 {
+            outer.put(lane, 0);
         }
     });
     lanes!(group, |lane| {
-        let (mut n, mut r, mut d) = (0, 0, 0);
-        let mut i = 0;
-        while i < run {
-            let k = lane * run + i;
-            if k < number {
-                let size = sizes.at(k);
-                n += size.x;
-                r += size.y;
-                d = if size.z > d { size.z } else { d };
+        let mut block = lane;
+        while block < blocks_of(number) {
+            let (nodes, refs) = (blocks.at(block * KINDS + NODES), blocks.at(block * KINDS + REFS));
+            if block < group.id {
+                outer.add(NODES, nodes);
+                outer.add(REFS, refs);
             }
-            i += 1;
+            outer.add(SCANNED + NODES, nodes);
+            outer.add(SCANNED + REFS, refs);
+            outer.raise(SCANNED + DEPTH, blocks.at(block * KINDS + DEPTH));
+            block += LANES;
         }
-        sums.put(NODES * LANES + lane, n);
-        sums.put(REFS * LANES + lane, r);
-        deepest.raise(0, d);
     });
-    scan(group, KINDS, sums, blocks);
+    scan(group, SCANNED, sums, parts);
     lanes!(group, |lane| {
-        let mut n = top + before(sums, blocks, NODES, lane);
-        let mut r = before(sums, blocks, REFS, lane);
-        let mut i = 0;
-        while i < run {
-            let k = lane * run + i;
-            if k < number {
-                let size = sizes.at(k);
-                places.put(k, UVec2::new(n, r));
-                n += size.x;
-                r += size.y;
-            }
-            i += 1;
+        let k = group.id * LANES + lane;
+        if k < number {
+            let nodes = top + outer.at(NODES) + before(sums, parts, NODES, lane);
+            places.put(k, UVec2::new(nodes, outer.at(REFS) + before(sums, parts, REFS, lane)));
         }
-        if lane == 0 {
-            state.put(STATE_NODES, top + total(KINDS, blocks, NODES));
-            state.put(STATE_REFS, total(KINDS, blocks, REFS));
-            state.put(STATE_DEPTH, deepest.at(0));
-            if level.at(LEVEL_ACTIVE) > 0 {
-                let old = state.at(STATE_STATUS);
-                state.put(STATE_STATUS, old | status::LEVELS);
-            }
+        if lane == 0 && group.id == 0 {
+            state.put(STATE_NODES, top + outer.at(SCANNED + NODES));
+            state.put(STATE_REFS, outer.at(SCANNED + REFS));
+            state.put(STATE_DEPTH, outer.at(SCANNED + DEPTH));
+            state.put(STATE_LEFT, level.at(LEVEL_ACTIVE));
         }
     });
 }
 
 kernel! {
-    /// [`place`]; a single workgroup.
-    group PLACE = place, threads 1024, shared [sums: SUMS, blocks: BLOCKS, deepest: 1], {
-        0 level: read u32, 1 sizes: read UVec4, 2 places: write UVec2, 3 state: write u32,
+    /// [`place`] over all blocks of treelets.
+    group PLACE = place, threads 1024, shared [sums: SUMS, parts: PARTS, outer: OUTER], {
+        0 level: read u32, 1 sizes: read UVec2, 2 blocks: read u32, 3 places: write UVec2, 4 state: write u32,
     }
 }

@@ -21,6 +21,12 @@ pub struct Reference {
     pub bounds: Bounds,
 }
 
+/// The triangle of reference `i` of a list.
+#[inline(always)]
+pub fn triangle_at(list: &Buf<UVec4>, i: u32) -> u32 {
+    list.at(2 * i).w
+}
+
 impl Reference {
     /// A triangle's reference in the root.
     #[inline(always)]

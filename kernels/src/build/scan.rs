@@ -6,10 +6,12 @@ use crate::{Group, mem::Table};
 pub(super) const LANES: u32 = 1024;
 const BLOCK: u32 = 32;
 const BLOCKS: u32 = LANES / BLOCK;
+/// From a kind to the next.
+const PITCH: u32 = LANES + BLOCKS;
 
 /// Words for the sums of `kinds` kinds: what each lane adds, then what comes before it in its block of lanes.
 pub(super) const fn sums(kinds: u32) -> usize {
-    (kinds * LANES) as usize
+    (kinds * PITCH) as usize
 }
 
 /// Words for the blocks: what comes before each block, then the total of each kind.
@@ -17,16 +19,27 @@ pub(super) const fn blocks(kinds: u32) -> usize {
     (kinds * BLOCKS + kinds) as usize
 }
 
-/// Replaces each of `count` words by the sum of those before it, and returns the sum of all.
+/// Where what `lane` adds to `kind` stands: a word is left free behind every block of lanes, or those that add blocks up would all ask
+/// the same bank of a GPU's workgroup memory at a time.
+#[inline(always)]
+pub(super) fn word(kind: u32, lane: u32) -> u32 {
+    kind * PITCH + lane + lane / BLOCK
+}
+
+/// Replaces each of `count` words, a multiple of four, by the sum of those before it, and returns the sum of all.
 #[inline(always)]
 fn serial(table: &mut impl Table, from: u32, count: u32) -> u32 {
     let mut sum = 0;
     let mut i = from;
     while i < from + count {
-        let value = table.at(i);
+        // Read side by side: a GPU would wait for each.
+        let (a, b, c, d) = (table.at(i), table.at(i + 1), table.at(i + 2), table.at(i + 3));
         table.put(i, sum);
-        sum += value;
-        i += 1;
+        table.put(i + 1, sum + a);
+        table.put(i + 2, sum + a + b);
+        table.put(i + 3, sum + a + b + c);
+        sum += a + b + c + d;
+        i += 4;
     }
     sum
 }
@@ -36,7 +49,7 @@ fn serial(table: &mut impl Table, from: u32, count: u32) -> u32 {
 pub(super) fn scan(group: Group, kinds: u32, sums: &mut impl Table, blocks: &mut impl Table) {
     lanes!(group, |lane| {
         if lane < kinds * BLOCKS {
-            blocks.put(lane, serial(sums, lane * BLOCK, BLOCK));
+            blocks.put(lane, serial(sums, lane * (BLOCK + 1), BLOCK));
         }
     });
     lanes!(group, |lane| {
@@ -50,7 +63,7 @@ pub(super) fn scan(group: Group, kinds: u32, sums: &mut impl Table, blocks: &mut
 /// What all lanes before `lane` add to `kind`, after [`scan`].
 #[inline(always)]
 pub(super) fn before(sums: &impl Table, blocks: &impl Table, kind: u32, lane: u32) -> u32 {
-    sums.at(kind * LANES + lane) + blocks.at(kind * BLOCKS + lane / BLOCK)
+    sums.at(word(kind, lane)) + blocks.at(kind * BLOCKS + lane / BLOCK)
 }
 
 /// What all lanes add to `kind`, after [`scan`].

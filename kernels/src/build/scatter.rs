@@ -43,7 +43,7 @@ pub fn scatter(
     targets: &Buf<UVec2>,
     state: &Buf<u32>,
     next: &mut Buf<UVec4>,
-    treelet_refs: &mut Buf<u32>,
+    treelet_refs: &mut Buf<UVec4>,
 ) {
     if group.id < level.at(LEVEL_CHUNKS) && state.at(STATE_STATUS) == 0 {
         let (node, item, start, number) = chunk_of(group.id, chunks, active);
@@ -121,7 +121,7 @@ pub fn scatter(
                     let (is_below, is_above) = (belows.at(at / 32) & bit != 0, aboves.at(at / 32) & bit != 0);
                     if is_below | is_above {
                         let reference = Reference::load(refs, start + at);
-                        if clips && is_below && is_above && !(below.is_treelet && above.is_treelet) {
+                        if clips && is_below && is_above {
                             straddling |= 1 << k;
                             indices.soon(3 * reference.triangle);
                         } else {
@@ -190,9 +190,10 @@ impl Target {
 
     /// Stores a reference, `before` which others come from this chunk.
     #[inline(always)]
-    fn put(&self, reference: &Reference, before: u32, next: &mut Buf<UVec4>, treelet_refs: &mut Buf<u32>) {
+    fn put(&self, reference: &Reference, before: u32, next: &mut Buf<UVec4>, treelet_refs: &mut Buf<UVec4>) {
+        // Not one store to either: a choice of buffers is no SPIR-V for Vulkan, and an H200's driver dies of it.
         if self.is_treelet {
-            treelet_refs.put(self.first + before, reference.triangle);
+            reference.store(treelet_refs, self.first + before);
         } else {
             reference.store(next, self.first + before);
         }
@@ -204,6 +205,6 @@ kernel! {
     group SCATTER = scatter, threads 128, shared [belows: WORDS, aboves: WORDS, sums: WORDS, blocks: BLOCKS, earlier: 2], {
         0 params: read BuildParams, 1 positions: read f32, 2 indices: read u32, 3 level: read u32,
         4 active: read UVec4, 5 chunks: read u32, 6 refs: read UVec4, 7 planes: read UVec2, 8 sides: read UVec2,
-        9 targets: read UVec2, 10 state: read u32, 11 next: write UVec4, 12 treelet_refs: write u32,
+        9 targets: read UVec2, 10 state: read u32, 11 next: write UVec4, 12 treelet_refs: write UVec4,
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{
     LEVEL_ACTIVE,
-    scan::{self, LANES, scan, total},
+    scan::{self, LANES, scan, total, word},
 };
 use crate::{
     Group,
@@ -31,19 +31,19 @@ pub const SUMS: usize = scan::sums(KINDS);
 /// Words for the sums that a scan of them needs.
 pub const BLOCKS: usize = scan::blocks(KINDS);
 
-/// Active nodes in a block.
+/// Active nodes or treelets in a block.
 pub const BLOCK: u32 = LANES;
 
-/// Blocks of so many active nodes: one at least, or nothing would end the level loop.
+/// Blocks of so many active nodes or treelets: one at least, or nothing would end the level loop.
 #[inline(always)]
-pub fn blocks_of(active: u32) -> u32 {
-    if active > 0 { active.div_ceil(LANES) } else { 1 }
+pub fn blocks_of(number: u32) -> u32 {
+    if number > 0 { number.div_ceil(LANES) } else { 1 }
 }
 
 /// What a child of so many references adds to a lane's sums.
 #[inline(always)]
 fn add(sums: &mut [u32; SUMS], lane: u32, count: u32, small: u32) {
-    let mut bump = |kind: u32, by: u32| sums.put(kind * LANES + lane, sums.at(kind * LANES + lane) + by);
+    let mut bump = |kind: u32, by: u32| sums.put(word(kind, lane), sums.at(word(kind, lane)) + by);
     if count > small {
         bump(ACTIVE, 1);
         bump(CHUNKS, count.div_ceil(CHUNK));
@@ -68,7 +68,7 @@ pub fn count(
     lanes!(group, |lane| {
         let mut kind = 0;
         while kind < KINDS {
-            sums.put(kind * LANES + lane, 0);
+            sums.put(word(kind, lane), 0);
             kind += 1;
         }
         let k = group.id * LANES + lane;
@@ -76,10 +76,10 @@ pub fn count(
             let size = sizes.at(k);
             if planes.at(k).x == Node::LEAF {
                 // The node itself as a leaf.
-                sums.put(TREELETS * LANES + lane, 1);
-                sums.put(TREELET_REFS * LANES + lane, size.x);
+                sums.put(word(TREELETS, lane), 1);
+                sums.put(word(TREELET_REFS, lane), size.x);
             } else {
-                sums.put(PAIRS * LANES + lane, 1);
+                sums.put(word(PAIRS, lane), 1);
                 add(sums, lane, size.x, small);
                 add(sums, lane, size.y, small);
             }

@@ -1,18 +1,15 @@
-//! Builds the whole subtree of a node of at most 32 references in one workgroup, one bit a reference.
+//! Builds the whole subtree of a node of at most 32 references in one workgroup.
 //!
-//! Exact SAH over the box faces of the references (Zhou et al. 2008, section 3.3): which references lie on
-//! either side of each face is found once, as masks; after that counting is a population count.
+//! Exact SAH over the box faces of the references, counted one by one (Zhou et al. 2008, section 3.3, whose boxes stay as
+//! they are); boxes that a plane cuts are clipped (Wald & Havran 2006, section 4.3).
 
-#[cfg(not(target_arch = "spirv"))]
-use super::ahead;
 use super::{
-    Across, Costs, Item, Plane, STATE_STATUS, STATE_TREELETS, Sah,
-    clip::{Bounds, clip},
-    cut,
-    overlap::overlaps,
+    Across, Costs, Item, STATE_STATUS, STATE_TREELETS, Sah,
+    clip::{Bounds, clip_plane},
+    is_above, is_below, place,
+    reference::{Reference, triangle_at},
+    tally::BLOCK,
 };
-#[cfg(target_arch = "spirv")]
-use super::{is_above, is_below};
 #[cfg(not(target_arch = "spirv"))]
 use crate::glam::Vec4;
 use crate::{
@@ -23,35 +20,49 @@ use crate::{
 };
 use raykd_shared::{
     BuildParams, Node,
-    limits::{MAX_DEPTH, TREELET, treelet_nodes},
+    limits::{TREELET, treelet_nodes},
     rule,
 };
 
 const LANES: usize = TREELET as usize;
-/// Faces of a reference's box.
+/// Faces of a box: on each axis the low one, then the high one.
 const FACES: u32 = 6;
-const CANDIDATES: usize = LANES * FACES as usize;
 
-// A node waiting to be built: its references, box, depth and slot.
+/// Room for the references of nodes that wait to be built; the last node's come last. A split that needs more is not made, nor one
+/// that lets more nodes wait: the less memory a workgroup takes, the more of them a GPU runs at once.
+const POOL: u32 = 64;
+/// From one component of their boxes to the next: what lies behind the last reference is read, too.
+const PITCH: u32 = POOL + 4;
+/// Where a reference's number in the treelet stands, behind its box's faces.
+const NUMBER: u32 = FACES;
+/// A CPU reads four faces at a time.
+const BOXES: usize = (7 * PITCH) as usize;
+/// References cut by a plane: what goes below, what goes above, and their numbers. Before that, every lane's cheapest candidate.
+const HALVES: usize = 13 * LANES;
+const COSTS: u32 = 0;
+const PICKS: u32 = TREELET;
+
+// A node waiting to be built: how many references it has, its box, depth and slot.
 const ENTRY: u32 = 9;
-const ENTRIES: usize = (ENTRY * (MAX_DEPTH + 2)) as usize;
+const MOST_WAITING: u32 = 16;
+const ENTRIES: usize = (ENTRY * MOST_WAITING) as usize;
 
 // Words of the workgroup's own state.
 const WAITING: u32 = 0;
 const NODES: u32 = 1;
 const REFS: u32 = 2;
 const DEPTH: u32 = 3;
-const COST: u32 = 4;
-const PICK: u32 = 5;
-// References that do not reach into the children, though their boxes do.
-const DROP_BELOW: u32 = 6;
-const DROP_ABOVE: u32 = 7;
-const OWN: usize = 8;
-/// Coordinates of a triangle.
-const CORNERS: usize = LANES * 9;
+/// How much of the pool is taken.
+const HELD: u32 = 4;
+// Of the node at hand: its cheapest plane's cost and face, which of its references go below and above, and, if it becomes a leaf,
+// their numbers in the treelet.
+const COST: u32 = 5;
+const PICK: u32 = 6;
+const BELOW: u32 = 7;
+const ABOVE: u32 = 8;
+const MASK: u32 = 9;
+const OWN: usize = 10;
 
-/// Lanes that find what lies on either side of faces: on a CPU one for each face of a box.
-const FACING: u32 = if cfg!(target_arch = "spirv") { TREELET } else { FACES };
 /// Lanes that weigh a node's candidates: on a CPU one an axis.
 const WEIGHING: u32 = if cfg!(target_arch = "spirv") { TREELET } else { 3 };
 
@@ -65,8 +76,8 @@ fn load_box(stack: &[u32; ENTRIES], at: u32) -> (Vec3, Vec3) {
 }
 
 #[inline(always)]
-fn push(stack: &mut [u32; ENTRIES], at: u32, mask: u32, lo: Vec3, hi: Vec3, depth: u32, slot: u32) {
-    stack.put(at, mask);
+fn push(stack: &mut [u32; ENTRIES], at: u32, number: u32, lo: Vec3, hi: Vec3, depth: u32, slot: u32) {
+    stack.put(at, number);
     stack.put(at + 1, lo.x.to_bits());
     stack.put(at + 2, lo.y.to_bits());
     stack.put(at + 3, lo.z.to_bits());
@@ -77,55 +88,73 @@ fn push(stack: &mut [u32; ENTRIES], at: u32, mask: u32, lo: Vec3, hi: Vec3, dept
     stack.put(at + 8, slot);
 }
 
+/// Stores a box, its faces `pitch` apart.
 #[inline(always)]
-fn put_face(faces: &mut [u32; CANDIDATES], lane: u32, axis: u32, lo: f32, hi: f32) {
-    faces.put((axis * 2) * TREELET + lane, lo.to_bits());
-    faces.put((axis * 2 + 1) * TREELET + lane, hi.to_bits());
+fn put_box<const N: usize>(faces: &mut [u32; N], at: u32, pitch: u32, bounds: &Bounds) {
+    faces.put(at, bounds.lo.x.to_bits());
+    faces.put(at + pitch, bounds.hi.x.to_bits());
+    faces.put(at + 2 * pitch, bounds.lo.y.to_bits());
+    faces.put(at + 3 * pitch, bounds.hi.y.to_bits());
+    faces.put(at + 4 * pitch, bounds.lo.z.to_bits());
+    faces.put(at + 5 * pitch, bounds.hi.z.to_bits());
 }
 
-/// Stores a vertex of a lane's triangle.
+/// The box at `at` of the pool.
 #[inline(always)]
-fn keep(corners: &mut [u32; CORNERS], lane: u32, corner: u32, v: Vec3) {
-    let at = corner * 3 * TREELET + lane;
-    corners.put(at, v.x.to_bits());
-    corners.put(at + TREELET, v.y.to_bits());
-    corners.put(at + 2 * TREELET, v.z.to_bits());
+fn box_at(boxes: &[u32; BOXES], at: u32) -> Bounds {
+    let f = move |boxes: &[u32; BOXES], face: u32| f32::from_bits(boxes.at(at + face * PITCH));
+    Bounds {
+        lo: Vec3::new(f(boxes, 0), f(boxes, 2), f(boxes, 4)),
+        hi: Vec3::new(f(boxes, 1), f(boxes, 3), f(boxes, 5)),
+    }
 }
 
+/// Moves one half of what `lane` has cut to `at` of the pool.
 #[inline(always)]
-fn kept(corners: &[u32; CORNERS], lane: u32, corner: u32) -> Vec3 {
-    let f =
-        move |corners: &[u32; CORNERS], i: u32| f32::from_bits(corners.at(corner * 3 * TREELET + lane + i));
-    Vec3::new(f(corners, 0), f(corners, TREELET), f(corners, 2 * TREELET))
+fn move_half(halves: &[u32; HALVES], lane: u32, side: u32, boxes: &mut [u32; BOXES], at: u32) {
+    let mut face = 0;
+    while face < FACES {
+        boxes.put(face * PITCH + at, halves.at((side * FACES + face) * TREELET + lane));
+        face += 1;
+    }
+    boxes.put(NUMBER * PITCH + at, halves.at(2 * FACES * TREELET + lane));
 }
 
-/// Which of the first `count` references lie below and above a plane at `at`, one bit each, on the axis whose faces
-/// stand at `from`.
+/// How many of the `number` references whose low faces on an axis stand at `from` lie below and above a plane at `at`. Read
+/// four at a time: what may follow them ends nowhere.
 #[cfg(target_arch = "spirv")]
 #[inline(always)]
-fn sides(faces: &[u32; CANDIDATES], from: u32, count: u32, at: f32) -> (u32, u32) {
-    let (mut below, mut above) = (0, 0);
-    let mut i = 0;
-    while i < count {
-        let lo = f32::from_bits(faces.at(from + i));
-        let hi = f32::from_bits(faces.at(from + TREELET + i));
-        below |= (is_below(lo, hi, at) as u32) << i;
-        above |= (is_above(hi, at) as u32) << i;
-        i += 1;
+fn sides(boxes: &[u32; BOXES], from: u32, number: u32, at: f32) -> (u32, u32) {
+    let (mut apart, mut above) = (0, 0);
+    let mut count = |lo: u32, hi: u32| {
+        let (lo, hi) = (f32::from_bits(lo), f32::from_bits(hi));
+        above += (hi > at) as u32;
+        apart += ((lo >= at) & (hi > at)) as u32;
+    };
+    let mut i = from;
+    while i < from + number {
+        let lo = [boxes.at(i), boxes.at(i + 1), boxes.at(i + 2), boxes.at(i + 3)];
+        let k = i + PITCH;
+        let hi = [boxes.at(k), boxes.at(k + 1), boxes.at(k + 2), boxes.at(k + 3)];
+        count(lo[0], hi[0]);
+        count(lo[1], hi[1]);
+        count(lo[2], hi[2]);
+        count(lo[3], hi[3]);
+        i += 4;
     }
-    (below, above)
+    (number - apart, above)
 }
 
-/// The same four references at a time, and which of them start and end there. Bits above `count` may be set, too: they
-/// are in no mask.
+/// Which of the `number` references whose low faces on an axis stand at `from` lie below and above a plane at `at`, start and end
+/// there, four at a time. Higher bits may be set, too.
 #[cfg(not(target_arch = "spirv"))]
 #[inline(always)]
-fn sides(faces: &[u32; CANDIDATES], from: u32, count: u32, at: f32) -> (u32, u32, u32, u32) {
+fn sides(boxes: &[u32; BOXES], from: u32, number: u32, at: f32) -> (u32, u32, u32, u32) {
     let (mut below, mut above, mut starts, mut ends) = (0, 0, 0, 0);
     let at = Vec4::splat(at);
     let mut i = 0;
-    while i < count {
-        let (lo, hi) = (four(faces, from + i), four(faces, from + TREELET + i));
+    while i < number {
+        let (lo, hi) = (four(boxes, from + i), four(boxes, from + PITCH + i));
         below |= (lo.cmplt(at) | hi.cmple(at)).bitmask() << i;
         above |= hi.cmpgt(at).bitmask() << i;
         starts |= lo.cmpeq(at).bitmask() << i;
@@ -135,15 +164,15 @@ fn sides(faces: &[u32; CANDIDATES], from: u32, count: u32, at: f32) -> (u32, u32
     (below, above, starts, ends)
 }
 
-/// Which of the first `count` faces that stand at `from` the node holds.
+/// Which of the `number` faces that stand at `from` the node holds. Higher bits may be set, too.
 #[cfg(not(target_arch = "spirv"))]
 #[inline(always)]
-fn held(faces: &[u32; CANDIDATES], from: u32, count: u32, across: &Across) -> u32 {
+fn held(boxes: &[u32; BOXES], from: u32, number: u32, across: &Across) -> u32 {
     let (lo, hi) = (Vec4::splat(across.lo), Vec4::splat(across.hi));
     let mut held = 0;
     let mut i = 0;
-    while i < count {
-        let at = four(faces, from + i);
+    while i < number {
+        let at = four(boxes, from + i);
         held |= (at.cmpgt(lo) & at.cmplt(hi)).bitmask() << i;
         i += 4;
     }
@@ -153,9 +182,9 @@ fn held(faces: &[u32; CANDIDATES], from: u32, count: u32, across: &Across) -> u3
 /// Four faces.
 #[cfg(not(target_arch = "spirv"))]
 #[inline(always)]
-fn four(faces: &[u32; CANDIDATES], from: u32) -> Vec4 {
+fn four(boxes: &[u32; BOXES], from: u32) -> Vec4 {
     let from = from as usize;
-    let four: [u32; 4] = faces[from..from + 4].try_into().unwrap_or_default();
+    let four: [u32; 4] = boxes[from..from + 4].try_into().unwrap_or_default();
     Vec4::from_array(four.map(f32::from_bits))
 }
 
@@ -169,135 +198,94 @@ fn ones(n: u32) -> u32 {
 #[inline(always)]
 pub fn scratch_base(first: u32, treelet: u32) -> u32 {
     // The sum of `treelet_nodes + 1` over the treelets before it.
-    4 * first + 9 * treelet
+    2 * first + 9 * treelet
 }
 
-/// Builds treelet `group.id`. Its nodes go to `scratch`, numbered from 0, the root; a leaf is its mask
-/// and `local first << 2 | 3`. `sizes` gets nodes without the root, references, and depth.
+#[cfg(target_arch = "spirv")]
+#[inline(always)]
+fn put_pad(boxes: &mut [u32; BOXES], lane: u32, top: u32) {
+    if lane < 12 {
+        boxes.put((2 * (lane >> 2) + 1) * PITCH + top + (lane & 3), f32::NEG_INFINITY.to_bits());
+    }
+}
+
+/// Ready for the next node.
+#[inline(always)]
+fn clear(own: &mut [u32; OWN]) {
+    own.put(COST, u32::MAX);
+    own.put(PICK, NONE);
+    own.put(BELOW, 0);
+    own.put(ABOVE, 0);
+    own.put(MASK, 0);
+}
+
+/// Builds treelet `group.id`. Its nodes go to `scratch`, numbered from 0, the root; a leaf is the mask of its references
+/// and `local first << 2 | 3`. `sizes` gets nodes without the root and references, and [`place`]'s
+/// blocks their sums.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 pub fn treelet(
     group: Group,
-    faces: &mut [u32; CANDIDATES],
-    belows: &mut [u32; CANDIDATES],
-    aboves: &mut [u32; CANDIDATES],
+    boxes: &mut [u32; BOXES],
+    halves: &mut [u32; HALVES],
     stack: &mut [u32; ENTRIES],
-    costs: &mut [u32; LANES],
-    picks: &mut [u32; LANES],
-    #[cfg_attr(not(target_arch = "spirv"), allow(unused_variables, reason = "a CPU goes by bits"))]
-    members: &mut [u32; LANES],
-    corners: &mut [u32; CORNERS],
     own: &mut [u32; OWN],
     params: &Buf<BuildParams>,
     positions: &Buf<f32>,
     indices: &Buf<u32>,
     state: &Buf<u32>,
     treelets: &Buf<UVec4>,
-    refs: &Buf<u32>,
+    refs: &Buf<UVec4>,
     scratch: &mut Buf<UVec2>,
-    sizes: &mut Buf<UVec4>,
+    sizes: &mut Buf<UVec2>,
+    blocks: &mut Buf<u32>,
 ) {
     if group.id < state.at(STATE_TREELETS) && state.at(STATE_STATUS) == 0 {
-        let params = params.at(0);
+        let rule = params.at(0).rule;
         let item = Item::load(treelets, group.id);
         let base = scratch_base(item.first, group.id);
         // A large leaf of the level loop has nothing to build.
         let small = item.count <= TREELET;
-        let clips = (params.rule & rule::CLIP) != 0;
-        #[cfg(not(target_arch = "spirv"))]
-        let (mut same_lows, mut same_highs) = ([0; CANDIDATES], [0; CANDIDATES]);
-        let leaves = (params.rule & rule::LEAVES) != 0;
-        let members_of_root = if small && !leaves { item.count } else { 0 };
-        #[cfg(not(target_arch = "spirv"))]
-        ahead::triangles(group, positions, indices, ones(members_of_root), |k| refs.at(item.first + k));
-        lanes!(group, ..members_of_root, |lane| {
-            let id = refs.at(item.first + lane);
-            let (a, b, c) = triangle(positions, indices, id);
-            keep(corners, lane, 0, a);
-            keep(corners, lane, 1, b);
-            keep(corners, lane, 2, c);
-            let cell = Bounds { lo: item.lo, hi: item.hi };
-            let held = if clips { clip(a, b, c, &cell) } else { Bounds::of(a, b, c) };
-            put_face(faces, lane, 0, held.lo.x, held.hi.x);
-            put_face(faces, lane, 1, held.lo.y, held.hi.y);
-            put_face(faces, lane, 2, held.lo.z, held.hi.z);
-        });
-        lanes!(group, ..FACING, |lane| {
-            #[cfg(target_arch = "spirv")]
-            if lane < members_of_root {
-                let mut face = 0;
-                while face < FACES {
-                    let candidate = face * TREELET + lane;
-                    let at = f32::from_bits(faces.at(candidate));
-                    let (below, above) = sides(faces, (face & !1) * TREELET, item.count, at);
-                    belows.put(candidate, below);
-                    aboves.put(candidate, above);
-                    face += 1;
-                }
-            }
-            // Faces in one plane share all.
-            #[cfg(not(target_arch = "spirv"))]
-            {
-                let mut left = ones(members_of_root);
-                while left != 0 {
-                    let at = f32::from_bits(faces.at(lane * TREELET + left.trailing_zeros()));
-                    let (below, above, starts, ends) = sides(faces, (lane & !1) * TREELET, item.count, at);
-                    let mut same = left & if lane & 1 == 0 { starts } else { ends };
-                    left &= (left - 1) & !same;
-                    while same != 0 {
-                        let candidate = lane * TREELET + same.trailing_zeros();
-                        belows.put(candidate, below);
-                        aboves.put(candidate, above);
-                        same_lows.put(candidate, starts);
-                        same_highs.put(candidate, ends);
-                        same &= same - 1;
-                    }
-                }
+        let clips = (rule & rule::CLIP) != 0;
+        let leaves = (rule & rule::LEAVES) != 0;
+        let members = if small { item.count } else { 0 };
+        lanes!(group, |lane| {
+            if lane < members {
+                boxes.put(NUMBER * PITCH + lane, lane);
+                put_box(boxes, lane, PITCH, &Reference::load(refs, item.first + lane).bounds);
             }
             if lane == 0 {
-                push(stack, 0, ones(item.count), item.lo, item.hi, item.extra, 0);
+                push(stack, 0, members, item.lo, item.hi, item.extra, 0);
                 own.put(WAITING, small as u32);
                 own.put(NODES, 0);
                 own.put(REFS, if small { 0 } else { item.count });
                 own.put(DEPTH, item.extra);
+                own.put(HELD, members);
+                clear(own);
             }
+            #[cfg(target_arch = "spirv")]
+            put_pad(boxes, lane, members);
         });
+        // Only now, not to hold it in registers before.
+        let params = params.at(0);
         while own.at(WAITING) > 0 {
             let at = (own.at(WAITING) - 1) * ENTRY;
-            let mask = stack.at(at);
+            let number = stack.at(at);
+            let from = own.at(HELD) - number;
             let (lo, hi) = load_box(stack, at);
             let depth = stack.at(at + 7);
-            let number = mask.count_ones();
             let sah = Sah::new(lo, hi, number, Costs::of(&params));
             let nodes = own.at(NODES);
-            let may_pay = sah.may_pay && !leaves;
-            if may_pay && depth < params.max_depth && nodes + 2 <= treelet_nodes(item.count) {
+            let may_split =
+                sah.may_pay & !leaves && depth < params.max_depth && nodes + 2 <= treelet_nodes(item.count);
+            if may_split {
                 lanes!(group, ..WEIGHING, |lane| {
-                    #[cfg(target_arch = "spirv")]
-                    if (mask >> lane) & 1 == 1 {
-                        members.put((mask & ones(lane)).count_ones(), lane);
-                    }
-                    if lane == 0 {
-                        // Just below: only what is cheaper counts.
-                        own.put(COST, sah.leaf.to_bits() - 1);
-                        own.put(PICK, NONE);
-                        own.put(DROP_BELOW, 0);
-                        own.put(DROP_ABOVE, 0);
-                    }
-                });
-                lanes!(group, ..WEIGHING, |lane| {
-                    let mut best = f32::INFINITY;
+                    let mut best = sah.leaf;
                     let mut pick = NONE;
-                    let mut weigh = |across: &Across, candidate: u32| {
-                        let at = f32::from_bits(faces.at(candidate));
-                        if across.holds(at) {
-                            let below = (belows.at(candidate) & mask).count_ones();
-                            let above = (aboves.at(candidate) & mask).count_ones();
-                            let cost = across.cut(at, below, above);
-                            if cost < best {
-                                best = cost;
-                                pick = candidate;
-                            }
+                    let mut weigh = |cost: f32, face: u32, member: u32| {
+                        if cost < best {
+                            best = cost;
+                            pick = face * TREELET + member;
                         }
                     };
                     // Several faces side by side: as many as members fit the group's width.
@@ -306,10 +294,14 @@ pub fn treelet(
                         let width = 32 - (number - 1).leading_zeros();
                         let member = lane & ones(width);
                         if member < number {
-                            let member = members.at(member);
                             let mut face = lane >> width;
                             while face < FACES {
-                                weigh(&sah.across(face >> 1), face * TREELET + member);
+                                let across = sah.across(face >> 1);
+                                let at = f32::from_bits(boxes.at(face * PITCH + from + member));
+                                if across.holds(at) {
+                                    let (below, above) = sides(boxes, (face & !1) * PITCH + from, number, at);
+                                    weigh(across.cut(at, below, above), face, member);
+                                }
                                 face += TREELET >> width;
                             }
                         }
@@ -318,88 +310,120 @@ pub fn treelet(
                     #[cfg(not(target_arch = "spirv"))]
                     {
                         let across = sah.across(lane);
-                        let (starts, ends) = (2 * lane * TREELET, (2 * lane + 1) * TREELET);
-                        let mut lows = mask & held(faces, starts, item.count, &across);
-                        let mut highs = mask & held(faces, ends, item.count, &across);
-                        while lows != 0 {
-                            let candidate = starts + lows.trailing_zeros();
-                            weigh(&across, candidate);
-                            lows &= (lows - 1) & !same_lows.at(candidate);
-                            highs &= !same_highs.at(candidate);
-                        }
-                        while highs != 0 {
-                            let candidate = ends + highs.trailing_zeros();
-                            weigh(&across, candidate);
-                            highs &= (highs - 1) & !same_highs.at(candidate);
+                        let starts = 2 * lane * PITCH + from;
+                        let all = ones(number);
+                        let mut lows = all & held(boxes, starts, number, &across);
+                        let mut highs = all & held(boxes, starts + PITCH, number, &across);
+                        while (lows | highs) != 0 {
+                            let high = (lows == 0) as u32;
+                            let member = (if high == 0 { lows } else { highs }).trailing_zeros();
+                            let at = f32::from_bits(boxes.at(starts + high * PITCH + member));
+                            let (below, above, same_lows, same_highs) = sides(boxes, starts, number, at);
+                            lows &= !same_lows;
+                            highs &= !same_highs;
+                            let (below, above) = ((below & all).count_ones(), (above & all).count_ones());
+                            weigh(across.cut(at, below, above), 2 * lane + high, member);
                         }
                     }
                     if pick != NONE {
                         own.lower(COST, best.to_bits());
                     }
-                    costs.put(lane, best.to_bits());
-                    picks.put(lane, pick);
+                    halves.put(COSTS + lane, best.to_bits());
+                    halves.put(PICKS + lane, pick);
                 });
                 // Of equally cheap candidates the lowest number; costs are positive, so bits order as numbers do.
                 lanes!(group, ..WEIGHING, |lane| {
-                    if costs.at(lane) == own.at(COST) {
-                        own.lower(PICK, picks.at(lane));
+                    if halves.at(COSTS + lane) == own.at(COST) {
+                        own.lower(PICK, halves.at(PICKS + lane));
                     }
                 });
-                if clips && own.at(PICK) != NONE {
-                    lanes!(group, ..item.count, |lane| {
-                        let pick = own.at(PICK);
-                        let both = belows.at(pick) & aboves.at(pick) & mask;
-                        if (both >> lane) & 1 == 1 {
-                            let plane =
-                                Plane { axis: pick / (2 * TREELET), at: f32::from_bits(faces.at(pick)) };
-                            let (hi_below, lo_above) = cut(lo, hi, plane);
-                            let (a, b, c) =
-                                (kept(corners, lane, 0), kept(corners, lane, 1), kept(corners, lane, 2));
-                            if !overlaps(a, b, c, lo, hi_below) {
-                                own.or(DROP_BELOW, 1 << lane);
-                            }
-                            if !overlaps(a, b, c, lo_above, hi) {
-                                own.or(DROP_ABOVE, 1 << lane);
-                            }
-                        }
-                    });
-                }
-            } else {
-                lanes!(group, ..1, |_lane| {
-                    own.put(PICK, NONE);
+            }
+            let pick = own.at(PICK);
+            let axis = pick / (2 * TREELET);
+            let place =
+                boxes.at(if pick == NONE { 0 } else { (pick / TREELET) * PITCH + from + pick % TREELET });
+            let plane = f32::from_bits(place);
+            if pick != NONE {
+                lanes!(group, ..number, |lane| {
+                    let bounds = box_at(boxes, from + lane);
+                    let low = f32::from_bits(boxes.at(2 * axis * PITCH + from + lane));
+                    let high = f32::from_bits(boxes.at((2 * axis + 1) * PITCH + from + lane));
+                    let (mut goes_below, mut goes_above) =
+                        (is_below(low, high, plane), is_above(high, plane));
+                    let (mut under, mut over) = (bounds, bounds);
+                    let number = boxes.at(NUMBER * PITCH + from + lane);
+                    if clips && goes_below && goes_above {
+                        let (a, b, c) = triangle(positions, indices, triangle_at(refs, item.first + number));
+                        (under, over) = clip_plane(a, b, c, &bounds, axis, plane);
+                        goes_below = !under.is_empty();
+                        goes_above = !over.is_empty();
+                    }
+                    put_box(halves, lane, TREELET, &under);
+                    put_box(halves, FACES * TREELET + lane, TREELET, &over);
+                    halves.put(2 * FACES * TREELET + lane, number);
+                    if goes_below {
+                        own.or(BELOW, 1 << lane);
+                    }
+                    if goes_above {
+                        own.or(ABOVE, 1 << lane);
+                    }
                 });
             }
-            lanes!(group, ..1, |_lane| {
-                let slot = stack.at(at + 8);
-                let pick = own.at(PICK);
-                if pick == NONE {
-                    let first = own.at(REFS);
-                    scratch.put(base + slot, UVec2::new(mask, (first << 2) | Node::LEAF));
-                    own.put(REFS, first + number);
-                    own.put(WAITING, own.at(WAITING) - 1);
-                    own.raise(DEPTH, depth);
+            let (belows, aboves) = (own.at(BELOW), own.at(ABOVE));
+            let (number_below, number_above) = (belows.count_ones(), aboves.count_ones());
+            let held = from + number_below + number_above;
+            let splits = pick != NONE && held <= POOL && own.at(WAITING) < MOST_WAITING;
+            // The children's references take the place of the node's, those above first.
+            lanes!(group, ..number, |lane| {
+                if splits {
+                    if (aboves >> lane) & 1 == 1 {
+                        move_half(halves, lane, 1, boxes, from + (aboves & ones(lane)).count_ones());
+                    }
+                    if (belows >> lane) & 1 == 1 {
+                        let before = number_above + (belows & ones(lane)).count_ones();
+                        move_half(halves, lane, 0, boxes, from + before);
+                    }
                 } else {
-                    let axis = pick / (2 * TREELET);
-                    let plane = f32::from_bits(faces.at(pick));
-                    let child = nodes + 1;
-                    let (word0, word1) = Node::inner(axis, plane, child).words();
-                    scratch.put(base + slot, UVec2::new(word0, word1));
-                    let below = belows.at(pick) & mask & !own.at(DROP_BELOW);
-                    let above = aboves.at(pick) & mask & !own.at(DROP_ABOVE);
-                    // The entry itself becomes the child above, cut off below; the child below comes next.
-                    push(stack, at + ENTRY, below, lo, hi, depth + 1, child);
-                    stack.put(at + ENTRY + 4 + axis, plane.to_bits());
-                    stack.put(at, above);
-                    stack.put(at + 1 + axis, plane.to_bits());
-                    stack.put(at + 7, depth + 1);
-                    stack.put(at + 8, child + 1);
-                    own.put(WAITING, own.at(WAITING) + 1);
-                    own.put(NODES, nodes + 2);
+                    own.or(MASK, 1 << boxes.at(NUMBER * PITCH + from + lane));
+                }
+            });
+            lanes!(group, |lane| {
+                #[cfg(target_arch = "spirv")]
+                put_pad(boxes, lane, if splits { held } else { from });
+                if lane == 0 {
+                    let slot = stack.at(at + 8);
+                    if splits {
+                        let child = nodes + 1;
+                        let (word0, word1) = Node::inner(axis, plane, child).words();
+                        scratch.put(base + slot, UVec2::new(word0, word1));
+                        // The entry itself becomes the child above, cut off below; the child below comes next.
+                        push(stack, at + ENTRY, number_below, lo, hi, depth + 1, child);
+                        stack.put(at + ENTRY + 4 + axis, place);
+                        stack.put(at, number_above);
+                        stack.put(at + 1 + axis, place);
+                        stack.put(at + 7, depth + 1);
+                        stack.put(at + 8, child + 1);
+                        own.put(WAITING, own.at(WAITING) + 1);
+                        own.put(NODES, nodes + 2);
+                        own.put(HELD, held);
+                    } else {
+                        let first = own.at(REFS);
+                        scratch.put(base + slot, UVec2::new(own.at(MASK), (first << 2) | Node::LEAF));
+                        own.put(REFS, first + number);
+                        own.put(WAITING, own.at(WAITING) - 1);
+                        own.raise(DEPTH, depth);
+                        own.put(HELD, from);
+                    }
+                    clear(own);
                 }
             });
         }
         lanes!(group, ..1, |_lane| {
-            sizes.put(group.id, UVec4::new(own.at(NODES), own.at(REFS), own.at(DEPTH), 0));
+            sizes.put(group.id, UVec2::new(own.at(NODES), own.at(REFS)));
+            let block = group.id / BLOCK * place::KINDS;
+            blocks.add(block + place::NODES, own.at(NODES));
+            blocks.add(block + place::REFS, own.at(REFS));
+            blocks.raise(block + place::DEPTH, own.at(DEPTH));
         });
     }
 }
@@ -407,9 +431,9 @@ pub fn treelet(
 kernel! {
     /// [`treelet`] over all treelets.
     group TREELETS = treelet, threads 32,
-        shared [faces: CANDIDATES, belows: CANDIDATES, aboves: CANDIDATES, stack: ENTRIES, costs: LANES,
-                picks: LANES, members: LANES, corners: CORNERS, own: OWN], {
+        shared [boxes: BOXES, halves: HALVES, stack: ENTRIES, own: OWN], {
         0 params: read BuildParams, 1 positions: read f32, 2 indices: read u32, 3 state: read u32,
-        4 treelets: read UVec4, 5 refs: read u32, 6 scratch: write UVec2, 7 sizes: write UVec4,
+        4 treelets: read UVec4, 5 refs: read UVec4, 6 scratch: write UVec2, 7 sizes: write UVec2,
+        8 blocks: write u32,
     }
 }

@@ -3,7 +3,7 @@
 use super::{FACES, LEVEL_REFS, LISTED, REFERENCE, ROWS, blocks, row_of};
 use crate::{
     Group,
-    build::scan::{self, LANES, before, scan, total},
+    build::scan::{self, LANES, before, scan, total, word},
     glam::UVec2,
     mem::{Buf, Slots},
 };
@@ -43,7 +43,7 @@ pub fn rank(
                     }
                 }
             }
-            sums.put(lane, (sides & 1) | ((sides & 2) << 15));
+            sums.put(word(0, lane), (sides & 1) | ((sides & 2) << 15));
         });
         scan(group, 1, sums, parts);
         lanes!(group, |lane| {

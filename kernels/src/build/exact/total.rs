@@ -3,7 +3,7 @@
 use super::{FACES, LEVEL_CELLS, LEVEL_LISTS, LEVEL_REFS, blocks};
 use crate::{
     Group,
-    build::scan::{self, LANES, before, scan},
+    build::scan::{self, LANES, before, scan, word},
     glam::UVec2,
     mem::{Buf, Slots},
 };
@@ -35,8 +35,8 @@ pub fn total(
             above += both.y;
             i += 1;
         }
-        sums.put(lane, below);
-        sums.put(LANES + lane, above);
+        sums.put(word(0, lane), below);
+        sums.put(word(1, lane), above);
     });
     scan(group, 2, sums, parts);
     lanes!(group, |lane| {
