@@ -28,7 +28,7 @@ pub(super) fn word(kind: u32, lane: u32) -> u32 {
 
 /// Replaces each of `count` words, a multiple of four, by the sum of those before it, and returns the sum of all.
 #[inline(always)]
-fn serial(table: &mut impl Table, from: u32, count: u32) -> u32 {
+pub(super) fn serial(table: &mut impl Table, from: u32, count: u32) -> u32 {
     let mut sum = 0;
     let mut i = from;
     while i < from + count {
@@ -42,6 +42,22 @@ fn serial(table: &mut impl Table, from: u32, count: u32) -> u32 {
         i += 4;
     }
     sum
+}
+
+/// Replaces each of `count` words, a multiple of four, by the sum of it and those behind it.
+#[inline(always)]
+pub(super) fn serial_back(table: &mut impl Table, from: u32, count: u32) {
+    let mut sum = 0;
+    let mut i = from + count;
+    while i > from {
+        i -= 4;
+        let (a, b, c, d) = (table.at(i), table.at(i + 1), table.at(i + 2), table.at(i + 3));
+        table.put(i + 3, sum + d);
+        table.put(i + 2, sum + d + c);
+        table.put(i + 1, sum + d + c + b);
+        sum += a + b + c + d;
+        table.put(i, sum);
+    }
 }
 
 /// Scans in place: first within blocks of lanes, then over blocks.

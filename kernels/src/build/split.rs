@@ -4,6 +4,7 @@
 use super::{
     Costs, Item, LEVEL_ACTIVE, LEVEL_DEPTH, Sah,
     bin::{ENDS, FIRST_STARTS, HIST_WORDS, LAST_ENDS, STARTS, UNTOLD, unordered},
+    scan::{serial, serial_back},
 };
 use crate::{
     Group,
@@ -93,21 +94,11 @@ pub fn split(
         });
         // How many start before each border, and how many end behind it.
         lanes!(group, ..6, |lane| {
-            let axis = lane >> 1;
-            let mut sum = 0;
-            let mut i = 0;
-            while i < BINS {
-                if lane & 1 == 0 {
-                    let word = axis * BINS + i;
-                    let here = starts.at(word);
-                    starts.put(word, sum);
-                    sum += here;
-                } else {
-                    let word = axis * BINS + (BINS - 1 - i);
-                    sum += ends.at(word);
-                    ends.put(word, sum);
-                }
-                i += 1;
+            let first = (lane >> 1) * BINS;
+            if lane & 1 == 0 {
+                serial(starts, first, BINS);
+            } else {
+                serial_back(ends, first, BINS);
             }
         });
         let sah = Sah::new(item.lo, item.hi, item.count, Costs::of(&params));
@@ -136,7 +127,8 @@ pub fn split(
                     }
                 } else {
                     let across = sah.across(axis);
-                    // Faces in the bins on either side of the border: the last end before it,
+                    // Faces in the bins on either side of the border, for between faces the cost has no minimum: the last end
+                    // before it,
                     let last = if lane > 0 { lasts.at(word - 1) } else { 0 };
                     if last != 0 {
                         // Nothing ends between there and the border: no more lies above. What starts there or
@@ -144,7 +136,8 @@ pub fn split(
                         let below = if firsts.at(word - 1) >= last { starts.at(word - 1) } else { below };
                         let at = unordered(last);
                         weigh(across.cut(at, below, above), at);
-                    } else {
+                    } else if firsts.at(word) == !UNTOLD {
+                        // or, instead of a first start that is not told, the border;
                         let at = border(lo, hi, lane);
                         weigh(across.cut(at, below, above), at);
                     }

@@ -66,6 +66,9 @@ const OWN: usize = 10;
 /// Lanes that weigh a node's candidates: on a CPU one an axis.
 const WEIGHING: u32 = if cfg!(target_arch = "spirv") { TREELET } else { 3 };
 
+/// Lanes that finish a node: on a GPU they write the pad, too.
+const FINISHING: u32 = if cfg!(target_arch = "spirv") { 12 } else { 1 };
+
 /// No candidate: the node becomes a leaf.
 const NONE: u32 = u32::MAX;
 
@@ -204,7 +207,7 @@ pub fn scratch_base(first: u32, treelet: u32) -> u32 {
 #[cfg(target_arch = "spirv")]
 #[inline(always)]
 fn put_pad(boxes: &mut [u32; BOXES], lane: u32, top: u32) {
-    if lane < 12 {
+    if lane < FINISHING {
         boxes.put((2 * (lane >> 2) + 1) * PITCH + top + (lane & 3), f32::NEG_INFINITY.to_bits());
     }
 }
@@ -249,7 +252,7 @@ pub fn treelet(
         let clips = (rule & rule::CLIP) != 0;
         let leaves = (rule & rule::LEAVES) != 0;
         let members = if small { item.count } else { 0 };
-        lanes!(group, |lane| {
+        lanes!(group, ..if members > FINISHING { members } else { FINISHING }, |lane| {
             if lane < members {
                 boxes.put(NUMBER * PITCH + lane, lane);
                 put_box(boxes, lane, PITCH, &Reference::load(refs, item.first + lane).bounds);
@@ -387,7 +390,7 @@ pub fn treelet(
                     own.or(MASK, 1 << boxes.at(NUMBER * PITCH + from + lane));
                 }
             });
-            lanes!(group, |lane| {
+            lanes!(group, ..FINISHING, |lane| {
                 #[cfg(target_arch = "spirv")]
                 put_pad(boxes, lane, if splits { held } else { from });
                 if lane == 0 {
