@@ -65,7 +65,7 @@ fn main() -> anyhow::Result<()> {
     }
     writeln!(
         out,
-        "{:14}{:14}{:>10}{:>8}{:>8}{:>8}{:>8}{:>8}{:>9}{:>9}{:>9}",
+        "{:14}{:20}{:>10}{:>8}{:>8}{:>8}{:>8}{:>8}{:>9}{:>9}{:>9}",
         "scene", "Mray/s", "build ms", "a", "b", "c", "d", "d any", "wrong", "unclear", "any/=d"
     )?;
     for row in &rows {
@@ -75,7 +75,7 @@ fn main() -> anyhow::Result<()> {
         let Row { scene, peer, build_ms, wrong, unclear, any_differs, .. } = row;
         writeln!(
             out,
-            "{scene:14}{peer:14}{build_ms:10.1}{a:>8}{b:>8}{c:>8}{d:>8}{any:>8}{wrong:9}{unclear:9}{any_differs:9}"
+            "{scene:14}{peer:20}{build_ms:10.1}{a:>8}{b:>8}{c:>8}{d:>8}{any:>8}{wrong:9}{unclear:9}{any_differs:9}"
         )?;
     }
     Ok(())
