@@ -49,7 +49,7 @@ pub(crate) fn run(args: &Args, root: &Path) -> Result<()> {
     let findings = lint::check(&module);
     if !findings.is_empty() {
         let list: Vec<String> = findings.iter().map(|f| format!("  {f}")).collect();
-        bail!("results would differ between devices:\n{}", list.join("\n"));
+        bail!("devices would differ in results, or fail:\n{}", list.join("\n"));
     }
     let module_bytes: Vec<u8> = module.assemble().into_iter().flat_map(u32::to_le_bytes).collect();
     let fresh = target.join("spirv/raykd.spv");

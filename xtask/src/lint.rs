@@ -1,4 +1,4 @@
-//! Refuses SPIR-V whose result a device may choose: see [`check`].
+//! Refuses SPIR-V whose result a device may choose, or that it may not survive: see [`check`].
 
 use rspirv::{
     dr::{Function, Instruction, Module, Operand},
@@ -33,16 +33,17 @@ const INEXACT: &str = "its precision is up to the device; write it with + - * or
 const MIN_MAX: &str = "Vulkan leaves open which zero or NaN wins; use math::low and math::high";
 const WIDTH: &str = "only f32 is supported on every device";
 const MATRIX: &str = "matrix operations may be evaluated in any order; use vectors";
+const CHOSEN: &str = "Vulkan has no choice between buffers, which spirv-val overlooks and drivers crash on; choose what is read or written";
 const UNKNOWN: &str = "not on the list of float operations that are exact on every device";
 
 /// Finds every operation whose float result is not the same, to the bit, on every Vulkan device.
 ///
 /// What may make floats is a list: `+ - *`, negation, moving and conversion from integers. All else that has
 /// a float result is refused, and so are the extended instructions that are not known to be exact, matrices
-/// and floats that are not 32 bits wide.
+/// and floats that are not 32 bits wide. And pointers that are anything but a variable's or a parameter's, or lead into one.
 pub fn check(module: &Module) -> Vec<Finding> {
     let mut findings = BTreeSet::new();
-    let mut floats = HashSet::new();
+    let (mut floats, mut pointers) = (HashSet::new(), HashSet::new());
     for i in &module.types_global_values {
         let refused = match i.class.opcode {
             Op::TypeFloat => {
@@ -53,6 +54,10 @@ pub fn check(module: &Module) -> Vec<Finding> {
                 if i.operands[0].id_ref_any().is_some_and(|component| floats.contains(&component)) {
                     floats.extend(i.result_id);
                 }
+                None
+            }
+            Op::TypePointer => {
+                pointers.extend(i.result_id);
                 None
             }
             Op::TypeMatrix => Some(MATRIX),
@@ -73,6 +78,8 @@ pub fn check(module: &Module) -> Vec<Finding> {
                 extended(i, &glsl)
             } else if i.result_type.is_some_and(|t| floats.contains(&t)) {
                 float(i.class.opcode)
+            } else if i.result_type.is_some_and(|t| pointers.contains(&t)) {
+                pointer(i.class.opcode)
             } else {
                 None
             };
@@ -103,6 +110,15 @@ fn float(op: Op) -> Option<&'static str> {
         | Transpose => Some(MATRIX),
         FConvert | QuantizeToF16 => Some(WIDTH),
         _ => Some(UNKNOWN),
+    }
+}
+
+/// Why an operation with a pointer as its result is refused, if it is.
+fn pointer(op: Op) -> Option<&'static str> {
+    use Op::*;
+    match op {
+        Variable | AccessChain | InBoundsAccessChain | FunctionParameter | CopyObject | Undef => None,
+        _ => Some(CHOSEN),
     }
 }
 
@@ -162,7 +178,7 @@ mod tests {
     use super::*;
     use rspirv::{
         dr::Builder,
-        spirv::{AddressingModel, Capability, ExecutionModel, FunctionControl, MemoryModel},
+        spirv::{AddressingModel, Capability, ExecutionModel, FunctionControl, MemoryModel, StorageClass},
     };
 
     /// Types and values a planted instruction may use.
@@ -271,6 +287,39 @@ mod tests {
             drop(b.ext_inst(k.float, None, opencl, GlslStd450Op::FAbs as u32, [Operand::IdRef(k.x)]));
         });
         assert_eq!(found.len(), 1);
+    }
+
+    #[test]
+    fn chosen_pointers_are_refused() {
+        /// Two arrays, and what `choose` makes of pointers to them.
+        fn of_two(choose: impl FnOnce(&mut Builder, &Kit, Word, [Word; 2])) -> Vec<Finding> {
+            lint(|b, k| {
+                let three = b.constant_bit32(k.uint, 3);
+                let array = b.type_array(k.uint, three);
+                let pointer = b.type_pointer(None, StorageClass::Function, array);
+                let (one, two) = (
+                    b.variable(pointer, None, StorageClass::Function, None),
+                    b.variable(pointer, None, StorageClass::Function, None),
+                );
+                let word = b.type_pointer(None, StorageClass::Function, k.uint);
+                b.access_chain(word, None, one, [k.n]).unwrap();
+                choose(b, k, pointer, [one, two]);
+            })
+        }
+        assert_eq!(of_two(|_, _, _, _| ()), []);
+        let found = of_two(|b, _, pointer, [one, two]| {
+            let boolean = b.type_bool();
+            let yes = b.constant_true(boolean);
+            drop(b.select(pointer, None, yes, one, two));
+        });
+        assert_refused(&found, "OpSelect");
+        // As rust-gpu writes it: slices are pairs of pointer and length.
+        let found = of_two(|b, k, pointer, [one, _]| {
+            let slice = b.type_struct([pointer, k.uint]);
+            let pair = b.composite_construct(slice, None, [one, k.n]).unwrap();
+            drop(b.composite_extract(pointer, None, pair, [0]));
+        });
+        assert_refused(&found, "OpCompositeExtract");
     }
 
     #[test]
