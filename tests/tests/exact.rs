@@ -30,6 +30,11 @@ fn same_by_kernels(mesh: &Mesh, options: &BuildOptions, small: u32) -> Result<()
     Ok(())
 }
 
+/// A builder without a form of its own on a CPU.
+fn any_other() -> impl Strategy<Value = Builder> {
+    prop::sample::select(vec![Builder::Median, Builder::Zhou, Builder::Binned])
+}
+
 fn any_small() -> impl Strategy<Value = u32> {
     prop::sample::select(vec![0, 5, 64])
 }
@@ -58,9 +63,9 @@ proptest! {
     }
 
     #[test]
-    fn other_builders_cover_too(recipe in small_mesh()) {
+    fn other_builders_cover_too(recipe in small_mesh(), options in any_options(any_other())) {
         let mesh = recipe.mesh();
-        covers(&mesh, Scene::build(cpu(), &mesh, &BuildOptions::default())?.tree()?.view())?;
+        covers(&mesh, Scene::build(cpu(), &mesh, &options)?.tree()?.view())?;
     }
 
     #[test]
