@@ -31,11 +31,11 @@ const FACES: u32 = 6;
 /// Room for the references of nodes that wait to be built; the last node's come last. A split that needs more is not made, nor one
 /// that lets more nodes wait: the less memory a workgroup takes, the more of them a GPU runs at once.
 const POOL: u32 = 64;
-/// From one component of their boxes to the next: what lies behind the last reference is read, too.
+/// From one component of their boxes to the next: four are read at a time, beyond the last, too.
 const PITCH: u32 = POOL + 4;
 /// Where a reference's number in the treelet stands, behind its box's faces.
 const NUMBER: u32 = FACES;
-/// A CPU reads four faces at a time.
+/// Words for their boxes and numbers.
 const BOXES: usize = (7 * PITCH) as usize;
 /// References cut by a plane: what goes below, what goes above, and their numbers. Before that, every lane's cheapest candidate.
 const HALVES: usize = 13 * LANES;
@@ -204,6 +204,7 @@ pub fn scratch_base(first: u32, treelet: u32) -> u32 {
     2 * first + 9 * treelet
 }
 
+/// Writes what a GPU reads beyond the last box: it ends before every plane.
 #[cfg(target_arch = "spirv")]
 #[inline(always)]
 fn put_pad(boxes: &mut [u32; BOXES], lane: u32, top: u32) {
@@ -269,7 +270,6 @@ pub fn treelet(
             #[cfg(target_arch = "spirv")]
             put_pad(boxes, lane, members);
         });
-        // Only now, not to hold it in registers before.
         let params = params.at(0);
         while own.at(WAITING) > 0 {
             let at = (own.at(WAITING) - 1) * ENTRY;
