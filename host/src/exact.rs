@@ -315,7 +315,7 @@ impl Builder<'_> {
         let mut best = Plane { axis, at: node.lo[axis], planar_above: false, cost: f32::INFINITY };
         let (mut below, mut above) = (0, set.triangles.len() as u32);
         let mut consider = |at: f32, below: u32, above: u32, planar_above: bool| {
-            let cost = across.cut(at, below, above);
+            let cost = across.cut(at, below as f32, above as f32);
             if cost < best.cost {
                 best = Plane { axis, at, planar_above, cost };
             }

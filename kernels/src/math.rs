@@ -1,5 +1,62 @@
 //! Exact building blocks: what `+ - *` and comparisons do not give.
 
+use core::ops::{Add, BitAnd, BitOr, Mul, Sub};
+
+/// One number, or on a CPU four side by side.
+pub trait Number: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
+    /// An answer to each.
+    type Mask: Copy + BitAnd<Output = Self::Mask> + BitOr<Output = Self::Mask>;
+    /// The same number everywhere.
+    fn all(x: f32) -> Self;
+    /// Whether it is larger.
+    fn exceeds(self, other: Self) -> Self::Mask;
+    /// Whether it is equal.
+    fn is(self, other: Self) -> Self::Mask;
+    /// `a` where the answer is yes, else `b`.
+    fn choose(mask: Self::Mask, a: Self, b: Self) -> Self;
+}
+
+impl Number for f32 {
+    type Mask = bool;
+    #[inline(always)]
+    fn all(x: f32) -> Self {
+        x
+    }
+    #[inline(always)]
+    fn exceeds(self, other: Self) -> bool {
+        self > other
+    }
+    #[inline(always)]
+    fn is(self, other: Self) -> bool {
+        self == other
+    }
+    #[inline(always)]
+    fn choose(mask: bool, a: Self, b: Self) -> Self {
+        if mask { a } else { b }
+    }
+}
+
+#[cfg(not(target_arch = "spirv"))]
+impl Number for crate::glam::Vec4 {
+    type Mask = crate::glam::BVec4A;
+    #[inline(always)]
+    fn all(x: f32) -> Self {
+        Self::splat(x)
+    }
+    #[inline(always)]
+    fn exceeds(self, other: Self) -> Self::Mask {
+        self.cmpgt(other)
+    }
+    #[inline(always)]
+    fn is(self, other: Self) -> Self::Mask {
+        self.cmpeq(other)
+    }
+    #[inline(always)]
+    fn choose(mask: Self::Mask, a: Self, b: Self) -> Self {
+        Self::select(mask, a, b)
+    }
+}
+
 /// The smaller of two numbers (`a` if they are equal).
 #[inline(always)]
 pub fn low(a: f32, b: f32) -> f32 {

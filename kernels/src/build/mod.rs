@@ -16,6 +16,8 @@ pub mod clip;
 pub mod count;
 pub mod emit;
 pub mod exact;
+#[cfg(not(target_arch = "spirv"))]
+mod faces;
 pub mod place;
 pub mod reference;
 mod scan;
@@ -27,7 +29,7 @@ pub mod treelet;
 
 use crate::{
     glam::{UVec2, UVec4, Vec3},
-    math::abs,
+    math::{Number, abs},
     mem::{Buf, Slots},
 };
 use raykd_shared::{BuildParams, limits::CHUNK};
@@ -298,22 +300,25 @@ pub struct Across {
 impl Across {
     /// Whether a plane at `at` lies strictly inside. Most faces of what a node holds do not.
     #[inline(always)]
-    pub fn holds(&self, at: f32) -> bool {
-        self.lo < at && at < self.hi && self.hi - self.lo >= FLAT
+    pub fn holds<N: Number>(&self, at: N) -> N::Mask {
+        // Nothing lies inside where it is flat.
+        let hi = if self.hi - self.lo >= FLAT { self.hi } else { self.lo };
+        at.exceeds(N::all(self.lo)) & N::all(hi).exceeds(at)
     }
 
     /// Cost of a cut at `at` into children of so many references; infinite unless [`Across::holds`] it.
     #[inline(always)]
-    pub fn cut(&self, at: f32, below: u32, above: u32) -> f32 {
-        if !self.holds(at) {
-            return f32::INFINITY;
-        }
-        let area_below = flat(at - self.lo) * self.girth + self.cap;
-        let area_above = flat(self.hi - at) * self.girth + self.cap;
-        let test = self.costs.test;
-        let cost = self.step
-            + (area_below * below as f32 * test + area_above * above as f32 * test)
-            + (below + above) as f32 * self.costs.price;
-        cost * if ((below == 0) | (above == 0)) & (cost < self.leaf) { self.costs.empty } else { 1.0 }
+    pub fn cut<N: Number>(&self, at: N, below: N, above: N) -> N {
+        let all = N::all;
+        let flat = |d: N| N::choose(all(FLAT).exceeds(d), all(0.0), d);
+        let area_below = flat(at - all(self.lo)) * all(self.girth) + all(self.cap);
+        let area_above = flat(all(self.hi) - at) * all(self.girth) + all(self.cap);
+        let test = all(self.costs.test);
+        let cost = all(self.step)
+            + (area_below * below * test + area_above * above * test)
+            + (below + above) * all(self.costs.price);
+        let pays = (below.is(all(0.0)) | above.is(all(0.0))) & all(self.leaf).exceeds(cost);
+        let cost = cost * N::choose(pays, all(self.costs.empty), all(1.0));
+        N::choose(self.holds(at), cost, all(f32::INFINITY))
     }
 }

@@ -135,11 +135,11 @@ pub fn split(
                         // behind lies not below, if that is all that starts in the bin.
                         let below = if firsts.at(word - 1) >= last { starts.at(word - 1) } else { below };
                         let at = unordered(last);
-                        weigh(across.cut(at, below, above), at);
+                        weigh(across.cut(at, below as f32, above as f32), at);
                     } else if firsts.at(word) == !UNTOLD {
                         // or, instead of a first start that is not told, the border;
                         let at = border(lo, hi, lane);
-                        weigh(across.cut(at, below, above), at);
+                        weigh(across.cut(at, below as f32, above as f32), at);
                     }
                     // and the first start behind it.
                     let first = firsts.at(word);
@@ -148,7 +148,7 @@ pub fn split(
                         // the last one ends in it, too.
                         let above = if lasts.at(word) > first { above } else { ends.at(word + 1) };
                         let at = unordered(first);
-                        weigh(across.cut(at, below, above), at);
+                        weigh(across.cut(at, below as f32, above as f32), at);
                     }
                 }
                 axis += 1;

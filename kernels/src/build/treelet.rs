@@ -3,15 +3,15 @@
 //! Exact SAH over the box faces of the references, counted one by one (Zhou et al. 2008, section 3.3, whose boxes stay as
 //! they are); boxes that a plane cuts are clipped (Wald & Havran 2006, section 4.3).
 
+#[cfg(not(target_arch = "spirv"))]
+use super::faces::cheapest;
 use super::{
-    Across, Costs, Item, STATE_STATUS, STATE_TREELETS, Sah,
+    Costs, Item, STATE_STATUS, STATE_TREELETS, Sah,
     clip::{Bounds, clip_plane},
     is_above, is_below, place,
     reference::{Reference, triangle_at},
     tally::BLOCK,
 };
-#[cfg(not(target_arch = "spirv"))]
-use crate::glam::Vec4;
 use crate::{
     Group,
     glam::{UVec2, UVec4, Vec3},
@@ -148,49 +148,6 @@ fn sides(boxes: &[u32; BOXES], from: u32, number: u32, at: f32) -> (u32, u32) {
     (number - apart, above)
 }
 
-/// Which of the `number` references whose low faces on an axis stand at `from` lie below and above a plane at `at`, start and end
-/// there, four at a time. Higher bits may be set, too.
-#[cfg(not(target_arch = "spirv"))]
-#[inline(always)]
-fn sides(boxes: &[u32; BOXES], from: u32, number: u32, at: f32) -> (u32, u32, u32, u32) {
-    let (mut below, mut above, mut starts, mut ends) = (0, 0, 0, 0);
-    let at = Vec4::splat(at);
-    let mut i = 0;
-    while i < number {
-        let (lo, hi) = (four(boxes, from + i), four(boxes, from + PITCH + i));
-        below |= (lo.cmplt(at) | hi.cmple(at)).bitmask() << i;
-        above |= hi.cmpgt(at).bitmask() << i;
-        starts |= lo.cmpeq(at).bitmask() << i;
-        ends |= hi.cmpeq(at).bitmask() << i;
-        i += 4;
-    }
-    (below, above, starts, ends)
-}
-
-/// Which of the `number` faces that stand at `from` the node holds. Higher bits may be set, too.
-#[cfg(not(target_arch = "spirv"))]
-#[inline(always)]
-fn held(boxes: &[u32; BOXES], from: u32, number: u32, across: &Across) -> u32 {
-    let (lo, hi) = (Vec4::splat(across.lo), Vec4::splat(across.hi));
-    let mut held = 0;
-    let mut i = 0;
-    while i < number {
-        let at = four(boxes, from + i);
-        held |= (at.cmpgt(lo) & at.cmplt(hi)).bitmask() << i;
-        i += 4;
-    }
-    held
-}
-
-/// Four faces.
-#[cfg(not(target_arch = "spirv"))]
-#[inline(always)]
-fn four(boxes: &[u32; BOXES], from: u32) -> Vec4 {
-    let from = from as usize;
-    let four: [u32; 4] = boxes[from..from + 4].try_into().unwrap_or_default();
-    Vec4::from_array(four.map(f32::from_bits))
-}
-
 /// A mask of the lowest `n` bits, `n <= 32`.
 #[inline(always)]
 fn ones(n: u32) -> u32 {
@@ -303,30 +260,25 @@ pub fn treelet(
                                 let at = f32::from_bits(boxes.at(face * PITCH + from + member));
                                 if across.holds(at) {
                                     let (below, above) = sides(boxes, (face & !1) * PITCH + from, number, at);
-                                    weigh(across.cut(at, below, above), face, member);
+                                    weigh(across.cut(at, below as f32, above as f32), face, member);
                                 }
                                 face += TREELET >> width;
                             }
                         }
                     }
-                    // An axis a lane. Of faces in one plane, which cost the same, the first is enough.
+                    // An axis a lane.
                     #[cfg(not(target_arch = "spirv"))]
                     {
-                        let across = sah.across(lane);
-                        let starts = 2 * lane * PITCH + from;
-                        let all = ones(number);
-                        let mut lows = all & held(boxes, starts, number, &across);
-                        let mut highs = all & held(boxes, starts + PITCH, number, &across);
-                        while (lows | highs) != 0 {
-                            let high = (lows == 0) as u32;
-                            let member = (if high == 0 { lows } else { highs }).trailing_zeros();
-                            let at = f32::from_bits(boxes.at(starts + high * PITCH + member));
-                            let (below, above, same_lows, same_highs) = sides(boxes, starts, number, at);
-                            lows &= !same_lows;
-                            highs &= !same_highs;
-                            let (below, above) = ((below & all).count_ones(), (above & all).count_ones());
-                            weigh(across.cut(at, below, above), 2 * lane + high, member);
-                        }
+                        let lows = (2 * lane * PITCH + from) as usize;
+                        let highs = lows + PITCH as usize;
+                        let number = number as usize;
+                        let (cost, face) = cheapest(
+                            &boxes[lows..lows + number],
+                            &boxes[highs..highs + number],
+                            &sah.across(lane),
+                        );
+                        let number = number as u32;
+                        weigh(cost, 2 * lane + face / number, face % number);
                     }
                     if pick != NONE {
                         own.lower(COST, best.to_bits());

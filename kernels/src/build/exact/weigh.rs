@@ -37,8 +37,8 @@ fn consider(best: UVec4, sah: &Sah, axis: u32, at: u32, cell: &Cell, counts: &Co
     let across = sah.across(axis);
     let above = cell.count - counts.ended;
     let plane = unordered(at);
-    let flat_above = across.cut(plane, counts.before, above + counts.flat);
-    let flat_below = across.cut(plane, counts.before + counts.flat, above);
+    let flat_above = across.cut(plane, counts.before as f32, (above + counts.flat) as f32);
+    let flat_below = across.cut(plane, (counts.before + counts.flat) as f32, above as f32);
     better(better(best, candidate(flat_above, axis, at, true)), candidate(flat_below, axis, at, false))
 }
 
