@@ -12,23 +12,38 @@
 
 pub(crate) mod levels;
 
-use crate::{BuildOptions, KdTree, build::most_refs, mesh::Mesh};
+use crate::{
+    BuildOptions, KdTree,
+    build::most_refs,
+    exec::cpu::has_usual_instructions,
+    mesh::Mesh,
+};
 use raykd_kernels::{
     build::{
-        Costs, Sah,
+        Across, Costs, Sah,
         bin::{ordered, unordered},
+        faces::{Flat, cheapest},
+        reference::Reference,
         clip::{Bounds, clip_plane},
     },
-    glam::Vec3,
+    glam::{Vec3, Vec4},
+    math::Number,
 };
 use raykd_shared::{Node, TreeHeader, limits::MAX_DEPTH};
-use std::sync::{
-    Mutex, MutexGuard, PoisonError,
-    atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed},
+use rayon::prelude::*;
+use std::{
+    ops::Range,
+    sync::{
+        Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed},
+    },
 };
 
 /// Nodes of more references are built by several threads.
 const GRAIN: usize = 4096;
+
+/// Nodes of no more references have no events: all boxes are looked at for every face.
+const SMALL: usize = 32;
 
 /// A face of a reference's box: position (ordered as an integer), kind, reference.
 type Event = u64;
@@ -51,22 +66,50 @@ fn event(at: f32, kind: u64, reference: u32) -> Event {
 }
 
 /// A list that is written from the front without being cleared.
-#[derive(Debug, Default)]
-struct List {
-    room: Vec<Event>,
+#[derive(Debug)]
+struct List<T> {
+    room: Vec<T>,
     len: usize,
 }
 
-impl List {
-    fn events(&self) -> &[Event] {
+impl<T> Default for List<T> {
+    fn default() -> Self {
+        Self { room: Vec::new(), len: 0 }
+    }
+}
+
+impl<T: Copy> List<T> {
+    fn all(&self) -> &[T] {
         &self.room[..self.len]
     }
 
-    /// Makes room for `n` events.
-    fn reserve(&mut self, n: usize) {
+    /// Makes room for `n`, full of something.
+    fn reserve(&mut self, n: usize, something: T) {
         if self.room.len() < n {
             // Fresh pages are zero without being written.
-            self.room = vec![0; n + n / 4];
+            self.room = vec![something; n + n / 4];
+        }
+    }
+}
+
+impl List<Event> {
+    /// Sorts what is in order of references: by digits, the lowest first.
+    fn sort(&mut self) {
+        let mut other = vec![0; self.len];
+        for (shift, bits) in [(30, 12), (42, 11), (53, 11)] {
+            let digit = |event: Event| (event >> shift) as usize & ((1 << bits) - 1);
+            let mut places = [0u32; 1 << 12];
+            self.all().iter().for_each(|&event| places[digit(event)] += 1);
+            let mut before = 0;
+            for place in &mut places {
+                before += std::mem::replace(place, before);
+            }
+            for &event in self.all() {
+                let place = &mut places[digit(event)];
+                other[*place as usize] = event;
+                *place += 1;
+            }
+            self.room[..self.len].copy_from_slice(&other);
         }
     }
 
@@ -92,53 +135,60 @@ impl List {
 /// The references of a node along one axis.
 #[derive(Debug, Default)]
 struct Axis {
-    events: List,
+    events: List<Event>,
     /// New events.
     fresh: Vec<Event>,
 }
 
 impl Axis {
-    /// Takes in a reference; what ends at the node's upper face needs no event for that.
-    fn add(&mut self, reference: u32, (lo, hi): (f32, f32), end: f32) {
+    /// Takes in the faces of a reference, but for those where its box had one `before`, whose events are kept; and what
+    /// starts or ends at a face of the node needs none. Returns [`ENDS`] and [`STARTS`] for what is kept.
+    fn add(&mut self, reference: u32, lo_hi: (f32, f32), before: (f32, f32), node: (f32, f32)) -> u64 {
+        let ((lo, hi), (start, end)) = (lo_hi, node);
         if lo == hi {
-            self.fresh.push(event(lo, PLANAR, reference));
-        } else {
-            self.fresh.push(event(lo, START, reference));
-            if hi < end {
-                self.fresh.push(event(hi, END, reference));
+            if before.0 == before.1 {
+                return ENDS | STARTS;
             }
+            self.fresh.push(event(lo, PLANAR, reference));
+            return 0;
         }
+        let (starts, ends) = (lo == before.0, hi == before.1);
+        if !starts && lo > start {
+            self.fresh.push(event(lo, START, reference));
+        }
+        if !ends && hi < end {
+            self.fresh.push(event(hi, END, reference));
+        }
+        u64::from(starts) * STARTS | u64::from(ends) * ENDS
     }
 }
 
 /// The references of a node.
 #[derive(Debug, Default)]
 struct Set {
-    /// Triangle numbers, rising.
-    triangles: Vec<u32>,
-    /// Boxes of what the node holds of them.
-    boxes: Vec<Bounds>,
+    /// By triangle, rising; their boxes hold what the node holds of them.
+    references: List<Reference>,
+    /// Their faces, unless the node is small.
     axes: [Axis; 3],
 }
 
 impl Set {
     fn clear(&mut self) {
-        self.triangles.clear();
-        self.boxes.clear();
+        self.references.len = 0;
         for axis in &mut self.axes {
             axis.events.len = 0;
             axis.fresh.clear();
         }
     }
 
-    /// Takes in a reference whose faces are new.
-    fn add(&mut self, triangle: u32, bounds: Bounds, node: &Bounds) {
-        let reference = self.triangles.len() as u32;
-        self.triangles.push(triangle);
-        self.boxes.push(bounds);
+    /// Takes in the faces of reference `number`, whose box is `bounds` and was another `before`. Returns which events are kept.
+    fn add(&mut self, number: u32, bounds: &Bounds, before: &Bounds, node: &Bounds) -> u64 {
+        let on = |bounds: &Bounds, axis| (bounds.lo.as_ref()[axis], bounds.hi.as_ref()[axis]);
+        let mut kept = 0;
         for (i, axis) in self.axes.iter_mut().enumerate() {
-            axis.add(reference, (bounds.lo[i], bounds.hi[i]), node.hi[i]);
+            kept |= axis.add(number, on(bounds, i), on(before, i), on(node, i)) << (2 * i);
         }
+        kept
     }
 }
 
@@ -150,7 +200,7 @@ fn bytes<T>(list: &Vec<T>) -> u64 {
 impl Set {
     fn bytes(&self) -> u64 {
         let axes = self.axes.iter().map(|axis| bytes(&axis.events.room) + bytes(&axis.fresh));
-        axes.sum::<u64>() + bytes(&self.triangles) + bytes(&self.boxes)
+        axes.sum::<u64>() + bytes(&self.references.room)
     }
 }
 
@@ -159,9 +209,11 @@ impl Set {
 struct Plane {
     axis: usize,
     at: f32,
-    /// On which side references that lie in it go.
-    planar_above: bool,
+    /// Where references go that lie in it.
+    flat: Flat,
     cost: f32,
+    /// How many go below and above at most.
+    most: [usize; 2],
 }
 
 /// A node to be built.
@@ -190,11 +242,11 @@ struct Branch {
 }
 
 impl Branch {
-    fn leaf(&mut self, triangles: &[u32], depth: u32) -> Node {
+    fn leaf(&mut self, references: &[Reference], depth: u32) -> Node {
         let first = self.refs.len() as u32;
-        self.refs.extend_from_slice(triangles);
+        self.refs.extend(references.iter().map(|r| r.triangle));
         self.depth = self.depth.max(depth);
-        Node::leaf(first, triangles.len() as u32)
+        Node::leaf(first, references.len() as u32)
     }
 }
 
@@ -250,6 +302,104 @@ impl Part {
     }
 }
 
+/// The search for the cheapest plane across an axis of a node.
+struct Sweep<'a> {
+    events: &'a [Event],
+    axis: usize,
+    across: Across,
+    /// The cheapest so far, and the number of its event.
+    best: Option<Plane>,
+    cost: f32,
+    number: usize,
+}
+
+/// Events weighed together.
+const BATCH: usize = 16;
+/// Parts of a list of events: those that cannot hold the cheapest plane are left out.
+const PARTS: usize = 32;
+
+/// How many references reach below a plane and above it.
+type Counts = [u32; 2];
+
+impl Sweep<'_> {
+    /// What is below and above behind all of `events`, if it is `counts` before.
+    fn pass(events: &[Event], [below, above]: Counts) -> Counts {
+        let sum: u64 = events.iter().map(|e| (e >> 31 & 1) | (e >> 30 & 1) << 32).sum();
+        let (starts, flats) = (sum as u32, (sum >> 32) as u32);
+        [below + starts + flats, above - (events.len() as u32 - starts)]
+    }
+
+    /// Whether the cheapest plane may be one of `events`; what reaches below is counted before them, above behind them.
+    fn may_hold(&self, events: &[Event], below: u32, above: u32) -> bool {
+        let (from, to) = (position(events[0]), position(events[events.len() - 1]));
+        below == 0 || above == 0 || self.across.least(from, to, below as f32, above as f32) <= self.cost
+    }
+
+    /// Goes through events `from..to`.
+    fn go(&mut self, from: usize, to: usize, mut counts: Counts) {
+        for first in (from..to).step_by(BATCH) {
+            let events = &self.events[first..to.min(first + BATCH)];
+            let behind = Self::pass(events, counts);
+            if self.may_hold(events, counts[0], behind[1]) {
+                self.weigh(first, events.len(), counts);
+            }
+            counts = behind;
+        }
+    }
+
+    /// Weighs so many events from `first` on.
+    fn weigh(&mut self, first: usize, len: usize, [mut below, mut above]: Counts) {
+        const ROOM: usize = 2 * BATCH;
+        let mut at = [f32::INFINITY; ROOM];
+        let (mut belows, mut aboves, mut numbers) = ([0.0; ROOM], [0.0; ROOM], [0.0; ROOM]);
+        // The candidates behind which what is flat and in the plane lies below.
+        let mut flats = 0u32;
+        let mut n = 0;
+        for i in 0..len {
+            let event = self.events[first + i];
+            let is_other = |other: Option<&Event>| other.is_none_or(|other| (other ^ event) & !REFERENCE != 0);
+            let is_flat = event & KIND == PLANAR;
+            // Before all that ends in the plane is counted, and after some of what starts there is, it is no cheaper.
+            above -= u32::from(event & KIND == END);
+            if !is_flat || is_other(self.events[..first + i].last()) {
+                (at[n], belows[n], aboves[n], numbers[n]) = (position(event), below as f32, above as f32, i as f32);
+                n += 1;
+            }
+            below += u32::from(event & KIND != END);
+            if is_flat {
+                above -= 1;
+                if is_other(self.events.get(first + i + 1)) {
+                    (at[n], belows[n], aboves[n], numbers[n]) = (position(event), below as f32, above as f32, i as f32);
+                    flats |= 1 << n;
+                    n += 1;
+                }
+            }
+        }
+        let (mut least, mut chosen) = (Vec4::INFINITY, Vec4::ZERO);
+        let mut number = Vec4::new(0.0, 1.0, 2.0, 3.0);
+        for i in (0..n).step_by(4) {
+            let four = |numbers: &[f32]| Vec4::from_slice(&numbers[i..]);
+            let cost = self.across.cut(four(&at), four(&belows), four(&aboves));
+            let less = least.exceeds(cost);
+            least = Vec4::select(less, cost, least);
+            chosen = Vec4::select(less, number, chosen);
+            number += 4.0;
+        }
+        let cost = least.min_element();
+        let chosen = Vec4::select(least.is(Vec4::splat(cost)), chosen, Vec4::INFINITY).min_element() as usize;
+        if cost > self.cost {
+            return;
+        }
+        let number = first + numbers[chosen] as usize;
+        if cost < self.cost || number < self.number {
+            let flat = if flats >> chosen & 1 == 1 { Flat::Below } else { Flat::Above };
+            let most = [belows[chosen], aboves[chosen]].map(|n| n as usize);
+            self.best = Some(Plane { axis: self.axis, at: at[chosen], flat, cost, most });
+            (self.cost, self.number) = (cost, number);
+        }
+    }
+}
+
 /// What every node needs to know.
 struct Builder<'m> {
     positions: &'m [f32],
@@ -257,6 +407,8 @@ struct Builder<'m> {
     costs: Costs,
     max_depth: u32,
     clip: bool,
+    /// Whether the processor has its usual instructions.
+    usual: bool,
     pool: Pool,
     /// References so far, of the leaves and of the nodes of each depth, and how many there may be of either.
     listed: AtomicUsize,
@@ -266,21 +418,123 @@ struct Builder<'m> {
     full: AtomicBool,
 }
 
-/// Where a reference goes: its number among the child's and one of these, or neither if it is clipped.
-const BELOW: u32 = 1 << 30;
-const ABOVE: u32 = 1 << 31;
+/// How the references of a node are shared out to its children.
+#[derive(Debug, Default)]
+struct Shares {
+    /// Where each goes.
+    sides: Vec<u32>,
+    /// Those that straddle the plane, and the boxes of what lies of them below and above.
+    straddling: Vec<u32>,
+    halves: Vec<[Bounds; 2]>,
+    /// The number of each among those of either child, and which of its events go there.
+    targets: Vec<[u64; 2]>,
+}
+
+/// A side, and that of a reference which is cut.
+const BELOW: u32 = 1;
+const ABOVE: u32 = 2;
+const CUT: u32 = 4;
+/// Events where a box ends or is flat, where it starts, and on all axes: those on axis `i` are by `2 i` bits higher.
+const ENDS: u64 = 1 << 32;
+const STARTS: u64 = 2 << 32;
+const ALL: u64 = 0x3F << 32;
+
+impl Shares {
+    fn bytes(&self) -> u64 {
+        bytes(&self.sides) + bytes(&self.straddling) + bytes(&self.halves) + bytes(&self.targets)
+    }
+
+    /// How many go below and above.
+    fn sizes(&self) -> [usize; 2] {
+        [0, 1].map(|side| self.sides.iter().map(|s| (s >> side & 1) as usize).sum())
+    }
+
+    /// Moves the references, and leaves room for one more behind those of either child.
+    fn place(&mut self, references: &[Reference], [low, high]: [&mut [Reference]; 2]) {
+        let (mut below, mut above) = (0, 0);
+        self.targets.clear();
+        // Written to both and kept in one: no branch to predict.
+        self.targets.extend(references.iter().zip(&self.sides).map(|(reference, side)| {
+            let target = [
+                below | if *side == BELOW { ALL } else { 0 },
+                above | if *side == ABOVE { ALL } else { 0 },
+            ];
+            low[below as usize] = *reference;
+            high[above as usize] = *reference;
+            below += u64::from(side & 1);
+            above += u64::from(side >> 1 & 1);
+            target
+        }));
+        for (&i, [under, over]) in self.straddling.iter().zip(&self.halves) {
+            let [below, above] = self.targets[i as usize];
+            if self.sides[i as usize] & BELOW != 0 {
+                low[below as usize].bounds = *under;
+            }
+            if self.sides[i as usize] & ABOVE != 0 {
+                high[above as usize].bounds = *over;
+            }
+        }
+    }
+}
+
+/// How far a reference's box reaches on an axis.
+#[inline(always)]
+fn extent(reference: &Reference, axis: usize) -> (f32, f32) {
+    (reference.bounds.lo.as_ref()[axis], reference.bounds.hi.as_ref()[axis])
+}
+
+/// The cheaper one, the first if they cost the same.
+#[inline(always)]
+fn cheaper(a: Option<Plane>, b: Option<Plane>) -> Option<Plane> {
+    match (a, b) {
+        (Some(a), Some(b)) => Some(if b.cost < a.cost { b } else { a }),
+        (a, b) => a.or(b),
+    }
+}
+
+/// The cheapest plane across an axis of a small node, if one costs less than `cost`: every face is weighed against every box.
+#[inline(always)]
+fn faces_of(references: &[Reference], axis: usize, across: &Across, cost: f32) -> Option<Plane> {
+    let faces = |i: usize| extent(&references[i], axis);
+    let mut flat = Flat::Above;
+    let (mut least, mut at) = cheapest(references.len(), faces, across, flat, |at, _| at);
+    let mut any = false;
+    for i in 0..references.len() {
+        any |= faces(i).0 == faces(i).1;
+    }
+    if any {
+        let (other, there) = cheapest(references.len(), faces, across, Flat::Below, |at, _| at);
+        if other < least || (other == least && there < at) {
+            (flat, least, at) = (Flat::Below, other, there);
+        }
+    }
+    (least < cost).then_some(Plane { axis, at, flat, cost: least, most: [references.len(); 2] })
+}
+
+/// The cheapest plane of a small node, if one costs less than a leaf.
+#[inline(always)]
+fn face(references: &[Reference], sah: &Sah) -> Option<Plane> {
+    let mut best = None;
+    for axis in 0..3 {
+        best = cheaper(best, faces_of(references, axis, &sah.across(axis as u32), sah.leaf));
+    }
+    best
+}
+
+/// The same, compiled for the usual instructions.
+#[cfg_attr(target_arch = "x86_64", target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt"))]
+unsafe fn face_usually(references: &[Reference], sah: &Sah) -> Option<Plane> {
+    face(references, sah)
+}
 
 /// Memory that is used again and again: new pages cost more than what is done with them.
 #[derive(Debug, Default)]
 struct Spare {
-    targets: Vec<u32>,
-    sets: Vec<Set>,
-}
-
-impl Spare {
-    fn set(&mut self) -> Set {
-        self.sets.pop().unwrap_or_default()
-    }
+    shares: Shares,
+    /// For the children of a node of each depth.
+    sets: Vec<[Set; 2]>,
+    /// References of small nodes.
+    small: Vec<Reference>,
 }
 
 /// The same for what threads pass on to each other.
@@ -294,7 +548,7 @@ impl Pool {
     /// What all sets took, once they are back.
     fn bytes(&self) -> u64 {
         let large: u64 = locked(&self.large).iter().map(Set::bytes).sum();
-        let each = |spare: &Spare| bytes(&spare.targets) + spare.sets.iter().map(Set::bytes).sum::<u64>();
+        let each = |spare: &Spare| spare.shares.bytes() + bytes(&spare.small) + spare.sets.iter().flatten().map(Set::bytes).sum::<u64>();
         large + locked(&self.spares).iter().map(each).sum::<u64>()
     }
 }
@@ -306,43 +560,44 @@ fn locked<T>(list: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl Builder<'_> {
     fn corners(&self, triangle: u32) -> [Vec3; 3] {
-        self.triangles[triangle as usize].map(|v| Vec3::from_slice(&self.positions[3 * v as usize..]))
+        let [a, b, c] = self.triangles[triangle as usize];
+        let vertex = |v: u32| Vec3::from_slice(&self.positions[3 * v as usize..]);
+        [vertex(a), vertex(b), vertex(c)]
     }
 
-    /// The cheapest plane across an axis.
-    fn sweep(&self, set: &Set, node: &Bounds, axis: usize, sah: &Sah) -> Plane {
+    /// The cheapest plane across an axis, if one costs less than `cost`.
+    fn sweep(&self, set: &Set, axis: usize, sah: &Sah, cost: f32) -> Option<Plane> {
+        let events = set.axes[axis].events.all();
         let across = sah.across(axis as u32);
-        let mut best = Plane { axis, at: node.lo[axis], planar_above: false, cost: f32::INFINITY };
-        let (mut below, mut above) = (0, set.triangles.len() as u32);
-        let mut consider = |at: f32, below: u32, above: u32, planar_above: bool| {
-            let cost = across.cut(at, below as f32, above as f32);
-            if cost < best.cost {
-                best = Plane { axis, at, planar_above, cost };
-            }
-        };
-        let events = set.axes[axis].events.events();
-        let mut next = 0;
-        while let Some(&first) = events.get(next) {
-            let at = position(first);
-            let (mut ends, mut planar, mut starts) = (0, 0, 0);
-            while let Some(&event) = events.get(next)
-                && event >> 32 == first >> 32
-            {
-                ends += u32::from(event & KIND == END);
-                planar += u32::from(event & KIND == PLANAR);
-                starts += u32::from(event & KIND == START);
-                next += 1;
-            }
-            above -= ends;
-            consider(at, below, above, true);
-            below += planar;
-            above -= planar;
-            if planar > 0 {
-                consider(at, below, above, false);
-            }
-            below += starts;
+        let mut sweep = Sweep { events, axis, across, best: None, cost, number: 0 };
+        let all = set.references.len as u32;
+        let len = events.len().div_ceil(PARTS).next_multiple_of(BATCH).max(BATCH);
+        let mut counts = [[0, all]; PARTS + 1];
+        let parts = || events.chunks(len).enumerate();
+        for (i, part) in parts() {
+            counts[i + 1] = Sweep::pass(part, counts[i]);
         }
-        best
+        // What starts at the node's lower face has no event.
+        let begun = all - counts[events.len().div_ceil(len)][0];
+        let mut middle = 0;
+        let mut least = f32::INFINITY;
+        for (i, part) in parts() {
+            counts[i][0] += begun;
+            let (from, to) = (position(part[0]), position(part[part.len() - 1]));
+            let bound = across.least(from, to, counts[i][0] as f32, counts[i + 1][1] as f32);
+            if bound < least {
+                (middle, least) = (i, bound);
+            }
+        }
+        if let Some(part) = events.chunks(len).nth(middle) {
+            sweep.go(middle * len, middle * len + part.len(), counts[middle]);
+        }
+        for (i, part) in parts() {
+            if i != middle && sweep.may_hold(part, counts[i][0], counts[i + 1][1]) {
+                sweep.go(i * len, i * len + part.len(), counts[i]);
+            }
+        }
+        sweep.best
     }
 
     /// Counts references, and notes when there are too many.
@@ -354,28 +609,51 @@ impl Builder<'_> {
 
     /// The plane that cuts the node, or none if it becomes a leaf.
     fn choose(&self, set: &Set, cell: &Cell, parallel: bool) -> Option<Plane> {
-        let sah = Sah::new(cell.bounds.lo, cell.bounds.hi, set.triangles.len() as u32, self.costs);
-        if cell.depth >= self.max_depth || !sah.may_pay || self.full.load(Relaxed) {
-            return None;
+        let sah = self.sah(cell, set.references.len)?;
+        let sweep = |axis, cost| self.sweep(set, axis, &sah, cost);
+        if parallel {
+            let leaf = sah.leaf;
+            let (x, (y, z)) = rayon::join(|| sweep(0, leaf), || rayon::join(|| sweep(1, leaf), || sweep(2, leaf)));
+            return cheaper(cheaper(x, y), z);
         }
-        let sweep = |axis| self.sweep(set, &cell.bounds, axis, &sah);
-        let planes = if parallel {
-            let (x, (y, z)) = rayon::join(|| sweep(0), || rayon::join(|| sweep(1), || sweep(2)));
-            [x, y, z]
-        } else {
-            [0, 1, 2].map(sweep)
-        };
-        let best = planes.into_iter().reduce(|a, b| if b.cost < a.cost { b } else { a })?;
-        (best.cost < sah.leaf).then_some(best)
+        (0..3).fold(None, |best, axis| sweep(axis, best.map_or(sah.leaf, |plane: Plane| plane.cost)).or(best))
     }
 
-    /// The boxes of what lies of a straddling reference below and above a plane.
-    fn clip(&self, triangle: u32, bounds: &Bounds, plane: &Plane, cells: &[Cell; 2]) -> [Bounds; 2] {
-        if self.clip {
-            let [a, b, c] = self.corners(triangle);
-            clip_plane(a, b, c, bounds, plane.axis as u32, plane.at).into()
-        } else {
-            cells.map(|cell| bounds.and(&cell.bounds))
+    /// What planes cost in a node of so many references, if any may pay.
+    fn sah(&self, cell: &Cell, count: usize) -> Option<Sah> {
+        let sah = Sah::new(cell.bounds.lo, cell.bounds.hi, count as u32, self.costs);
+        (cell.depth < self.max_depth && sah.may_pay && !self.full.load(Relaxed)).then_some(sah)
+    }
+
+    /// Says where the references of a node go, and what there is of those that are cut.
+    fn share(&self, references: &[Reference], plane: &Plane, cells: &[Cell; 2], shares: &mut Shares) {
+        let (at, flat_below) = (plane.at, plane.flat == Flat::Below);
+        let (sides, straddling) = (&mut shares.sides, &mut shares.straddling);
+        sides.resize(references.len(), 0);
+        straddling.resize(references.len(), 0);
+        let mut number = 0;
+        for (i, (reference, side)) in references.iter().zip(&mut *sides).enumerate() {
+            let (lo, hi) = extent(reference, plane.axis);
+            // What touches the plane from one side is on that side only.
+            let flat = (lo == at) & (hi == at);
+            let (below, above) = ((lo < at) | (flat & flat_below), (hi > at) | (flat & !flat_below));
+            *side = u32::from(below) * BELOW | u32::from(above) * ABOVE;
+            straddling[number] = i as u32;
+            number += usize::from(below & above);
+        }
+        straddling.truncate(number);
+        shares.halves.clear();
+        for &i in &*straddling {
+            let Reference { triangle, bounds, .. } = &references[i as usize];
+            let [under, over] = if self.clip {
+                let [a, b, c] = self.corners(*triangle);
+                clip_plane(a, b, c, bounds, plane.axis as u32, at).into()
+            } else {
+                [bounds.and(&cells[0].bounds), bounds.and(&cells[1].bounds)]
+            };
+            let (below, above) = (!under.is_empty(), !over.is_empty());
+            sides[i as usize] = u32::from(below) * BELOW | u32::from(above) * ABOVE | CUT;
+            shares.halves.push([under, over]);
         }
     }
 
@@ -386,56 +664,52 @@ impl Builder<'_> {
         plane: &Plane,
         cells: &[Cell; 2],
         halves: &mut [Set; 2],
-        targets: &mut Vec<u32>,
+        shares: &mut Shares,
         parallel: bool,
     ) {
-        self.count(&self.passed[cells[0].depth as usize - 1], set.triangles.len());
-        for half in halves.iter_mut() {
+        let references = set.references.all();
+        self.count(&self.passed[cells[0].depth as usize - 1], references.len());
+        self.share(references, plane, cells, shares);
+        let sizes = shares.sizes();
+        for (half, size) in halves.iter_mut().zip(sizes) {
             half.clear();
-            half.triangles.reserve(set.triangles.len());
-            half.boxes.reserve(set.boxes.len());
+            half.references.reserve(size + 1, references[0]);
+            half.references.len = size;
         }
-        targets.clear();
         let [low, high] = halves;
-        for (&triangle, bounds) in set.triangles.iter().zip(&set.boxes) {
-            let (lo, hi) = (bounds.lo[plane.axis], bounds.hi[plane.axis]);
-            // What touches the plane from one side is on that side only.
-            let planar = lo == plane.at && hi == plane.at;
-            let below = lo < plane.at || (planar && !plane.planar_above);
-            let above = hi > plane.at || (planar && plane.planar_above);
-            let target = if below && above {
-                let [under, over] = self.clip(triangle, bounds, plane, cells);
-                if !under.is_empty() {
-                    low.add(triangle, under, &cells[0].bounds);
+        shares.place(references, [&mut low.references.room, &mut high.references.room]);
+        // Small nodes need no events.
+        let sorted = plane.most.map(|most| most > SMALL);
+        for (&i, halves) in shares.straddling.iter().zip(&shares.halves) {
+            for (k, half) in [&mut *low, &mut *high].into_iter().enumerate() {
+                if sorted[k] && shares.sides[i as usize] >> k & 1 == 1 {
+                    let target = &mut shares.targets[i as usize][k];
+                    let before = &references[i as usize].bounds;
+                    *target |= half.add(*target as u32, &halves[k], before, &cells[k].bounds);
                 }
-                if !over.is_empty() {
-                    high.add(triangle, over, &cells[1].bounds);
-                }
-                0
-            } else {
-                let (half, side) = if below { (&mut *low, BELOW) } else { (&mut *high, ABOVE) };
-                half.triangles.push(triangle);
-                half.boxes.push(*bounds);
-                side | (half.triangles.len() as u32 - 1)
-            };
-            targets.push(target);
+            }
         }
+        if sorted == [false; 2] {
+            return;
+        }
+        let targets = &shares.targets;
         let move_events = |axis: usize, low: &mut Axis, high: &mut Axis| {
             let from = &set.axes[axis];
-            let events = from.events.events();
-            for half in [&mut *low, &mut *high] {
-                half.events.reserve(events.len() + half.fresh.len() + 1);
+            let events = from.events.all();
+            for (half, size) in [&mut *low, &mut *high].into_iter().zip(sizes) {
+                half.events.reserve(2 * size + 1, 0);
             }
             let (mut b, mut a) = (0, 0);
             let (to_low, to_high) = (&mut low.events.room[..], &mut high.events.room[..]);
             // Written to both and kept in one: no branch to predict.
             for &event in events {
-                let target = targets[(event & REFERENCE) as usize];
-                let moved = event & !REFERENCE | u64::from(target) & REFERENCE;
-                to_low[b] = moved;
-                b += (target >> 30 & 1) as usize;
-                to_high[a] = moved;
-                a += (target >> 31) as usize;
+                let [below, above] = targets[(event & REFERENCE) as usize];
+                let moved = |target: u64| event & !REFERENCE | target & REFERENCE;
+                let kept = 32 + 2 * axis as u32 + (event >> 31 & 1) as u32;
+                to_low[b] = moved(below);
+                b += (below >> kept & 1) as usize;
+                to_high[a] = moved(above);
+                a += (above >> kept & 1) as usize;
             }
             (low.events.len, high.events.len) = (b, a);
             low.events.merge(&mut low.fresh);
@@ -457,36 +731,78 @@ impl Builder<'_> {
 
     /// Builds a node and all below it; returns its words.
     fn grow(&self, set: &Set, cell: &Cell, tree: &mut Branch, spare: &mut Spare) -> Node {
+        let references = set.references.all();
+        if references.len() <= SMALL {
+            spare.small.clear();
+            spare.small.extend_from_slice(references);
+            return self.finish(0..references.len(), cell, tree, spare);
+        }
         let Some(plane) = self.choose(set, cell, false) else {
-            return self.leaf(tree, &set.triangles, cell.depth);
+            return self.leaf(tree, references, cell.depth);
         };
         let slot = tree.nodes.len();
         tree.nodes.extend([Node::PADDING; 2]);
         let cells = cell.cut(&plane);
-        let mut halves = [spare.set(), spare.set()];
-        self.split(set, &plane, &cells, &mut halves, &mut spare.targets, false);
+        let depth = cell.depth as usize;
+        if spare.sets.len() <= depth {
+            spare.sets.resize_with(depth + 1, Default::default);
+        }
+        let mut halves = std::mem::take(&mut spare.sets[depth]);
+        self.split(set, &plane, &cells, &mut halves, &mut spare.shares, false);
         for (i, (half, cell)) in halves.iter().zip(&cells).enumerate() {
             tree.nodes[slot + i] = self.grow(half, cell, tree, spare);
         }
-        spare.sets.extend(halves);
+        spare.sets[depth] = halves;
         Node::inner(plane.axis as u32, plane.at, slot as u32)
     }
 
-    fn leaf(&self, tree: &mut Branch, triangles: &[u32], depth: u32) -> Node {
-        self.count(&self.passed[depth as usize], triangles.len());
-        self.count(&self.listed, triangles.len());
-        tree.leaf(triangles, depth)
+    /// The same for a small node, whose references are numbers `own` of the small ones; there is room behind them.
+    fn finish(&self, own: Range<usize>, cell: &Cell, tree: &mut Branch, spare: &mut Spare) -> Node {
+        let references = &spare.small[own.clone()];
+        let plane = self.sah(cell, references.len()).and_then(|sah| {
+            // SAFETY: the processor has these instructions.
+            if self.usual { unsafe { face_usually(references, &sah) } } else { face(references, &sah) }
+        });
+        let Some(plane) = plane else {
+            return self.leaf(tree, references, cell.depth);
+        };
+        self.count(&self.passed[cell.depth as usize], references.len());
+        let slot = tree.nodes.len();
+        tree.nodes.extend([Node::PADDING; 2]);
+        let cells = cell.cut(&plane);
+        let shares = &mut spare.shares;
+        self.share(references, &plane, &cells, shares);
+        let [below, above] = spare.shares.sizes();
+        // What goes above comes behind the node's own, then what goes below, which is built first. Each with room for one more.
+        let high = own.end..own.end + above;
+        let low = high.end + 1..high.end + 1 + below;
+        if spare.small.len() <= low.end {
+            spare.small.resize(2 * low.end, spare.small[0]);
+        }
+        let (earlier, room) = spare.small.split_at_mut(own.end);
+        let (to_high, to_low) = room.split_at_mut(above + 1);
+        spare.shares.place(&earlier[own], [to_low, to_high]);
+        for (i, (references, cell)) in [low, high].into_iter().zip(&cells).enumerate() {
+            tree.nodes[slot + i] = self.finish(references, cell, tree, spare);
+        }
+        Node::inner(plane.axis as u32, plane.at, slot as u32)
+    }
+
+    fn leaf(&self, tree: &mut Branch, references: &[Reference], depth: u32) -> Node {
+        self.count(&self.passed[depth as usize], references.len());
+        self.count(&self.listed, references.len());
+        tree.leaf(references, depth)
     }
 
     /// The same by several threads.
     fn branch(&self, set: Set, cell: &Cell) -> Part {
         let mut spare = locked(&self.pool.spares).pop().unwrap_or_default();
-        if set.triangles.len() > GRAIN
+        if set.references.len > GRAIN
             && let Some(plane) = self.choose(&set, cell, true)
         {
             let cells = cell.cut(&plane);
             let mut halves = [(); 2].map(|()| locked(&self.pool.large).pop().unwrap_or_default());
-            self.split(&set, &plane, &cells, &mut halves, &mut spare.targets, true);
+            self.split(&set, &plane, &cells, &mut halves, &mut spare.shares, true);
             locked(&self.pool.spares).push(spare);
             locked(&self.pool.large).push(set);
             let [low, high] = halves;
@@ -494,7 +810,7 @@ impl Builder<'_> {
             return Part::Cut(plane, Box::new([below, above]));
         }
         // About what surface meshes need.
-        let n = set.triangles.len();
+        let n = set.references.len;
         let (nodes, refs) = (Vec::with_capacity(5 * n), Vec::with_capacity(5 * n));
         let mut tree = Branch { nodes, refs, depth: 0 };
         let root = self.grow(&set, cell, &mut tree, &mut spare);
@@ -532,6 +848,7 @@ fn attempt(mesh: &Mesh, options: &BuildOptions) -> Option<(KdTree, u64)> {
         costs: options.costs(mesh),
         max_depth: options.max_depth,
         clip: options.clip,
+        usual: has_usual_instructions(),
         pool: Pool::default(),
         listed: AtomicUsize::new(0),
         passed: [const { AtomicUsize::new(0) }; MAX_DEPTH as usize + 1],
@@ -540,19 +857,20 @@ fn attempt(mesh: &Mesh, options: &BuildOptions) -> Option<(KdTree, u64)> {
     };
     let bounds = Bounds { lo: Vec3::from_array(lo), hi: Vec3::from_array(hi) };
     let mut set = Set::default();
-    set.triangles.reserve(mesh.kept().len());
-    set.boxes.reserve(mesh.kept().len());
+    set.references.room.reserve(mesh.kept().len());
     set.axes.iter_mut().for_each(|axis| axis.fresh.reserve(2 * mesh.kept().len()));
+    let nowhere = Bounds { lo: Vec3::INFINITY, hi: Vec3::NEG_INFINITY };
     for &triangle in mesh.kept() {
         let [a, b, c] = builder.corners(triangle);
-        set.add(triangle, Bounds::of(a, b, c), &bounds);
+        let reference = Reference { triangle, cell: 0, bounds: Bounds::of(a, b, c) };
+        set.add(set.references.room.len() as u32, &reference.bounds, &nowhere, &bounds);
+        set.references.room.push(reference);
     }
-    let sort = |axis: &mut Axis| {
-        use rayon::prelude::*;
-        axis.fresh.par_sort_unstable();
+    set.references.len = set.references.room.len();
+    set.axes.par_iter_mut().for_each(|axis| {
         axis.events = List { len: axis.fresh.len(), room: std::mem::take(&mut axis.fresh) };
-    };
-    set.axes.iter_mut().for_each(sort);
+        axis.events.sort();
+    });
     let part = builder.branch(set, &Cell { bounds, depth: 0 });
     if builder.full.load(Relaxed) {
         return None;

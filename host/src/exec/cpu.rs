@@ -135,7 +135,7 @@ impl Cpu {
 
 /// Whether the processor can run the copies of kernels that are compiled for more than the least of its kind. Only
 /// the instructions differ: nothing is fused.
-fn has_usual_instructions() -> bool {
+pub(crate) fn has_usual_instructions() -> bool {
     #[cfg(target_arch = "x86_64")]
     return is_x86_feature_detected!("avx2")
         && is_x86_feature_detected!("bmi1")

@@ -1,6 +1,6 @@
 //! Running kernels: buffers and dispatches on the CPU and on the GPU behind one surface.
 
-mod cpu;
+pub(crate) mod cpu;
 #[cfg(feature = "gpu")]
 mod gpu;
 #[doc(hidden)]

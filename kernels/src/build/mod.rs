@@ -17,7 +17,7 @@ pub mod count;
 pub mod emit;
 pub mod exact;
 #[cfg(not(target_arch = "spirv"))]
-mod faces;
+pub mod faces;
 pub mod place;
 pub mod reference;
 mod scan;
@@ -310,15 +310,23 @@ impl Across {
     #[inline(always)]
     pub fn cut<N: Number>(&self, at: N, below: N, above: N) -> N {
         let all = N::all;
-        let flat = |d: N| N::choose(all(FLAT).exceeds(d), all(0.0), d);
-        let area_below = flat(at - all(self.lo)) * all(self.girth) + all(self.cap);
-        let area_above = flat(all(self.hi) - at) * all(self.girth) + all(self.cap);
-        let test = all(self.costs.test);
-        let cost = all(self.step)
-            + (area_below * below * test + area_above * above * test)
-            + (below + above) * all(self.costs.price);
+        let cost = self.least(at, at, below, above);
         let pays = (below.is(all(0.0)) | above.is(all(0.0))) & all(self.leaf).exceeds(cost);
         let cost = cost * N::choose(pays, all(self.costs.empty), all(1.0));
         N::choose(self.holds(at), cost, all(f32::INFINITY))
+    }
+
+    /// What a cut between `from` and `to`, which leaves at least so many references below and above, costs at least if
+    /// neither is none. Rounding keeps the order of numbers, so it is no more than [`Across::cut`] says.
+    #[inline(always)]
+    pub fn least<N: Number>(&self, from: N, to: N, below: N, above: N) -> N {
+        let all = N::all;
+        let flat = |d: N| N::choose(all(FLAT).exceeds(d), all(0.0), d);
+        let area_below = flat(from - all(self.lo)) * all(self.girth) + all(self.cap);
+        let area_above = flat(all(self.hi) - to) * all(self.girth) + all(self.cap);
+        let test = all(self.costs.test);
+        all(self.step)
+            + (area_below * below * test + area_above * above * test)
+            + (below + above) * all(self.costs.price)
     }
 }

@@ -4,7 +4,7 @@
 //! they are); boxes that a plane cuts are clipped (Wald & Havran 2006, section 4.3).
 
 #[cfg(not(target_arch = "spirv"))]
-use super::faces::cheapest;
+use super::faces::{Flat, cheapest};
 use super::{
     Costs, Item, STATE_STATUS, STATE_TREELETS, Sah,
     clip::{Bounds, clip_plane},
@@ -269,16 +269,15 @@ pub fn treelet(
                     // An axis a lane.
                     #[cfg(not(target_arch = "spirv"))]
                     {
-                        let lows = (2 * lane * PITCH + from) as usize;
-                        let highs = lows + PITCH as usize;
-                        let number = number as usize;
-                        let (cost, face) = cheapest(
-                            &boxes[lows..lows + number],
-                            &boxes[highs..highs + number],
-                            &sah.across(lane),
-                        );
-                        let number = number as u32;
-                        weigh(cost, 2 * lane + face / number, face % number);
+                        let start = (2 * lane * PITCH + from) as usize;
+                        let (lows, highs) = boxes[start..][..PITCH as usize + number as usize].split_at(PITCH as usize);
+                        let faces = |i: usize| (f32::from_bits(lows[i]), f32::from_bits(highs[i]));
+                        let (cost, face) = cheapest(number as usize, faces, &sah.across(lane), Flat::Below, |_, face| face);
+                        if cost < sah.leaf {
+                            let face = face as u32;
+                            let high = (face >= number) as u32;
+                            weigh(cost, 2 * lane + high, face - high * number);
+                        }
                     }
                     if pick != NONE {
                         own.lower(COST, best.to_bits());
