@@ -1,11 +1,14 @@
 //! Exact building blocks: what `+ - *` and comparisons do not give.
 
-use core::ops::{Add, BitAnd, BitOr, Mul, Sub};
+use crate::mem::Slots;
+use core::ops::{Add, BitAnd, BitOr, Mul, Not, Sub};
 
 /// One number, or on a CPU four side by side.
 pub trait Number: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
     /// An answer to each.
-    type Mask: Copy + BitAnd<Output = Self::Mask> + BitOr<Output = Self::Mask>;
+    type Mask: Copy + BitAnd<Output = Self::Mask> + BitOr<Output = Self::Mask> + Not<Output = Self::Mask>;
+    /// How many they are.
+    const WIDTH: u32;
     /// The same number everywhere.
     fn all(x: f32) -> Self;
     /// Whether it is larger.
@@ -14,6 +17,14 @@ pub trait Number: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = 
     fn is(self, other: Self) -> Self::Mask;
     /// `a` where the answer is yes, else `b`.
     fn choose(mask: Self::Mask, a: Self, b: Self) -> Self;
+    /// `first`, `first + 1` and so on.
+    fn numbers(first: u32) -> Self;
+    /// Those whose bits stand at `i` and behind.
+    fn bits<const N: usize>(words: &[u32; N], i: u32) -> Self;
+    /// The counts, less than `2^31`, that stand there.
+    fn counts<const N: usize>(words: &[u32; N], i: u32) -> Self;
+    /// Puts their bits there.
+    fn put<const N: usize>(self, words: &mut [u32; N], i: u32);
 }
 
 impl Number for f32 {
@@ -33,6 +44,23 @@ impl Number for f32 {
     #[inline(always)]
     fn choose(mask: bool, a: Self, b: Self) -> Self {
         if mask { a } else { b }
+    }
+    const WIDTH: u32 = 1;
+    #[inline(always)]
+    fn numbers(first: u32) -> Self {
+        first as f32
+    }
+    #[inline(always)]
+    fn bits<const N: usize>(words: &[u32; N], i: u32) -> Self {
+        Self::from_bits(words.at(i))
+    }
+    #[inline(always)]
+    fn counts<const N: usize>(words: &[u32; N], i: u32) -> Self {
+        words.at(i) as f32
+    }
+    #[inline(always)]
+    fn put<const N: usize>(self, words: &mut [u32; N], i: u32) {
+        words.put(i, self.to_bits());
     }
 }
 
@@ -55,6 +83,33 @@ impl Number for crate::glam::Vec4 {
     fn choose(mask: Self::Mask, a: Self, b: Self) -> Self {
         Self::select(mask, a, b)
     }
+    const WIDTH: u32 = 4;
+    #[inline(always)]
+    fn numbers(first: u32) -> Self {
+        Self::new(0.0, 1.0, 2.0, 3.0) + first as f32
+    }
+    #[inline(always)]
+    fn bits<const N: usize>(words: &[u32; N], i: u32) -> Self {
+        Self::from_array(four(words, i).map(f32::from_bits))
+    }
+    #[inline(always)]
+    fn counts<const N: usize>(words: &[u32; N], i: u32) -> Self {
+        // Processors convert numbers with a sign.
+        Self::from_array(four(words, i).map(|n| n as i32 as f32))
+    }
+    #[inline(always)]
+    fn put<const N: usize>(self, words: &mut [u32; N], i: u32) {
+        words[i as usize..i as usize + 4].copy_from_slice(&self.to_array().map(f32::to_bits));
+    }
+}
+
+/// Four words.
+#[cfg(not(target_arch = "spirv"))]
+#[inline(always)]
+fn four<const N: usize>(words: &[u32; N], i: u32) -> [u32; 4] {
+    let mut four = [0; 4];
+    four.copy_from_slice(&words[i as usize..i as usize + 4]);
+    four
 }
 
 /// The smaller of two numbers (`a` if they are equal).
