@@ -92,8 +92,11 @@ fn bench(name: &str, rounds: usize) -> anyhow::Result<Vec<Row>> {
     // The best of some rounds: others on this machine only ever slow things down.
     let mut peers: Vec<Measured> = peers::ALL.iter().map(|_| Measured::default()).collect();
     for round in 1..=rounds.max(1) {
-        for (make, measured) in peers::ALL.iter().zip(&mut peers) {
-            let Some(peer) = make(&device, &mesh) else { continue };
+        // Whoever comes after whom: each round begins with another.
+        for i in 0..peers::ALL.len() {
+            let i = (i + round) % peers::ALL.len();
+            let measured = &mut peers[i];
+            let Some(peer) = peers::ALL[i](&device, &mesh) else { continue };
             eprintln!("{name}, round {round} of {rounds}: {}", peer.name);
             measured.name = peer.name;
             measured.any = peer.any.is_some();

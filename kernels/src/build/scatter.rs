@@ -67,11 +67,13 @@ pub fn scatter(
             let mut i = lane;
             while i < number {
                 let s = Reference::load(refs, start + i).sides(plane);
-                if (s & 1) != 0 {
-                    belows.or(i / 32, 1 << (i % 32));
+                // A GPU's lanes wait for each other here, a CPU for what it has guessed wrong.
+                let always = cfg!(not(target_arch = "spirv"));
+                if always || (s & 1) != 0 {
+                    belows.or(i / 32, (s & 1) << (i % 32));
                 }
-                if (s & 2) != 0 {
-                    aboves.or(i / 32, 1 << (i % 32));
+                if always || (s & 2) != 0 {
+                    aboves.or(i / 32, (s >> 1) << (i % 32));
                 }
                 i += step;
             }
