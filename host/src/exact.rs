@@ -1,9 +1,11 @@
 //! The best tree a greedy builder finds: every face of every reference's box is a candidate, in O(N log N)
 //! (Wald & Havran 2006, section 4.2), and references that straddle a plane are clipped (section 4.3).
 //!
-//! A node keeps its references' box faces, *events*, in order along each axis. One pass over them counts
-//! references on either side of each face. A split moves the events of references that lie on one side in
-//! order to that child; only those of clipped references are new, sorted and merged. So sorting happens once.
+//! A node keeps its references' box faces, *events*, in order along each axis. One pass over them counts references on either
+//! side of each face. Counts and areas rise on the one side of a plane and fall on the other, so that a part of the list tells by
+//! its first and its last event what a plane in it costs at least; only parts that may hold the cheapest are weighed. A split moves
+//! the events in order to the children; only those of faces that clipping has moved are new, sorted and merged. So sorting happens
+//! once. Small nodes have no events: every face is weighed against every box.
 //!
 //! This is the CPU's way, depth first; `levels` builds the same tree by kernels, breadth first.
 //!
@@ -12,19 +14,14 @@
 
 pub(crate) mod levels;
 
-use crate::{
-    BuildOptions, KdTree,
-    build::most_refs,
-    exec::cpu::has_usual_instructions,
-    mesh::Mesh,
-};
+use crate::{BuildOptions, KdTree, build::most_refs, exec::cpu::has_usual_instructions, mesh::Mesh};
 use raykd_kernels::{
     build::{
         Across, Costs, Sah,
         bin::{ordered, unordered},
+        clip::{Bounds, clip_plane},
         faces::{Flat, cheapest},
         reference::Reference,
-        clip::{Bounds, clip_plane},
     },
     glam::{Vec3, Vec4},
     math::Number,
@@ -109,7 +106,7 @@ impl List<Event> {
                 other[*place as usize] = event;
                 *place += 1;
             }
-            self.room[..self.len].copy_from_slice(&other);
+            std::mem::swap(&mut self.room, &mut other);
         }
     }
 
@@ -159,7 +156,7 @@ impl Axis {
         if !ends && hi < end {
             self.fresh.push(event(hi, END, reference));
         }
-        u64::from(starts) * STARTS | u64::from(ends) * ENDS
+        (u64::from(starts) * STARTS) | (u64::from(ends) * ENDS)
     }
 }
 
@@ -355,24 +352,30 @@ impl Sweep<'_> {
         // The candidates behind which what is flat and in the plane lies below.
         let mut flats = 0u32;
         let mut n = 0;
+        let mut candidate = |event, below, above, i| {
+            (at[n], belows[n], aboves[n]) = (position(event), below as f32, above as f32);
+            numbers[n] = i as f32;
+            n += 1;
+            n - 1
+        };
         for i in 0..len {
             let event = self.events[first + i];
-            let is_other = |other: Option<&Event>| other.is_none_or(|other| (other ^ event) & !REFERENCE != 0);
-            let is_flat = event & KIND == PLANAR;
-            // Before all that ends in the plane is counted, and after some of what starts there is, it is no cheaper.
-            above -= u32::from(event & KIND == END);
-            if !is_flat || is_other(self.events[..first + i].last()) {
-                (at[n], belows[n], aboves[n], numbers[n]) = (position(event), below as f32, above as f32, i as f32);
-                n += 1;
-            }
-            below += u32::from(event & KIND != END);
-            if is_flat {
-                above -= 1;
-                if is_other(self.events.get(first + i + 1)) {
-                    (at[n], belows[n], aboves[n], numbers[n]) = (position(event), below as f32, above as f32, i as f32);
-                    flats |= 1 << n;
-                    n += 1;
+            let other = |other: Option<&Event>| other.is_none_or(|other| (other ^ event) & !REFERENCE != 0);
+            if event & KIND == PLANAR {
+                if other(self.events[..first + i].last()) {
+                    candidate(event, below, above, i);
                 }
+                below += 1;
+                above -= 1;
+                if other(self.events.get(first + i + 1)) {
+                    flats |= 1 << candidate(event, below, above, i);
+                }
+            } else {
+                // Before all that ends in the plane is counted, and after some of what starts there is, it is no cheaper.
+                let starts = u32::from(event & KIND == START);
+                above -= 1 - starts;
+                candidate(event, below, above, i);
+                below += starts;
             }
         }
         let (mut least, mut chosen) = (Vec4::INFINITY, Vec4::ZERO);
@@ -386,10 +389,10 @@ impl Sweep<'_> {
             number += 4.0;
         }
         let cost = least.min_element();
-        let chosen = Vec4::select(least.is(Vec4::splat(cost)), chosen, Vec4::INFINITY).min_element() as usize;
-        if cost > self.cost {
+        if cost.is_nan() || cost > self.cost {
             return;
         }
+        let chosen = Vec4::select(least.is(Vec4::splat(cost)), chosen, Vec4::INFINITY).min_element() as usize;
         let number = first + numbers[chosen] as usize;
         if cost < self.cost || number < self.number {
             let flat = if flats >> chosen & 1 == 1 { Flat::Below } else { Flat::Above };
@@ -455,10 +458,8 @@ impl Shares {
         self.targets.clear();
         // Written to both and kept in one: no branch to predict.
         self.targets.extend(references.iter().zip(&self.sides).map(|(reference, side)| {
-            let target = [
-                below | if *side == BELOW { ALL } else { 0 },
-                above | if *side == ABOVE { ALL } else { 0 },
-            ];
+            let target =
+                [below | if *side == BELOW { ALL } else { 0 }, above | if *side == ABOVE { ALL } else { 0 }];
             low[below as usize] = *reference;
             high[above as usize] = *reference;
             below += u64::from(side & 1);
@@ -498,11 +499,7 @@ fn faces_of(references: &[Reference], axis: usize, across: &Across, cost: f32) -
     let faces = |i: usize| extent(&references[i], axis);
     let mut flat = Flat::Above;
     let (mut least, mut at) = cheapest(references.len(), faces, across, flat, |at, _| at);
-    let mut any = false;
-    for i in 0..references.len() {
-        any |= faces(i).0 == faces(i).1;
-    }
-    if any {
+    if (0..references.len()).any(|i| faces(i).0 == faces(i).1) {
         let (other, there) = cheapest(references.len(), faces, across, Flat::Below, |at, _| at);
         if other < least || (other == least && there < at) {
             (flat, least, at) = (Flat::Below, other, there);
@@ -548,7 +545,11 @@ impl Pool {
     /// What all sets took, once they are back.
     fn bytes(&self) -> u64 {
         let large: u64 = locked(&self.large).iter().map(Set::bytes).sum();
-        let each = |spare: &Spare| spare.shares.bytes() + bytes(&spare.small) + spare.sets.iter().flatten().map(Set::bytes).sum::<u64>();
+        let each = |spare: &Spare| {
+            spare.shares.bytes()
+                + bytes(&spare.small)
+                + spare.sets.iter().flatten().map(Set::bytes).sum::<u64>()
+        };
         large + locked(&self.spares).iter().map(each).sum::<u64>()
     }
 }
@@ -613,7 +614,8 @@ impl Builder<'_> {
         let sweep = |axis, cost| self.sweep(set, axis, &sah, cost);
         if parallel {
             let leaf = sah.leaf;
-            let (x, (y, z)) = rayon::join(|| sweep(0, leaf), || rayon::join(|| sweep(1, leaf), || sweep(2, leaf)));
+            let (x, (y, z)) =
+                rayon::join(|| sweep(0, leaf), || rayon::join(|| sweep(1, leaf), || sweep(2, leaf)));
             return cheaper(cheaper(x, y), z);
         }
         (0..3).fold(None, |best, axis| sweep(axis, best.map_or(sah.leaf, |plane: Plane| plane.cost)).or(best))
@@ -637,7 +639,7 @@ impl Builder<'_> {
             // What touches the plane from one side is on that side only.
             let flat = (lo == at) & (hi == at);
             let (below, above) = ((lo < at) | (flat & flat_below), (hi > at) | (flat & !flat_below));
-            *side = u32::from(below) * BELOW | u32::from(above) * ABOVE;
+            *side = (u32::from(below) * BELOW) | (u32::from(above) * ABOVE);
             straddling[number] = i as u32;
             number += usize::from(below & above);
         }
@@ -652,7 +654,7 @@ impl Builder<'_> {
                 [bounds.and(&cells[0].bounds), bounds.and(&cells[1].bounds)]
             };
             let (below, above) = (!under.is_empty(), !over.is_empty());
-            sides[i as usize] = u32::from(below) * BELOW | u32::from(above) * ABOVE | CUT;
+            sides[i as usize] = (u32::from(below) * BELOW) | (u32::from(above) * ABOVE) | CUT;
             shares.halves.push([under, over]);
         }
     }

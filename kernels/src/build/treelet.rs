@@ -270,9 +270,11 @@ pub fn treelet(
                     #[cfg(not(target_arch = "spirv"))]
                     {
                         let start = (2 * lane * PITCH + from) as usize;
-                        let (lows, highs) = boxes[start..][..PITCH as usize + number as usize].split_at(PITCH as usize);
+                        let (lows, highs) =
+                            boxes[start..][..PITCH as usize + number as usize].split_at(PITCH as usize);
                         let faces = |i: usize| (f32::from_bits(lows[i]), f32::from_bits(highs[i]));
-                        let (cost, face) = cheapest(number as usize, faces, &sah.across(lane), Flat::Below, |_, face| face);
+                        let (cost, face) =
+                            cheapest(number as usize, faces, &sah.across(lane), Flat::Below, |_, face| face);
                         if cost < sah.leaf {
                             let face = face as u32;
                             let high = (face >= number) as u32;
