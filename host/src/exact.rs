@@ -20,7 +20,7 @@ use raykd_kernels::{
         Across, Costs, Sah,
         bin::{ordered, unordered},
         clip::{Bounds, clip_plane},
-        faces::{Flat, cheapest},
+        faces::{Flat, MOST, cheapest},
         reference::Reference,
     },
     glam::{Vec3, Vec4},
@@ -40,7 +40,7 @@ use std::{
 const GRAIN: usize = 4096;
 
 /// Nodes of no more references have no events: all boxes are looked at for every face.
-const SMALL: usize = 32;
+const SMALL: usize = MOST;
 
 /// A face of a reference's box: position (ordered as an integer), kind, reference.
 type Event = u64;

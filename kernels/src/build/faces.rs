@@ -2,9 +2,10 @@
 
 use super::Across;
 use crate::{glam::Vec4, math::Number};
+use raykd_shared::limits::TREELET;
 
 /// The most references a node may have.
-pub const MOST: usize = 32;
+pub const MOST: usize = TREELET as usize;
 /// Both faces of their boxes, and up to seven more than are full.
 const ROOM: usize = 2 * MOST + 8;
 
