@@ -180,10 +180,9 @@ impl Set {
 
     /// Takes in the faces of reference `number`, whose box is `bounds` and was another `before`. Returns which events are kept.
     fn add(&mut self, number: u32, bounds: &Bounds, before: &Bounds, node: &Bounds) -> u64 {
-        let on = |bounds: &Bounds, axis| (bounds.lo.as_ref()[axis], bounds.hi.as_ref()[axis]);
         let mut kept = 0;
         for (i, axis) in self.axes.iter_mut().enumerate() {
-            kept |= axis.add(number, on(bounds, i), on(before, i), on(node, i)) << (2 * i);
+            kept |= axis.add(number, extent(bounds, i), extent(before, i), extent(node, i)) << (2 * i);
         }
         kept
     }
@@ -478,10 +477,10 @@ impl Shares {
     }
 }
 
-/// How far a reference's box reaches on an axis.
+/// How far a box reaches on an axis.
 #[inline(always)]
-fn extent(reference: &Reference, axis: usize) -> (f32, f32) {
-    (reference.bounds.lo.as_ref()[axis], reference.bounds.hi.as_ref()[axis])
+fn extent(bounds: &Bounds, axis: usize) -> (f32, f32) {
+    (bounds.lo.as_ref()[axis], bounds.hi.as_ref()[axis])
 }
 
 /// The cheaper one, the first if they cost the same.
@@ -496,7 +495,7 @@ fn cheaper(a: Option<Plane>, b: Option<Plane>) -> Option<Plane> {
 /// The cheapest plane across an axis of a small node, if one costs less than `cost`: every face is weighed against every box.
 #[inline(always)]
 fn faces_of(references: &[Reference], axis: usize, across: &Across, cost: f32) -> Option<Plane> {
-    let faces = |i: usize| extent(&references[i], axis);
+    let faces = |i: usize| extent(&references[i].bounds, axis);
     let mut flat = Flat::Above;
     let (mut least, mut at) = cheapest(references.len(), faces, across, flat, |at, _| at);
     if (0..references.len()).any(|i| faces(i).0 == faces(i).1) {
@@ -561,9 +560,7 @@ fn locked<T>(list: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl Builder<'_> {
     fn corners(&self, triangle: u32) -> [Vec3; 3] {
-        let [a, b, c] = self.triangles[triangle as usize];
-        let vertex = |v: u32| Vec3::from_slice(&self.positions[3 * v as usize..]);
-        [vertex(a), vertex(b), vertex(c)]
+        self.triangles[triangle as usize].map(|v| Vec3::from_slice(&self.positions[3 * v as usize..]))
     }
 
     /// The cheapest plane across an axis, if one costs less than `cost`.
@@ -580,21 +577,21 @@ impl Builder<'_> {
         }
         // What starts at the node's lower face has no event.
         let begun = all - counts[events.len().div_ceil(len)][0];
-        let mut middle = 0;
+        let mut likeliest = 0;
         let mut least = f32::INFINITY;
         for (i, part) in parts() {
             counts[i][0] += begun;
             let (from, to) = (position(part[0]), position(part[part.len() - 1]));
             let bound = across.least(from, to, counts[i][0] as f32, counts[i + 1][1] as f32);
             if bound < least {
-                (middle, least) = (i, bound);
+                (likeliest, least) = (i, bound);
             }
         }
-        if let Some(part) = events.chunks(len).nth(middle) {
-            sweep.go(middle * len, middle * len + part.len(), counts[middle]);
+        if let Some(part) = events.chunks(len).nth(likeliest) {
+            sweep.go(likeliest * len, likeliest * len + part.len(), counts[likeliest]);
         }
         for (i, part) in parts() {
-            if i != middle && sweep.may_hold(part, counts[i][0], counts[i + 1][1]) {
+            if i != likeliest && sweep.may_hold(part, counts[i][0], counts[i + 1][1]) {
                 sweep.go(i * len, i * len + part.len(), counts[i]);
             }
         }
@@ -635,7 +632,7 @@ impl Builder<'_> {
         straddling.resize(references.len(), 0);
         let mut number = 0;
         for (i, (reference, side)) in references.iter().zip(&mut *sides).enumerate() {
-            let (lo, hi) = extent(reference, plane.axis);
+            let (lo, hi) = extent(&reference.bounds, plane.axis);
             // What touches the plane from one side is on that side only.
             let flat = (lo == at) & (hi == at);
             let (below, above) = ((lo < at) | (flat & flat_below), (hi > at) | (flat & !flat_below));
@@ -651,7 +648,7 @@ impl Builder<'_> {
                 let [a, b, c] = self.corners(*triangle);
                 clip_plane(a, b, c, bounds, plane.axis as u32, at).into()
             } else {
-                [bounds.and(&cells[0].bounds), bounds.and(&cells[1].bounds)]
+                cells.map(|cell| bounds.and(&cell.bounds))
             };
             let (below, above) = (!under.is_empty(), !over.is_empty());
             sides[i as usize] = (u32::from(below) * BELOW) | (u32::from(above) * ABOVE) | CUT;
