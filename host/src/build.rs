@@ -7,11 +7,26 @@ use crate::{
     mesh::Mesh,
 };
 use raykd_kernels::build::{
-    ARGS_ACTIVE, ARGS_BLOCKS, ARGS_CHUNKS, ARGS_TREELET_BLOCKS, ARGS_TREELETS, ARGS_WORDS, Costs,
-    LEVEL_WORDS, STATE_DEPTH, STATE_LEFT, STATE_NODES, STATE_REFS, STATE_STATUS, STATE_TREELET_REFS,
-    STATE_TREELETS, STATE_WORDS, alloc::ALLOC, bin::BIN, bin::HIST_WORDS, boxes::BOXES, count::COUNT,
-    emit::EMIT, place::PLACE, scatter::SCATTER, split::SPLIT, tally::BLOCK, tally::KINDS, tally::TALLY,
-    tally::blocks_of, top::TOP, treelet::TREELETS, treelet::scratch_base,
+    ARGS_ACTIVE, ARGS_BLOCKS, ARGS_CHUNKS, ARGS_SEVERAL_ACTIVE, ARGS_SEVERAL_CHUNKS, ARGS_TREELET_BLOCKS,
+    ARGS_TREELETS, ARGS_WORDS, Costs, LEVEL_WORDS, STATE_DEPTH, STATE_LEFT, STATE_NODES, STATE_REFS,
+    STATE_STATUS, STATE_TREELET_REFS, STATE_TREELETS, STATE_WORDS,
+    alloc::{ALLOC, put_groups},
+    alone::ALONE,
+    bin::BIN,
+    bin::HIST_WORDS,
+    boxes::BOXES,
+    count::COUNT,
+    emit::EMIT,
+    place::PLACE,
+    scatter::SCATTER,
+    split::SPLIT,
+    tally::BLOCK,
+    tally::KINDS,
+    tally::TALLY,
+    tally::blocks_of,
+    top::TOP,
+    treelet::TREELETS,
+    treelet::scratch_base,
 };
 use raykd_shared::{
     BuildParams, Node, TreeHeader,
@@ -369,22 +384,24 @@ fn attempt_build(
     words[raykd_kernels::build::STATE_TOP as usize] = 2;
     device.write(&top, 8, bytemuck::bytes_of(&Node::PADDING))?;
     let mut first_args = [0u32; ARGS_WORDS as usize];
-    first_args[3 * ARGS_TREELET_BLOCKS as usize..].copy_from_slice(&[1, 1, 1]);
+    put_groups(&mut first_args, ARGS_TREELET_BLOCKS, 1);
     if root_is_large {
         let pieces = references.div_ceil(CHUNK);
         // The root and the padding after it are the first two slots.
         let first: [u32; LEVEL_WORDS as usize] = [1, pieces, references, 0, 2, 0, 0];
         device.write(&levels[0], 0, bytemuck::cast_slice(&first))?;
-        first_args[3 * ARGS_ACTIVE as usize..][..3].copy_from_slice(&[1, 1, 1]);
-        first_args[3 * ARGS_BLOCKS as usize..][..3].copy_from_slice(&[1, 1, 1]);
-        first_args[3 * ARGS_CHUNKS as usize..][..3].copy_from_slice(&[
-            pieces.min(raykd_shared::limits::GROUPS_X),
-            pieces.div_ceil(raykd_shared::limits::GROUPS_X),
-            1,
-        ]);
+        let several = if pieces > 1 { pieces } else { 0 };
+        for (entry, groups) in [
+            (ARGS_ACTIVE, 1),
+            (ARGS_BLOCKS, 1),
+            (ARGS_CHUNKS, pieces),
+            (ARGS_SEVERAL_ACTIVE, several.min(1)),
+            (ARGS_SEVERAL_CHUNKS, several),
+        ] {
+            put_groups(&mut first_args, entry, groups);
+        }
         device.write(&actives[0], 0, bytemuck::cast_slice(&root(0, 0)))?;
         device.write(&chunks[0], 0, bytemuck::cast_slice(&vec![0u32; pieces as usize]))?;
-        device.write(&hists, 0, &[0; HIST_WORDS as usize * 4])?;
     } else {
         device.write(&levels[0], 0, &[0; LEVEL_WORDS as usize * 4])?;
         words[3 * ARGS_TREELETS as usize..].copy_from_slice(&[1, 1, 1]);
@@ -409,26 +426,17 @@ fn attempt_build(
         let (now, then) = (depth % 2, (depth + 1) % 2);
         let (level, arg, active, chunk, list) =
             (&levels[now], &args[now], &actives[now], &chunks[now], &refs[now]);
-        // What both kernels bind that clip references.
-        let clipping = [
-            &param_buffer,
-            &on_device.positions,
-            &on_device.indices,
-            level,
-            active,
-            chunk,
-            list,
-            &planes,
-            &sides,
-        ];
-        steps.push(Step::indirect(&BIN, arg, ARGS_CHUNKS, vec![level, active, chunk, list, &hists]));
-        steps.push(Step::indirect(
-            &SPLIT,
-            arg,
-            ARGS_ACTIVE,
-            vec![&param_buffer, level, active, &hists, &planes, &sizes],
-        ));
-        steps.push(Step::indirect(&COUNT, arg, ARGS_CHUNKS, [&clipping[..], &[&sizes, &hists]].concat()));
+        // What those bind that clip references.
+        let clipping = [&param_buffer, &on_device.positions, &on_device.indices, level, active];
+        let of_chunks = [&clipping[..], &[chunk, list, &planes, &sides]].concat();
+        let buffers = [&clipping[..], &[list, &planes, &sizes, &hists]].concat();
+        steps.push(Step::indirect(&ALONE, arg, ARGS_ACTIVE, buffers));
+        let buffers = vec![level, active, chunk, list, &hists];
+        steps.push(Step::indirect(&BIN, arg, ARGS_SEVERAL_CHUNKS, buffers));
+        let buffers = vec![&param_buffer, level, active, &hists, &planes];
+        steps.push(Step::indirect(&SPLIT, arg, ARGS_SEVERAL_ACTIVE, buffers));
+        let buffers = [&of_chunks[..], &[&sizes]].concat();
+        steps.push(Step::indirect(&COUNT, arg, ARGS_SEVERAL_CHUNKS, buffers));
         // No more nodes than that are active here.
         if room.active.min(1 << depth.min(31)) > BLOCK {
             let buffers = vec![&param_buffer, level, &planes, &sizes, &blocks];
@@ -455,12 +463,8 @@ fn attempt_build(
                 &state,
             ],
         ));
-        steps.push(Step::indirect(
-            &SCATTER,
-            arg,
-            ARGS_CHUNKS,
-            [&clipping[..], &[&targets, &state, &refs[then], &treelet_refs]].concat(),
-        ));
+        let buffers = [&of_chunks[..], &[&targets, &state, &refs[then], &treelet_refs]].concat();
+        steps.push(Step::indirect(&SCATTER, arg, ARGS_CHUNKS, buffers));
     }
     steps.push(Step::indirect(
         &TREELETS,

@@ -80,7 +80,7 @@ impl Group {
 
 /// Runs a block once per lane and then lets all lanes meet: on the GPU this lane's turn and a barrier, on the
 /// CPU a loop. Within a block no lane may read what another lane writes; nothing a lane computes in a private
-/// variable survives the block, so everything that must goes to workgroup memory. Code between blocks is run
+/// variable survives the block, so everything that must goes to workgroup memory, or a [`PerLane`](crate::mem::PerLane). Code between blocks is run
 /// by every lane and must compute the same for all.
 ///
 /// With `..count` only the first lanes take a turn.

@@ -39,6 +39,7 @@ pub use spirv_std::glam;
 pub const ALL: &[&Kernel] = &[
     &probe::PROBE,
     &build::boxes::BOXES,
+    &build::alone::ALONE,
     &build::bin::BIN,
     &build::split::SPLIT,
     &build::count::COUNT,

@@ -74,15 +74,78 @@ pub trait Atomics {
 pub trait Table: Slots<u32> + Atomics {}
 impl<const N: usize> Table for [u32; N] {}
 
+/// What each of at most `N` lanes keeps for itself from one block to the next: a GPU's lane in registers, of which there are
+/// more than workgroup memory; a CPU, which runs the lanes in turn, in an array.
+#[derive(Debug)]
+pub struct PerLane<T, const N: usize> {
+    #[cfg(target_arch = "spirv")]
+    own: T,
+    #[cfg(not(target_arch = "spirv"))]
+    all: [T; N],
+}
+
+/// To be written before it is read.
+impl<T: Copy + Default, const N: usize> Default for PerLane<T, N> {
+    #[inline(always)]
+    fn default() -> Self {
+        #[cfg(target_arch = "spirv")]
+        return Self { own: unwritten() };
+        #[cfg(not(target_arch = "spirv"))]
+        Self { all: [T::default(); N] }
+    }
+}
+
+impl<T: Copy, const N: usize> PerLane<T, N> {
+    /// Says that nothing is read again before it is written, or a GPU would keep it in case.
+    #[inline(always)]
+    pub fn forget(&mut self) {
+        #[cfg(target_arch = "spirv")]
+        {
+            self.own = unwritten();
+        }
+    }
+
+    /// What this lane wrote.
+    #[inline(always)]
+    pub fn at(&self, lane: u32) -> T {
+        #[cfg(target_arch = "spirv")]
+        {
+            let _ = lane;
+            self.own
+        }
+        #[cfg(not(target_arch = "spirv"))]
+        self.all[lane as usize]
+    }
+
+    /// Keeps a value for this lane.
+    #[inline(always)]
+    pub fn put(&mut self, lane: u32, value: T) {
+        #[cfg(target_arch = "spirv")]
+        {
+            let _ = lane;
+            self.own = value;
+        }
+        #[cfg(not(target_arch = "spirv"))]
+        {
+            self.all[lane as usize] = value;
+        }
+    }
+}
+
+/// A value that nobody reads.
+#[cfg(target_arch = "spirv")]
+#[inline(always)]
+fn unwritten<T: Copy>() -> T {
+    // SAFETY: plain numbers; callers read only what they wrote.
+    unsafe { core::mem::MaybeUninit::uninit().assume_init() }
+}
+
 /// Private memory of `N` elements to be written before it is read. On the GPU it starts undefined: clearing
 /// a traversal stack costs more memory traffic than using it.
 #[inline(always)]
 pub fn scratch<T: Copy + Default, const N: usize>() -> [T; N] {
     #[cfg(target_arch = "spirv")]
-    // SAFETY: plain numbers; callers read only what they wrote.
-    unsafe {
-        core::mem::MaybeUninit::uninit().assume_init()
-    }
+    return unwritten();
     #[cfg(not(target_arch = "spirv"))]
     [T::default(); N]
 }

@@ -11,7 +11,7 @@ pub const BINS: u32 = 32;
 pub const TREELET: u32 = 32;
 
 /// References per workgroup in the passes over large nodes.
-pub const CHUNK: u32 = 2048;
+pub const CHUNK: u32 = 512;
 
 /// Node slots a treelet of `n` references may use, root excluded: bounds its memory.
 pub const fn treelet_nodes(n: u32) -> u32 {

@@ -3,9 +3,9 @@
 //! Counts, scan, write: [`super::tally`] counted, so the order of everything is that of the nodes.
 
 use super::{
-    ARGS_ACTIVE, ARGS_BLOCKS, ARGS_CHUNKS, ARGS_TREELET_BLOCKS, ARGS_TREELETS, Item, LEVEL_ACTIVE,
-    LEVEL_CHUNKS, LEVEL_DEPTH, LEVEL_REFS, LEVEL_TOP, LEVEL_TREELET_REFS, LEVEL_TREELETS, Plane,
-    STATE_STATUS, STATE_TOP, STATE_TREELET_REFS, STATE_TREELETS, cut,
+    ARGS_ACTIVE, ARGS_BLOCKS, ARGS_CHUNKS, ARGS_SEVERAL_ACTIVE, ARGS_SEVERAL_CHUNKS, ARGS_TREELET_BLOCKS,
+    ARGS_TREELETS, Item, LEVEL_ACTIVE, LEVEL_CHUNKS, LEVEL_DEPTH, LEVEL_REFS, LEVEL_TOP, LEVEL_TREELET_REFS,
+    LEVEL_TREELETS, Plane, STATE_STATUS, STATE_TOP, STATE_TREELET_REFS, STATE_TREELETS, cut,
     scan::{LANES, before, total},
     tally::{
         ACTIVE, BLOCKS, CHUNKS, KINDS, PAIRS, REFS, SUMS, TREELET_REFS, TREELETS, blocks_of,
@@ -61,6 +61,8 @@ pub fn alloc(
                 next_level.put(LEVEL_CHUNKS, 0);
                 put_groups(next_args, ARGS_ACTIVE, 0);
                 put_groups(next_args, ARGS_CHUNKS, 0);
+                put_groups(next_args, ARGS_SEVERAL_ACTIVE, 0);
+                put_groups(next_args, ARGS_SEVERAL_CHUNKS, 0);
                 put_groups(next_args, ARGS_BLOCKS, blocks_of(0));
                 put_groups(next_args, ARGS_TREELET_BLOCKS, blocks_of(state.at(STATE_TREELETS)));
             }
@@ -143,11 +145,7 @@ pub fn alloc(
                     to.extra = chunk;
                     to.store(next_active, slot);
                     starts.put(child, reference);
-                    let end = chunk + count.div_ceil(CHUNK);
-                    while chunk < end {
-                        next_chunks.put(chunk, slot);
-                        chunk += 1;
-                    }
+                    chunk += count.div_ceil(CHUNK);
                     slot += 1;
                     reference += count;
                 } else if !is_leaf || child == 0 {
@@ -165,6 +163,32 @@ pub fn alloc(
             targets.put(k, UVec2::new(starts.at(0), starts.at(1)));
         }
     });
+    // Whose the chunks are: while nodes are few and have many, several lanes to a child.
+    lanes!(group, |lane| {
+        let rest = number - group.id * LANES;
+        let children = 2 * if rest < LANES { rest } else { LANES };
+        let sharers = if children < LANES { LANES / children } else { 1 };
+        let mut turn = lane;
+        while fits && turn < children * sharers {
+            let child = turn / sharers;
+            let k = group.id * LANES + child / 2;
+            let size = sizes.at(k);
+            let is_active = |count: u32| planes.at(k).x != Node::LEAF && count > params.small;
+            let place = |kind: u32| outer.at(kind) + before(sums, parts, kind, child / 2);
+            let (mut slot, mut chunk) = (place(ACTIVE), place(CHUNKS));
+            if child % 2 == 1 && is_active(size.x) {
+                slot += 1;
+                chunk += size.x.div_ceil(CHUNK);
+            }
+            let count = if child % 2 == 0 { size.x } else { size.y };
+            let mut piece = turn % sharers;
+            while is_active(count) && piece < count.div_ceil(CHUNK) {
+                next_chunks.put(chunk + piece, slot);
+                piece += sharers;
+            }
+            turn += LANES;
+        }
+    });
     lanes!(group, |lane| {
         if lane == 0 && group.id == 0 {
             let (nodes, pieces, refs) =
@@ -175,6 +199,9 @@ pub fn alloc(
             next_level.put(LEVEL_DEPTH, depth + 1);
             put_groups(next_args, ARGS_ACTIVE, nodes);
             put_groups(next_args, ARGS_CHUNKS, pieces);
+            let several = pieces > nodes;
+            put_groups(next_args, ARGS_SEVERAL_ACTIVE, if several { nodes } else { 0 });
+            put_groups(next_args, ARGS_SEVERAL_CHUNKS, if several { pieces } else { 0 });
             put_groups(next_args, ARGS_BLOCKS, blocks_of(nodes));
             if fits {
                 let top = top_base + 2 * all(outer, PAIRS);
@@ -206,7 +233,7 @@ pub fn put_groups(args: &mut (impl Slots<u32> + ?Sized), entry: u32, groups: u32
 
 kernel! {
     /// [`alloc`] over all blocks of a level.
-    group ALLOC = alloc, threads 1024, shared [sums: SUMS, parts: BLOCKS, outer: OUTER], {
+    group ALLOC = alloc, threads 256, shared [sums: SUMS, parts: BLOCKS, outer: OUTER], {
         0 params: read BuildParams, 1 level: read u32, 2 active: read UVec4, 3 planes: read UVec2,
         4 sizes: read UVec2, 5 blocks: read u32, 6 targets: write UVec2, 7 top: write UVec2, 8 next_level: write u32,
         9 next_active: write UVec4, 10 next_chunks: write u32, 11 next_args: write u32, 12 treelets: write UVec4,

@@ -5,7 +5,7 @@
 //! rounding of the bin's index. The tree does not depend on that: `count` and `scatter` use the plane itself.
 //! And the last end and the first start in each bin: planes there cut fewer triangles than one at the bin's border.
 
-use super::{LEVEL_CHUNKS, chunk_of, reference::Reference};
+use super::{Item, LEVEL_CHUNKS, chunk_of, reference::Reference};
 use crate::{
     Group,
     glam::UVec4,
@@ -13,7 +13,7 @@ use crate::{
     mem::{Atomics, Buf, Slots},
     trace::frame::component,
 };
-use raykd_shared::limits::{BINS, CHUNK};
+use raykd_shared::limits::BINS;
 
 // Where they stand in a histogram, for each axis.
 /// How many boxes start in a bin.
@@ -29,7 +29,10 @@ pub const FIRST_STARTS: u32 = 9 * BINS;
 pub const UNTOLD: u32 = u32::MAX;
 /// Words of a node's histogram.
 pub const HIST_WORDS: u32 = 12 * BINS;
-const WORDS: usize = HIST_WORDS as usize;
+/// Where the histogram starts in workgroup memory: [`super::split`] reads a word before it, which does not matter.
+pub const BEFORE: u32 = 1;
+/// Words for it there.
+pub const TABLE: usize = (BEFORE + HIST_WORDS) as usize;
 
 /// The bin of coordinate `x`.
 #[inline(always)]
@@ -53,22 +56,61 @@ pub fn unordered(bits: u32) -> f32 {
 
 /// Counts a box's start and end on an axis.
 #[inline(always)]
-fn enter(hist: &mut [u32; WORDS], axis: u32, lo: f32, hi: f32, from: f32, per_bin: f32) {
-    let start = axis * BINS + bin_of(lo, from, per_bin);
-    let end = axis * BINS + bin_of(hi, from, per_bin);
-    hist.add(STARTS + start, 1);
-    hist.add(ENDS + end, 1);
-    hist.raise(LAST_ENDS + end, ordered(hi));
-    hist.raise(FIRST_STARTS + start, if lo < hi { !ordered(lo) } else { UNTOLD });
+fn enter(table: &mut [u32; TABLE], axis: u32, lo: f32, hi: f32, from: f32, per_bin: f32) {
+    let start = BEFORE + axis * BINS + bin_of(lo, from, per_bin);
+    let end = BEFORE + axis * BINS + bin_of(hi, from, per_bin);
+    table.add(STARTS + start, 1);
+    table.add(ENDS + end, 1);
+    table.raise(LAST_ENDS + end, ordered(hi));
+    table.raise(FIRST_STARTS + start, if lo < hi { !ordered(lo) } else { UNTOLD });
 }
 
-/// Adds chunk `group.id` to the histogram of its node, which is all zeros before if the node has several:
-/// [`super::count`] sees to that.
+/// The histogram of `count` references from `start` on, of node `item`.
+#[inline(always)]
+pub fn fill(
+    group: Group,
+    table: &mut [u32; TABLE],
+    rate: &mut [u32; 3],
+    item: &Item,
+    refs: &Buf<UVec4>,
+    start: u32,
+    count: u32,
+) {
+    let step = group.sharers();
+    lanes!(group, ..step, |lane| {
+        let mut word = lane;
+        while word < HIST_WORDS {
+            table.put(BEFORE + word, 0);
+            word += step;
+        }
+        let mut axis = lane;
+        while axis < 3 {
+            let d = component(item.hi, axis) - component(item.lo, axis);
+            rate.put(axis, if d < super::FLAT { 0 } else { div(BINS as f32, d).to_bits() });
+            axis += step;
+        }
+    });
+    lanes!(group, ..step, |lane| {
+        let rate_x = f32::from_bits(rate.at(0));
+        let rate_y = f32::from_bits(rate.at(1));
+        let rate_z = f32::from_bits(rate.at(2));
+        let mut i = lane;
+        while i < count {
+            let part = Reference::load(refs, start + i).bounds;
+            enter(table, 0, part.lo.x, part.hi.x, item.lo.x, rate_x);
+            enter(table, 1, part.lo.y, part.hi.y, item.lo.y, rate_y);
+            enter(table, 2, part.lo.z, part.hi.z, item.lo.z, rate_z);
+            i += step;
+        }
+    });
+}
+
+/// Adds chunk `group.id` to the histogram of its node, if that has several; [`super::alone`] has cleared it.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 pub fn bin(
     group: Group,
-    hist: &mut [u32; WORDS],
+    table: &mut [u32; TABLE],
     rate: &mut [u32; 3],
     level: &Buf<u32>,
     active: &Buf<UVec4>,
@@ -78,54 +120,28 @@ pub fn bin(
 ) {
     if group.id < level.at(LEVEL_CHUNKS) {
         let (node, item, start, count) = chunk_of(group.id, chunks, active);
-        let step = group.sharers();
-        lanes!(group, ..step, |lane| {
-            let mut word = lane;
-            while word < HIST_WORDS {
-                hist.put(word, 0);
-                word += step;
-            }
-            let mut axis = lane;
-            while axis < 3 {
-                let d = component(item.hi, axis) - component(item.lo, axis);
-                rate.put(axis, if d < super::FLAT { 0 } else { div(BINS as f32, d).to_bits() });
-                axis += step;
-            }
-        });
-        lanes!(group, ..step, |lane| {
-            let rate_x = f32::from_bits(rate.at(0));
-            let rate_y = f32::from_bits(rate.at(1));
-            let rate_z = f32::from_bits(rate.at(2));
-            let mut i = lane;
-            while i < count {
-                let part = Reference::load(refs, start + i).bounds;
-                enter(hist, 0, part.lo.x, part.hi.x, item.lo.x, rate_x);
-                enter(hist, 1, part.lo.y, part.hi.y, item.lo.y, rate_y);
-                enter(hist, 2, part.lo.z, part.hi.z, item.lo.z, rate_z);
-                i += step;
-            }
-        });
-        lanes!(group, ..step, |lane| {
-            let alone = item.count <= CHUNK;
-            let mut word = lane;
-            while word < HIST_WORDS {
-                let (at, value) = (node * HIST_WORDS + word, hist.at(word));
-                if alone {
-                    hists.put(at, value);
-                } else if value != 0 && word < LAST_ENDS {
-                    hists.add(at, value);
-                } else if value != 0 {
-                    hists.raise(at, value);
+        if !item.is_alone() {
+            fill(group, table, rate, &item, refs, start, count);
+            let step = group.sharers();
+            lanes!(group, ..step, |lane| {
+                let mut word = lane;
+                while word < HIST_WORDS {
+                    let (at, value) = (node * HIST_WORDS + word, table.at(BEFORE + word));
+                    if value != 0 && word < LAST_ENDS {
+                        hists.add(at, value);
+                    } else if value != 0 {
+                        hists.raise(at, value);
+                    }
+                    word += step;
                 }
-                word += step;
-            }
-        });
+            });
+        }
     }
 }
 
 kernel! {
     /// [`bin`] over all chunks of a level.
-    group BIN = bin, threads 128, shared [hist: WORDS, rate: 3], {
+    group BIN = bin, threads 128, shared [table: TABLE, rate: 3], {
         0 level: read u32, 1 active: read UVec4, 2 chunks: read u32, 3 refs: read UVec4, 4 hists: write u32,
     }
 }

@@ -24,7 +24,7 @@ use crate::{
 const DUST: f32 = exp2(-100);
 
 /// A box; empty if `lo` exceeds `hi` on some axis.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Bounds {
     /// Lower corner.
     pub lo: Vec3,

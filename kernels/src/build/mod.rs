@@ -1,8 +1,8 @@
 //! Building the tree, in pipeline order.
 //!
 //! Large nodes are split level by level, every node of a level in parallel: [`bin`] counts references per bin,
-//! [`split`] chooses planes, [`count`] sizes the children, [`tally`] and [`alloc`] give every child its place,
-//! [`scatter`] moves the references there. Nodes of at most 32 references become treelets, each finished by one
+//! [`split`] chooses planes, [`count`] sizes the children, or [`alone`] does all that for a node of one chunk; [`tally`] and
+//! [`alloc`] give every child its place, [`scatter`] moves the references there. Nodes of at most 32 references become treelets, each finished by one
 //! workgroup: [`treelet`] builds, [`place`] gives it its place, [`emit`] writes nodes and references.
 //!
 //! [`exact`] is another builder, with kernels of its own.
@@ -10,6 +10,7 @@
 #[cfg(not(target_arch = "spirv"))]
 mod ahead;
 pub mod alloc;
+pub mod alone;
 pub mod bin;
 pub mod boxes;
 pub mod clip;
@@ -80,8 +81,12 @@ pub const ARGS_CHUNKS: u32 = 1;
 pub const ARGS_BLOCKS: u32 = 2;
 /// A workgroup per block of treelets so far.
 pub const ARGS_TREELET_BLOCKS: u32 = 3;
+/// As [`ARGS_ACTIVE`] if any node has several chunks, else none.
+pub const ARGS_SEVERAL_ACTIVE: u32 = 4;
+/// As [`ARGS_CHUNKS`] if any node has several chunks, else none.
+pub const ARGS_SEVERAL_CHUNKS: u32 = 5;
 /// Words of the indirect arguments of a level.
-pub const ARGS_WORDS: u32 = 12;
+pub const ARGS_WORDS: u32 = 18;
 
 /// Extents below `2^-60` count as flat: areas stay clear of subnormals, and nothing is split there.
 const FLAT: f32 = crate::math::exp2(-60);
@@ -108,6 +113,12 @@ pub struct Item {
 }
 
 impl Item {
+    /// Whether its references are one chunk.
+    #[inline(always)]
+    pub fn is_alone(&self) -> bool {
+        self.count <= CHUNK
+    }
+
     /// Reads item `i` of a list.
     #[inline(always)]
     pub fn load(list: &Buf<UVec4>, i: u32) -> Self {
@@ -165,6 +176,14 @@ pub struct Plane {
     pub axis: u32,
     /// Its position.
     pub at: f32,
+}
+
+impl Plane {
+    /// As it stands in a list.
+    #[inline(always)]
+    pub fn words(&self) -> UVec2 {
+        UVec2::new(self.axis, self.at.to_bits())
+    }
 }
 
 /// Whether a reference with this extent belongs below the plane. One that lies in the plane does, and not above.

@@ -82,7 +82,7 @@ pub fn place(
 
 kernel! {
     /// [`place`] over all blocks of treelets.
-    group PLACE = place, threads 1024, shared [sums: SUMS, parts: PARTS, outer: OUTER], {
+    group PLACE = place, threads 256, shared [sums: SUMS, parts: PARTS, outer: OUTER], {
         0 level: read u32, 1 sizes: read UVec2, 2 blocks: read u32, 3 places: write UVec2, 4 state: write u32,
     }
 }

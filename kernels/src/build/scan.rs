@@ -1,9 +1,9 @@
-//! Exclusive scan of several sums over the 1024 lanes of one workgroup.
+//! Exclusive scan of several sums over the 256 lanes of one workgroup.
 
 use crate::{Group, mem::Table};
 
 /// Lanes of a scanning workgroup.
-pub(super) const LANES: u32 = 1024;
+pub(super) const LANES: u32 = 256;
 const BLOCK: u32 = 32;
 const BLOCKS: u32 = LANES / BLOCK;
 /// From a kind to the next.

@@ -113,7 +113,7 @@ pub fn tally(
 
 kernel! {
     /// [`tally`] over all blocks of a level.
-    group TALLY = tally, threads 1024, shared [sums: SUMS, parts: BLOCKS], {
+    group TALLY = tally, threads 256, shared [sums: SUMS, parts: BLOCKS], {
         0 params: read BuildParams, 1 level: read u32, 2 planes: read UVec2, 3 sizes: read UVec2,
         4 blocks: write u32,
     }

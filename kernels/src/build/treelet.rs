@@ -15,7 +15,7 @@ use super::{
 use crate::{
     Group,
     glam::{UVec2, UVec4, Vec3},
-    mem::{Atomics, Buf, Slots},
+    mem::{Atomics, Buf, PerLane, Slots},
     mesh::triangle,
 };
 use raykd_shared::{
@@ -30,21 +30,30 @@ const FACES: u32 = 6;
 
 /// Room for the references of nodes that wait to be built; the last node's come last. A split that needs more is not made, nor one
 /// that lets more nodes wait: the less memory a workgroup takes, the more of them a GPU runs at once.
-const POOL: u32 = 64;
+const POOL: u32 = 56;
 /// From one component of their boxes to the next: four are read at a time, beyond the last, too.
 const PITCH: u32 = POOL + 4;
 /// Where a reference's number in the treelet stands, behind its box's faces.
 const NUMBER: u32 = FACES;
 /// Words for their boxes and numbers.
 const BOXES: usize = (7 * PITCH) as usize;
-/// References cut by a plane: what goes below, what goes above, and their numbers. Before that, every lane's cheapest candidate.
-const HALVES: usize = 13 * LANES;
-const COSTS: u32 = 0;
-const PICKS: u32 = TREELET;
+/// A reference cut by a plane.
+#[derive(Clone, Copy, Default)]
+struct Halves {
+    /// What goes below,
+    under: Bounds,
+    /// and what goes above.
+    over: Bounds,
+    /// Its number in the treelet.
+    number: u32,
+}
 
-// A node waiting to be built: how many references it has, its box, depth and slot.
-const ENTRY: u32 = 9;
-const MOST_WAITING: u32 = 16;
+// A node waiting to be built: a word of how many references it has, its slot and its depth, a byte each; and its box.
+const ENTRY: u32 = 7;
+const SLOT: u32 = 8;
+const DEEP: u32 = 16;
+const BYTE: u32 = 255;
+const MOST_WAITING: u32 = 10;
 const ENTRIES: usize = (ENTRY * MOST_WAITING) as usize;
 
 // Words of the workgroup's own state.
@@ -78,28 +87,33 @@ fn load_box(stack: &[u32; ENTRIES], at: u32) -> (Vec3, Vec3) {
     (Vec3::new(f(stack, 1), f(stack, 2), f(stack, 3)), Vec3::new(f(stack, 4), f(stack, 5), f(stack, 6)))
 }
 
+/// The first word of a waiting node.
 #[inline(always)]
-fn push(stack: &mut [u32; ENTRIES], at: u32, number: u32, lo: Vec3, hi: Vec3, depth: u32, slot: u32) {
-    stack.put(at, number);
+fn head(number: u32, slot: u32, depth: u32) -> u32 {
+    number | (slot << SLOT) | (depth << DEEP)
+}
+
+#[inline(always)]
+fn push(stack: &mut [u32; ENTRIES], at: u32, head: u32, lo: Vec3, hi: Vec3) {
+    stack.put(at, head);
     stack.put(at + 1, lo.x.to_bits());
     stack.put(at + 2, lo.y.to_bits());
     stack.put(at + 3, lo.z.to_bits());
     stack.put(at + 4, hi.x.to_bits());
     stack.put(at + 5, hi.y.to_bits());
     stack.put(at + 6, hi.z.to_bits());
-    stack.put(at + 7, depth);
-    stack.put(at + 8, slot);
 }
 
-/// Stores a box, its faces `pitch` apart.
+/// Puts a reference, `number` in the treelet, to `at` of the pool.
 #[inline(always)]
-fn put_box<const N: usize>(faces: &mut [u32; N], at: u32, pitch: u32, bounds: &Bounds) {
-    faces.put(at, bounds.lo.x.to_bits());
-    faces.put(at + pitch, bounds.hi.x.to_bits());
-    faces.put(at + 2 * pitch, bounds.lo.y.to_bits());
-    faces.put(at + 3 * pitch, bounds.hi.y.to_bits());
-    faces.put(at + 4 * pitch, bounds.lo.z.to_bits());
-    faces.put(at + 5 * pitch, bounds.hi.z.to_bits());
+fn put_reference(boxes: &mut [u32; BOXES], at: u32, bounds: &Bounds, number: u32) {
+    boxes.put(at, bounds.lo.x.to_bits());
+    boxes.put(at + PITCH, bounds.hi.x.to_bits());
+    boxes.put(at + 2 * PITCH, bounds.lo.y.to_bits());
+    boxes.put(at + 3 * PITCH, bounds.hi.y.to_bits());
+    boxes.put(at + 4 * PITCH, bounds.lo.z.to_bits());
+    boxes.put(at + 5 * PITCH, bounds.hi.z.to_bits());
+    boxes.put(at + NUMBER * PITCH, number);
 }
 
 /// The box at `at` of the pool.
@@ -112,27 +126,20 @@ fn box_at(boxes: &[u32; BOXES], at: u32) -> Bounds {
     }
 }
 
-/// Moves one half of what `lane` has cut to `at` of the pool.
-#[inline(always)]
-fn move_half(halves: &[u32; HALVES], lane: u32, side: u32, boxes: &mut [u32; BOXES], at: u32) {
-    let mut face = 0;
-    while face < FACES {
-        boxes.put(face * PITCH + at, halves.at((side * FACES + face) * TREELET + lane));
-        face += 1;
-    }
-    boxes.put(NUMBER * PITCH + at, halves.at(2 * FACES * TREELET + lane));
-}
-
-/// How many of the `number` references whose low faces on an axis stand at `from` lie below and above a plane at `at`. Read
-/// four at a time: what may follow them ends nowhere.
+/// How many of the `number` references whose low faces on an axis stand at `from` lie below and above planes at `low` and `high`.
+/// Read four at a time: what may follow them ends nowhere.
 #[cfg(target_arch = "spirv")]
 #[inline(always)]
-fn sides(boxes: &[u32; BOXES], from: u32, number: u32, at: f32) -> (u32, u32) {
-    let (mut apart, mut above) = (0, 0);
+fn sides(boxes: &[u32; BOXES], from: u32, number: u32, low: f32, high: f32) -> [(u32, u32); 2] {
+    let mut sides = [(number, 0); 2];
     let mut count = |lo: u32, hi: u32| {
         let (lo, hi) = (f32::from_bits(lo), f32::from_bits(hi));
-        above += (hi > at) as u32;
-        apart += ((lo >= at) & (hi > at)) as u32;
+        let mut at_plane = |k: usize, at: f32| {
+            sides[k].0 -= ((lo >= at) & (hi > at)) as u32;
+            sides[k].1 += (hi > at) as u32;
+        };
+        at_plane(0, low);
+        at_plane(1, high);
     };
     let mut i = from;
     while i < from + number {
@@ -145,7 +152,7 @@ fn sides(boxes: &[u32; BOXES], from: u32, number: u32, at: f32) -> (u32, u32) {
         count(lo[3], hi[3]);
         i += 4;
     }
-    (number - apart, above)
+    sides
 }
 
 /// A mask of the lowest `n` bits, `n <= 32`.
@@ -188,7 +195,6 @@ fn clear(own: &mut [u32; OWN]) {
 pub fn treelet(
     group: Group,
     boxes: &mut [u32; BOXES],
-    halves: &mut [u32; HALVES],
     stack: &mut [u32; ENTRIES],
     own: &mut [u32; OWN],
     params: &Buf<BuildParams>,
@@ -212,11 +218,10 @@ pub fn treelet(
         let members = if small { item.count } else { 0 };
         lanes!(group, ..if members > FINISHING { members } else { FINISHING }, |lane| {
             if lane < members {
-                boxes.put(NUMBER * PITCH + lane, lane);
-                put_box(boxes, lane, PITCH, &Reference::load(refs, item.first + lane).bounds);
+                put_reference(boxes, lane, &Reference::load(refs, item.first + lane).bounds, lane);
             }
             if lane == 0 {
-                push(stack, 0, members, item.lo, item.hi, item.extra, 0);
+                push(stack, 0, head(members, 0, item.extra), item.lo, item.hi);
                 own.put(WAITING, small as u32);
                 own.put(NODES, 0);
                 own.put(REFS, if small { 0 } else { item.count });
@@ -227,17 +232,19 @@ pub fn treelet(
             #[cfg(target_arch = "spirv")]
             put_pad(boxes, lane, members);
         });
-        let params = params.at(0);
+        let mut picks = PerLane::<(u32, u32), LANES>::default();
+        let mut halves = PerLane::<Halves, LANES>::default();
         while own.at(WAITING) > 0 {
+            picks.forget();
+            halves.forget();
             let at = (own.at(WAITING) - 1) * ENTRY;
-            let number = stack.at(at);
+            let number = stack.at(at) & BYTE;
             let from = own.at(HELD) - number;
             let (lo, hi) = load_box(stack, at);
-            let depth = stack.at(at + 7);
-            let sah = Sah::new(lo, hi, number, Costs::of(&params));
-            let nodes = own.at(NODES);
-            let may_split =
-                sah.may_pay & !leaves && depth < params.max_depth && nodes + 2 <= treelet_nodes(item.count);
+            let sah = Sah::new(lo, hi, number, Costs::of(&params.at(0)));
+            let may_split = sah.may_pay & !leaves
+                && stack.at(at) >> DEEP < params.at(0).max_depth
+                && own.at(NODES) + 2 <= treelet_nodes(item.count);
             if may_split {
                 lanes!(group, ..WEIGHING, |lane| {
                     let mut best = sah.leaf;
@@ -248,21 +255,32 @@ pub fn treelet(
                             pick = face * TREELET + member;
                         }
                     };
-                    // Several faces side by side: as many as members fit the group's width.
+                    // Several axes side by side: as many as members fit the group's width.
                     #[cfg(target_arch = "spirv")]
                     {
                         let width = 32 - (number - 1).leading_zeros();
                         let member = lane & ones(width);
                         if member < number {
-                            let mut face = lane >> width;
-                            while face < FACES {
-                                let across = sah.across(face >> 1);
-                                let at = f32::from_bits(boxes.at(face * PITCH + from + member));
-                                if across.holds(at) {
-                                    let (below, above) = sides(boxes, (face & !1) * PITCH + from, number, at);
-                                    weigh(across.cut(at, below as f32, above as f32), face, member);
+                            let mut axis = lane >> width;
+                            while axis < 3 {
+                                let across = sah.across(axis);
+                                let first = 2 * axis * PITCH + from;
+                                let low = f32::from_bits(boxes.at(first + member));
+                                let high = f32::from_bits(boxes.at(first + PITCH + member));
+                                if across.holds(low) | across.holds(high) {
+                                    let [at_low, at_high] = sides(boxes, first, number, low, high);
+                                    weigh(
+                                        across.cut(low, at_low.0 as f32, at_low.1 as f32),
+                                        2 * axis,
+                                        member,
+                                    );
+                                    weigh(
+                                        across.cut(high, at_high.0 as f32, at_high.1 as f32),
+                                        2 * axis + 1,
+                                        member,
+                                    );
                                 }
-                                face += TREELET >> width;
+                                axis += TREELET >> width;
                             }
                         }
                     }
@@ -284,13 +302,13 @@ pub fn treelet(
                     if pick != NONE {
                         own.lower(COST, best.to_bits());
                     }
-                    halves.put(COSTS + lane, best.to_bits());
-                    halves.put(PICKS + lane, pick);
+                    picks.put(lane, (best.to_bits(), pick));
                 });
                 // Of equally cheap candidates the lowest number; costs are positive, so bits order as numbers do.
                 lanes!(group, ..WEIGHING, |lane| {
-                    if halves.at(COSTS + lane) == own.at(COST) {
-                        own.lower(PICK, halves.at(PICKS + lane));
+                    let (cost, pick) = picks.at(lane);
+                    if cost == own.at(COST) {
+                        own.lower(PICK, pick);
                     }
                 });
             }
@@ -314,9 +332,7 @@ pub fn treelet(
                         goes_below = !under.is_empty();
                         goes_above = !over.is_empty();
                     }
-                    put_box(halves, lane, TREELET, &under);
-                    put_box(halves, FACES * TREELET + lane, TREELET, &over);
-                    halves.put(2 * FACES * TREELET + lane, number);
+                    halves.put(lane, Halves { under, over, number });
                     if goes_below {
                         own.or(BELOW, 1 << lane);
                     }
@@ -332,12 +348,13 @@ pub fn treelet(
             // The children's references take the place of the node's, those above first.
             lanes!(group, ..number, |lane| {
                 if splits {
+                    let Halves { under, over, number } = halves.at(lane);
                     if (aboves >> lane) & 1 == 1 {
-                        move_half(halves, lane, 1, boxes, from + (aboves & ones(lane)).count_ones());
+                        put_reference(boxes, from + (aboves & ones(lane)).count_ones(), &over, number);
                     }
                     if (belows >> lane) & 1 == 1 {
                         let before = number_above + (belows & ones(lane)).count_ones();
-                        move_half(halves, lane, 0, boxes, from + before);
+                        put_reference(boxes, from + before, &under, number);
                     }
                 } else {
                     own.or(MASK, 1 << boxes.at(NUMBER * PITCH + from + lane));
@@ -347,18 +364,19 @@ pub fn treelet(
                 #[cfg(target_arch = "spirv")]
                 put_pad(boxes, lane, if splits { held } else { from });
                 if lane == 0 {
-                    let slot = stack.at(at + 8);
+                    // Read again, or a GPU would keep it in registers until here.
+                    let (lo, hi) = load_box(stack, at);
+                    let (slot, depth) = (stack.at(at) >> SLOT & BYTE, stack.at(at) >> DEEP);
                     if splits {
+                        let nodes = own.at(NODES);
                         let child = nodes + 1;
                         let (word0, word1) = Node::inner(axis, plane, child).words();
                         scratch.put(base + slot, UVec2::new(word0, word1));
                         // The entry itself becomes the child above, cut off below; the child below comes next.
-                        push(stack, at + ENTRY, number_below, lo, hi, depth + 1, child);
+                        push(stack, at + ENTRY, head(number_below, child, depth + 1), lo, hi);
                         stack.put(at + ENTRY + 4 + axis, place);
-                        stack.put(at, number_above);
+                        stack.put(at, head(number_above, child + 1, depth + 1));
                         stack.put(at + 1 + axis, place);
-                        stack.put(at + 7, depth + 1);
-                        stack.put(at + 8, child + 1);
                         own.put(WAITING, own.at(WAITING) + 1);
                         own.put(NODES, nodes + 2);
                         own.put(HELD, held);
@@ -387,7 +405,7 @@ pub fn treelet(
 kernel! {
     /// [`treelet`] over all treelets.
     group TREELETS = treelet, threads 32,
-        shared [boxes: BOXES, halves: HALVES, stack: ENTRIES, own: OWN], {
+        shared [boxes: BOXES, stack: ENTRIES, own: OWN], {
         0 params: read BuildParams, 1 positions: read f32, 2 indices: read u32, 3 state: read u32,
         4 treelets: read UVec4, 5 refs: read UVec4, 6 scratch: write UVec2, 7 sizes: write UVec2,
         8 blocks: write u32,

@@ -61,7 +61,7 @@ pub fn rank(
 
 kernel! {
     /// [`rank`] over all rows and blocks of a level.
-    group RANK = rank, threads 1024, shared [sums: SUMS, parts: BLOCKS], {
+    group RANK = rank, threads 256, shared [sums: SUMS, parts: BLOCKS], {
         0 params: read BuildParams, 1 level: read u32, 2 codes: read u32, 3 faces: read UVec2, 4 ranks: write u32,
         5 totals: write UVec2,
     }

@@ -55,7 +55,7 @@ pub fn total(
 
 kernel! {
     /// [`total`] over all rows of a level.
-    group TOTAL = total, threads 1024, shared [sums: SUMS, parts: BLOCKS], {
+    group TOTAL = total, threads 256, shared [sums: SUMS, parts: BLOCKS], {
         0 params: read BuildParams, 1 level: read u32, 2 totals: write UVec2,
     }
 }
