@@ -11,8 +11,8 @@ use crate::{
 };
 use raykd_shared::{BuildParams, rule};
 
-/// How many of `number` references from `start` on go below and above `plane`; boxes that straddle it, of triangles that do not, are
-/// clipped.
+/// How many of `number` references from `start` on go below and above `plane`; boxes that straddle it, of triangles that do
+/// not, are clipped.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 pub fn sides_of(

@@ -2,8 +2,9 @@
 //!
 //! Large nodes are split level by level, every node of a level in parallel: [`bin`] counts references per bin,
 //! [`split`] chooses planes, [`count`] sizes the children, or [`alone`] does all that for a node of one chunk; [`tally`] and
-//! [`alloc`] give every child its place, [`scatter`] moves the references there. Nodes of at most 32 references become treelets, each finished by one
-//! workgroup: [`treelet`] builds, [`place`] gives it its place, [`emit`] writes nodes and references.
+//! [`alloc`] give every child its place, [`scatter`] moves the references there. Nodes of at most 32 references become
+//! treelets, each finished by one workgroup: [`treelet`] builds, [`place`] gives it its place, [`emit`] writes nodes and
+//! references.
 //!
 //! [`exact`] is another builder, with kernels of its own.
 

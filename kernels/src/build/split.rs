@@ -62,8 +62,8 @@ fn median_cost(border: Bins, below: Bins, above: Bins, longest: bool) -> Bins {
     Bins::choose(all((BINS / 4) as f32).exceeds(empty), cost, bins - empty)
 }
 
-/// Finds the plane of a node whose histogram stands in `table`, and changes that: a lane a border, or some, ties to the lowest border,
-/// then axis. See [`chosen`].
+/// Finds the plane of a node whose histogram stands in `table`, and changes that: a lane a border, or some, ties to the
+/// lowest border, then axis. See [`chosen`].
 #[inline(always)]
 pub fn find(
     group: Group,

@@ -20,7 +20,7 @@ use crate::{
 };
 use raykd_shared::{
     BuildParams, Node,
-    limits::{TREELET, treelet_nodes},
+    limits::{MAX_DEPTH, TREELET, treelet_nodes},
     rule,
 };
 
@@ -37,6 +37,7 @@ const PITCH: u32 = POOL + 4;
 const NUMBER: u32 = FACES;
 /// Words for their boxes and numbers.
 const BOXES: usize = (7 * PITCH) as usize;
+
 /// A reference cut by a plane.
 #[derive(Clone, Copy, Default)]
 struct Halves {
@@ -53,6 +54,7 @@ const ENTRY: u32 = 7;
 const SLOT: u32 = 8;
 const DEEP: u32 = 16;
 const BYTE: u32 = 255;
+const _: () = assert!(treelet_nodes(TREELET) <= BYTE && MAX_DEPTH <= BYTE, "a byte each");
 const MOST_WAITING: u32 = 10;
 const ENTRIES: usize = (ENTRY * MOST_WAITING) as usize;
 
@@ -126,8 +128,8 @@ fn box_at(boxes: &[u32; BOXES], at: u32) -> Bounds {
     }
 }
 
-/// How many of the `number` references whose low faces on an axis stand at `from` lie below and above planes at `low` and `high`.
-/// Read four at a time: what may follow them ends nowhere.
+/// How many of the `number` references whose low faces on an axis stand at `from` lie below and above planes at `low` and
+/// `high`. Read four at a time: what may follow them ends nowhere.
 #[cfg(target_arch = "spirv")]
 #[inline(always)]
 fn sides(boxes: &[u32; BOXES], from: u32, number: u32, low: f32, high: f32) -> [(u32, u32); 2] {
@@ -288,11 +290,11 @@ pub fn treelet(
                     #[cfg(not(target_arch = "spirv"))]
                     {
                         let start = (2 * lane * PITCH + from) as usize;
-                        let (lows, highs) =
-                            boxes[start..][..PITCH as usize + number as usize].split_at(PITCH as usize);
+                        let lows = &boxes[start..][..number as usize];
+                        let highs = &boxes[start + PITCH as usize..][..number as usize];
                         let faces = |i: usize| (f32::from_bits(lows[i]), f32::from_bits(highs[i]));
                         let (cost, face) =
-                            cheapest(number as usize, faces, &sah.across(lane), Flat::Below, |_, face| face);
+                            cheapest(lows.len(), faces, &sah.across(lane), Flat::Below, |_, face| face);
                         if cost < sah.leaf {
                             let face = face as u32;
                             let high = (face >= number) as u32;
