@@ -693,24 +693,37 @@ impl Builder<'_> {
         }
         let targets = &shares.targets;
         let move_events = |axis: usize, low: &mut Axis, high: &mut Axis| {
-            let from = &set.axes[axis];
-            let events = from.events.all();
-            for (half, size) in [&mut *low, &mut *high].into_iter().zip(sizes) {
+            let events = set.axes[axis].events.all();
+            let kept = |event: u64| 32 + 2 * axis as u32 + (event >> 31 & 1) as u32;
+            let moved = |event: u64, target: u64| event & !REFERENCE | target & REFERENCE;
+            let mut halves = [&mut *low, &mut *high];
+            for (half, size) in halves.iter_mut().zip(sizes) {
                 half.events.reserve(2 * size + 1, 0);
             }
-            let (mut b, mut a) = (0, 0);
-            let (to_low, to_high) = (&mut low.events.room[..], &mut high.events.room[..]);
-            // Written to both and kept in one: no branch to predict.
-            for &event in events {
-                let [below, above] = targets[(event & REFERENCE) as usize];
-                let moved = |target: u64| event & !REFERENCE | target & REFERENCE;
-                let kept = 32 + 2 * axis as u32 + (event >> 31 & 1) as u32;
-                to_low[b] = moved(below);
-                b += (below >> kept & 1) as usize;
-                to_high[a] = moved(above);
-                a += (above >> kept & 1) as usize;
+            // Written to all that need them, and kept in one: no branch to predict.
+            match sorted.iter().position(|sorted| !sorted) {
+                None => {
+                    let (mut b, mut a) = (0, 0);
+                    let (to_low, to_high) = (&mut low.events.room[..], &mut high.events.room[..]);
+                    for &event in events {
+                        let [below, above] = targets[(event & REFERENCE) as usize];
+                        to_low[b] = moved(event, below);
+                        b += (below >> kept(event) & 1) as usize;
+                        to_high[a] = moved(event, above);
+                        a += (above >> kept(event) & 1) as usize;
+                    }
+                    (low.events.len, high.events.len) = (b, a);
+                }
+                Some(other) => {
+                    let half = &mut halves[1 - other].events;
+                    half.len = 0;
+                    for &event in events {
+                        let target = targets[(event & REFERENCE) as usize][1 - other];
+                        half.room[half.len] = moved(event, target);
+                        half.len += (target >> kept(event) & 1) as usize;
+                    }
+                }
             }
-            (low.events.len, high.events.len) = (b, a);
             low.events.merge(&mut low.fresh);
             high.events.merge(&mut high.fresh);
         };
