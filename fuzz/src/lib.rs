@@ -138,7 +138,11 @@ pub fn api(bytes: &[u8]) {
         bits => options.budget = Some(f32::from_bits(bits)),
     }
     options.long = word();
-    let Ok(mut scene) = Scene::build(&CPU, &TEAPOT, &options) else { return };
+    let mut scene = match Scene::build(&CPU, &TEAPOT, &options) {
+        Ok(scene) => scene,
+        Err(Error::Options { .. }) => return,
+        Err(error) => panic!("{options:?}: {error}"),
+    };
     let tree = scene.tree().expect("a CPU gives it back");
     tree.validate().expect("builders make valid trees");
     let rays = around(&TEAPOT);
