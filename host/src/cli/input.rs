@@ -4,6 +4,7 @@ use super::notes::Notes;
 use crate::{
     Mesh,
     mesh::{Repairs, Scene},
+    report::three,
 };
 use std::time::{Duration, Instant};
 
@@ -37,24 +38,41 @@ pub(super) struct RepairCounts {
     polygons: u32,
     ignored: u32,
     flushed: u32,
+    rounded: u32,
+    /// By rounding, in the mesh's units.
+    largest_change: f64,
+    collapsed: u32,
 }
 
 impl From<&Repairs> for RepairCounts {
     fn from(r: &Repairs) -> Self {
-        let &Repairs { zero_area, duplicates, polygons, ignored, flushed } = r;
-        Self { zero_area, duplicates, polygons, ignored, flushed }
+        let &Repairs {
+            zero_area,
+            duplicates,
+            polygons,
+            ignored,
+            flushed,
+            rounded,
+            largest_change,
+            collapsed,
+        } = r;
+        Self { zero_area, duplicates, polygons, ignored, flushed, rounded, largest_change, collapsed }
     }
 }
 
 impl RepairCounts {
     /// In words; nothing if there is nothing to tell.
     pub(super) fn told(&self) -> Option<String> {
+        let rounded =
+            format!("coordinates rounded to 32-bit floats, by {} at most", three(self.largest_change));
         let parts = [
             (self.zero_area, "zero-area triangles kept out of the tree"),
             (self.duplicates, "duplicate triangles (the lowest number wins)"),
             (self.polygons, "polygons cut into triangles"),
             (self.ignored, "points and lines ignored"),
             (self.flushed, "coordinates too small to matter taken as 0"),
+            (self.rounded, &rounded),
+            (self.collapsed, "triangles that lost their area by rounding"),
         ];
         let told: Vec<_> = parts
             .iter()

@@ -8,7 +8,7 @@ use std::path::Path;
 /// What a parser hands on: vertices, triangles in file order, and what it did on the way.
 #[derive(Debug, Default)]
 pub(super) struct Raw {
-    pub(super) positions: Vec<[f32; 3]>,
+    pub(super) positions: Vec<[f64; 3]>,
     pub(super) triangles: Vec<[u32; 3]>,
     /// Only `polygons` and `ignored` are filled in.
     pub(super) repairs: Repairs,
@@ -72,4 +72,21 @@ fn sniff(bytes: &[u8]) -> Option<Format> {
     });
     let known: [&[u8]; 10] = [b"v", b"vn", b"vt", b"vp", b"f", b"o", b"g", b"s", b"mtllib", b"usemtl"];
     words.take(1).find(|word| known.contains(word)).map(|_| Format::Obj)
+}
+
+/// The nearest `f64` to a number in decimal, but none that lies halfway between two `f32` unless the number does: so
+/// that rounding it once more gives the `f32` nearest to the number.
+pub(super) fn number(text: &str) -> Option<f64> {
+    let x: f64 = text.parse().ok()?;
+    // The 29 digits that go are a one and zeros; below the normal numbers it is easier not to look.
+    let halfway = x.to_bits() << 35 == 1 << 63 || x.abs() < f64::from(f32::MIN_POSITIVE);
+    if !halfway || x == 0.0 {
+        return Some(x);
+    }
+    let nearest: f32 = text.parse().ok()?;
+    Some(match f64::from(nearest) {
+        _ if x as f32 == nearest => x,
+        above if above > x => x.next_up(),
+        _ => x.next_down(),
+    })
 }
