@@ -1,6 +1,8 @@
 //! From a path to a mesh: reading, unpacking, and telling the formats apart.
 
-use super::{Mesh, MeshError, Place, Repairs, obj, ply};
+#[cfg(feature = "gltf")]
+use super::gltf;
+use super::{Mesh, MeshError, Place, Repairs, obj, ply, stl};
 use flate2::read::MultiGzDecoder;
 use std::io::Read;
 use std::path::Path;
@@ -18,20 +20,23 @@ pub(super) struct Raw {
 enum Format {
     Obj,
     Ply,
+    Stl,
+    Gltf,
 }
 
 /// Reads a mesh from a file.
 pub(super) fn load(path: &Path) -> Result<Mesh, MeshError> {
     let bytes = std::fs::read(path).map_err(|source| MeshError::Read { path: path.to_owned(), source })?;
-    from_bytes(path, bytes)
+    parse(path, bytes, Some(path.parent().unwrap_or(path))).map_err(|e| e.in_file(path))
 }
 
 /// Makes a mesh of a file's bytes. The path serves to tell the format, and in messages.
 pub(super) fn from_bytes(path: &Path, bytes: Vec<u8>) -> Result<Mesh, MeshError> {
-    parse(path, bytes).map_err(|e| e.in_file(path))
+    parse(path, bytes, None).map_err(|e| e.in_file(path))
 }
 
-fn parse(path: &Path, bytes: Vec<u8>) -> Result<Mesh, MeshError> {
+/// Buffers that are files of their own are read from the folder, if there is one.
+fn parse(path: &Path, bytes: Vec<u8>, folder: Option<&Path>) -> Result<Mesh, MeshError> {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     let inner_name = name.strip_suffix(".gz");
     let bytes =
@@ -42,11 +47,21 @@ fn parse(path: &Path, bytes: Vec<u8>) -> Result<Mesh, MeshError> {
     let format = match inner_name.unwrap_or(&name).rsplit_once('.') {
         Some((_, "obj")) => Some(Format::Obj),
         Some((_, "ply")) => Some(Format::Ply),
+        Some((_, "stl")) => Some(Format::Stl),
+        Some((_, "gltf" | "glb")) => Some(Format::Gltf),
         _ => sniff(&bytes),
     };
     let raw = match format {
         Some(Format::Obj) => obj::parse(&bytes)?,
         Some(Format::Ply) => ply::parse(&bytes)?,
+        Some(Format::Stl) => stl::parse(&bytes)?,
+        #[cfg(feature = "gltf")]
+        Some(Format::Gltf) => gltf::parse(&bytes, folder)?,
+        #[cfg(not(feature = "gltf"))]
+        Some(Format::Gltf) => {
+            let _ = folder;
+            return Err(MeshError::NoGltf { at: Place::default() });
+        }
         None => return Err(MeshError::UnknownFormat { at: Place::default() }),
     };
     drop(bytes);
@@ -66,6 +81,12 @@ fn unpack(packed: &[u8]) -> Result<Vec<u8>, MeshError> {
 fn sniff(bytes: &[u8]) -> Option<Format> {
     if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
         return Some(Format::Ply);
+    }
+    if bytes.starts_with(b"glTF") || bytes.trim_ascii_start().starts_with(b"{") {
+        return Some(Format::Gltf);
+    }
+    if stl::is_binary(bytes) || stl::is_text(bytes) {
+        return Some(Format::Stl);
     }
     let words = bytes.split(|&b| b == b'\n').filter_map(|line| {
         line.trim_ascii().split(u8::is_ascii_whitespace).next().filter(|w| !w.is_empty() && w[0] != b'#')

@@ -16,6 +16,19 @@
 //!   mesh without faces. Each names file and line or element. A mesh whose triangles all have no area is fine:
 //!   its tree is empty.
 //!
+//! # Formats
+//! Only positions are kept. To look up what else a file says of a point that was hit, take its triangle's corners `a`,
+//! `b` and `c` in the order of the file: normals, texture coordinates and colours there have the weights `1 - u - v`,
+//! `u` and `v`. Triangles are numbered
+//!
+//! - in **OBJ** and **PLY** in the order of the faces, a polygon's triangles one after the other;
+//! - in **STL** in the order of the facets; corner `k` of triangle `i` is vertex `3 i + k`, for vertices are not joined;
+//! - in **glTF** (with the feature `gltf`) node by node of the default scene, or else the first one, or else all nodes:
+//!   a node's mesh before its children, primitives in the order of their list. Nodes' transforms are applied in `f64`.
+//!   Strips and fans are cut into triangles, points and lines ignored. Skins and morph targets are not applied, but
+//!   counted. `KHR_mesh_quantization` is understood; other extensions that a file requires, or that hold or multiply its
+//!   triangles, are refused by name.
+//!
 //! # Numbers
 //! Positions are read as `f64` and rounded to `f32`. If some coordinate is not an `f32`, and larger than eight times
 //! the mesh's largest extent, the mesh is moved first: on each axis where that is so, the middle of its box, rounded
@@ -33,12 +46,15 @@
 //! are an error.
 
 mod error;
+#[cfg(feature = "gltf")]
+mod gltf;
 mod load;
 mod obj;
 mod ply;
 mod repair;
 mod rounding;
 mod scenes;
+mod stl;
 mod teapot;
 
 pub use error::{MeshError, Place, Spot};
@@ -46,6 +62,7 @@ pub use repair::Repairs;
 pub use scenes::{Scene, folder as scenes_folder, scene};
 pub use teapot::teapot_level_for;
 
+use crate::rays::below;
 use load::Raw;
 use raykd_shared::limits::MAX_TRIANGLES;
 use std::borrow::Cow;
@@ -125,8 +142,9 @@ impl Mesh {
         Ok(Self { positions, triangles, kept, repairs, bounds, scale, dust, translation })
     }
 
-    /// Reads an OBJ or PLY file, either of them also gzipped. The format is told by the extension (`.obj`,
-    /// `.ply`, `.obj.gz`, `.ply.gz`), or else by the first bytes.
+    /// Reads an OBJ, PLY, STL or glTF file, each of them also gzipped. The format is told by the extension (`.obj`,
+    /// `.ply`, `.stl`, `.gltf`, `.glb`, each also with `.gz`), or else by the first bytes. Buffers of a glTF file may be
+    /// files beside it.
     ///
     /// # Errors
     /// If the file cannot be read or used; the message names the line or element.
@@ -135,7 +153,7 @@ impl Mesh {
     }
 
     /// Like [`Mesh::load`], of a file that is in memory already. The path serves to tell the format, and in
-    /// messages.
+    /// messages; no other file is read.
     ///
     /// # Errors
     /// If the bytes cannot be used.
@@ -177,6 +195,12 @@ impl Mesh {
         Self { translation: [0.0; 3], ..self }
     }
 
+    /// The same, or this mesh if it was not moved.
+    #[cfg(any(feature = "plan", feature = "stress"))]
+    pub(crate) fn local(&self) -> Cow<'_, Self> {
+        if self.translation == [0.0; 3] { Cow::Borrowed(self) } else { Cow::Owned(self.clone().into_local()) }
+    }
+
     /// All triangles in file order, zero-area ones included.
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
@@ -197,7 +221,6 @@ impl Mesh {
     pub fn bounds(&self) -> ([f32; 3], [f32; 3]) {
         let (lo, hi) = self.bounds;
         let moved = |p: [f32; 3], axis: usize| f64::from(p[axis]) + self.translation[axis];
-        let below = |x: f64| if f64::from(x as f32) > x { (x as f32).next_down() } else { x as f32 };
         let lo = [0, 1, 2].map(|a| below(moved(lo, a)));
         (lo, [0, 1, 2].map(|a| -below(-moved(hi, a))))
     }

@@ -20,6 +20,8 @@ pub struct Repairs {
     pub ignored: u32,
     /// Coordinates too small to matter (see [`crate::mesh`]) that are 0 for the kernels.
     pub flushed: u32,
+    /// Meshes of a glTF file with a skin or morph targets, taken as they are stored.
+    pub unposed: u32,
     /// Coordinates that no `f32` is equal to, after the mesh was moved if it was ([`Mesh::translation`]): rounded.
     pub rounded: u32,
     /// The largest change of a coordinate by that, in the mesh's units.
