@@ -147,10 +147,14 @@ const fn wanted(next: Next) -> &'static str {
 }
 
 fn coordinate(word: &[u8], at: impl Fn() -> Place) -> Result<f64, MeshError> {
-    std::str::from_utf8(word).ok().and_then(number).ok_or_else(|| MeshError::Malformed {
-        at: at(),
-        what: format!("'{}' is not a coordinate", word.escape_ascii()),
-    })
+    match std::str::from_utf8(word).ok().and_then(number) {
+        Some(x) if fits(x) => Ok(x),
+        Some(x) => Err(MeshError::NonFinite { at: at(), value: format!("{x:?}") }),
+        None => {
+            let what = format!("'{}' is not a coordinate", word.escape_ascii());
+            Err(MeshError::Malformed { at: at(), what })
+        }
+    }
 }
 
 /// Triangles, each with vertices of its own.
