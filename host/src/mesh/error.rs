@@ -19,7 +19,7 @@ pub enum Spot {
     /// No place in particular.
     #[default]
     Whole,
-    /// The header of a PLY file.
+    /// The header of a file.
     Header,
     /// A line of a text file, counted from 1.
     Line(u64),

@@ -503,13 +503,12 @@ impl File<'_> {
         };
         let path = folder.join(&*name);
         let read = || {
-            let file = std::fs::File::open(&path)?;
-            // What a pipe or a device holds has no end.
-            if !file.metadata()?.is_file() {
+            // A pipe may never open, and a device never end.
+            if !std::fs::metadata(&path)?.is_file() {
                 return Err(std::io::Error::other("not a regular file"));
             }
             let mut bytes = Vec::new();
-            file.take(length).read_to_end(&mut bytes)?;
+            std::fs::File::open(&path)?.take(length).read_to_end(&mut bytes)?;
             Ok(bytes)
         };
         read().map_err(|source| MeshError::Read { path: path.clone(), source })

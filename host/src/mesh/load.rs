@@ -97,7 +97,7 @@ fn sniff(bytes: &[u8]) -> Option<Format> {
 
 /// The nearest `f64` to a number in decimal, but none that lies halfway between two `f32` unless the number does: so
 /// that rounding it once more gives the `f32` nearest to the number.
-pub(super) fn number(text: &str) -> Option<f64> {
+pub(super) fn decimal(text: &str) -> Option<f64> {
     let x: f64 = text.parse().ok()?;
     // The 29 digits that go are a one and zeros; below the normal numbers it is easier not to look.
     let halfway = x.to_bits() << 35 == 1 << 63 || x.abs() < f64::from(f32::MIN_POSITIVE);

@@ -3,7 +3,7 @@
 //! `ply-rs-bw` reads the header and binary elements. Text elements are read here: version 4.0.1 refuses
 //! numbers such as `.5` and `1.`, and takes three times as long.
 
-use super::load::{Raw, number};
+use super::load::{Raw, decimal};
 use super::{MeshError, Place, fits};
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{
@@ -249,7 +249,7 @@ impl Words<'_> {
     }
 
     fn coordinate(&mut self) -> Result<f64, MeshError> {
-        self.read("a coordinate", number)
+        self.read("a coordinate", decimal)
     }
 
     fn number<T: std::str::FromStr>(&mut self, wanted: &str) -> Result<T, MeshError> {

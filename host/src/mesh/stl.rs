@@ -5,7 +5,7 @@
 //!
 //! Every triangle has three vertices of its own: corner `k` of triangle `i` is vertex `3 i + k`. Normals are passed over.
 
-use super::load::{Raw, number};
+use super::load::{Raw, decimal};
 use super::{MeshError, Place, fits};
 use raykd_shared::limits::MAX_TRIANGLES;
 
@@ -147,7 +147,7 @@ const fn wanted(next: Next) -> &'static str {
 }
 
 fn coordinate(word: &[u8], at: impl Fn() -> Place) -> Result<f64, MeshError> {
-    match std::str::from_utf8(word).ok().and_then(number) {
+    match std::str::from_utf8(word).ok().and_then(decimal) {
         Some(x) if fits(x) => Ok(x),
         Some(x) => Err(MeshError::NonFinite { at: at(), value: format!("{x:?}") }),
         None => {
