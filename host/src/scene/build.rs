@@ -125,6 +125,7 @@ impl<'d> Scene<'d> {
             mesh: on_device,
             corners,
             kept: mesh.kept().to_vec(),
+            translation: mesh.translation(),
             times: built.times,
             traversal: Traversal::default(),
             intersector: Intersector::default(),
