@@ -8,7 +8,7 @@ pub mod exact;
 pub mod exec;
 mod intersector;
 pub mod mesh;
-pub mod output;
+mod output;
 #[cfg(feature = "plan")]
 pub mod plan;
 pub mod rays;
