@@ -125,6 +125,13 @@ impl Default for BuildOptions {
 }
 
 impl BuildOptions {
+    /// Refuses costs that no tree may have, see `raykd_shared::TreeView::validate`.
+    pub(crate) fn check(&self) -> Result<(), Error> {
+        let costs = [("cost_step", self.cost_step), ("cost_test", self.cost_test)];
+        let wrong = costs.into_iter().find(|(_, cost)| !(cost.is_finite() && *cost >= 0.0));
+        wrong.map_or(Ok(()), |(name, cost)| Err(Error::Cost { name, cost }))
+    }
+
     /// What the surface area heuristic weighs in the scaled mesh.
     pub(crate) fn costs(&self, mesh: &Mesh) -> Costs {
         let (lo, hi) = mesh.scaled_bounds();

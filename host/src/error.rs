@@ -103,6 +103,14 @@ pub enum Error {
         /// What is wrong with it.
         what: String,
     },
+    /// A cost by which trees are built is no finite number, or below 0.
+    #[error("{name} is {cost}; it must be a finite number from 0 up")]
+    Cost {
+        /// The option.
+        name: &'static str,
+        /// What it was.
+        cost: f32,
+    },
     /// A triangle test was asked for what only the default one does.
     #[error(
         "intersector {name} works with the traversals stack and brute, for closest and any hits; {asked} needs the default, {}",

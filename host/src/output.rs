@@ -259,3 +259,94 @@ pub(crate) fn write_folder(folder: &Path, files: &[(String, Vec<u8>)]) -> Result
     }
     Ok(())
 }
+
+#[cfg(all(test, feature = "cli"))]
+mod tests {
+    use super::*;
+
+    fn files(all: &[(&str, &str)]) -> Vec<(String, Vec<u8>)> {
+        all.iter().map(|(name, text)| ((*name).to_owned(), text.as_bytes().to_vec())).collect()
+    }
+
+    /// Names and contents.
+    fn seen(folder: &Path) -> Vec<(String, String)> {
+        let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap());
+        let entry = |it: fs::DirEntry| {
+            let text = if it.path().is_file() {
+                fs::read_to_string(it.path()).unwrap()
+            } else {
+                "folder".to_owned()
+            };
+            (it.file_name().into_string().unwrap(), text)
+        };
+        let mut all: Vec<_> = entries.map(entry).collect();
+        all.sort();
+        all
+    }
+
+    fn is(folder: &Path, expected: &[(&str, &str)]) {
+        let expected: Vec<_> = expected.iter().map(|(a, b)| ((*a).to_owned(), (*b).to_owned())).collect();
+        assert_eq!(seen(folder), expected);
+    }
+
+    #[test]
+    fn a_new_folder_appears_with_all_its_files_or_not_at_all() {
+        let above = tempfile::tempdir().unwrap();
+        let folder = above.path().join("charts");
+        write_folder(&folder, &files(&[("a", "1"), ("none/b", "2")])).unwrap_err();
+        is(above.path(), &[]);
+        write_folder(&folder, &files(&[("a", "1"), ("b", "2")])).unwrap();
+        is(above.path(), &[("charts", "folder")]);
+        is(&folder, &[("a", "1"), ("b", "2")]);
+    }
+
+    #[test]
+    fn files_of_a_folder_are_replaced_together_or_not_at_all() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path();
+        for (name, text) in [("a", "old"), ("b", "old"), ("mine", "kept")] {
+            fs::write(path.join(name), text).unwrap();
+        }
+        #[expect(clippy::permissions_set_readonly_false, reason = "a test's own file")]
+        let fixed = |it: bool| {
+            let mut mode = fs::metadata(path.join("b")).unwrap().permissions();
+            mode.set_readonly(it);
+            fs::set_permissions(path.join("b"), mode).unwrap();
+        };
+        fixed(true);
+        let error = write_folder(path, &files(&[("a", "new"), ("b", "new")])).unwrap_err().to_string();
+        assert!(error.contains("b: the file is read-only"), "{error}");
+        is(path, &[("a", "old"), ("b", "old"), ("mine", "kept")]);
+        fixed(false);
+        write_folder(path, &files(&[("a", "new"), ("b", "new"), ("c", "new")])).unwrap();
+        is(path, &[("a", "new"), ("b", "new"), ("c", "new"), ("mine", "kept")]);
+    }
+
+    #[test]
+    fn writing_that_fails_leaves_the_old_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        write_whole(&path, |file| file.write_all(b"old")).unwrap();
+        let half = |file: &mut BufWriter<&mut File>| {
+            file.write_all(&[0; 100_000])?;
+            Err(io::Error::other("no more"))
+        };
+        assert!(write_whole(&path, half).unwrap_err().to_string().contains("no more"));
+        is(folder.path(), &[("a", "old")]);
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_stopped_program_leaves_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        let stop = |file: &mut BufWriter<&mut File>| {
+            file.write_all(&[0; 100_000])?;
+            drop(abandon());
+            is(folder.path(), &[]);
+            Ok(())
+        };
+        write_whole(&path, stop).unwrap_err();
+        is(folder.path(), &[]);
+    }
+}

@@ -15,8 +15,9 @@ impl<'d> Scene<'d> {
     /// Builds the tree of a mesh on a device.
     ///
     /// # Errors
-    /// The mesh does not fit the device, or the device failed.
+    /// A cost is not finite or below 0, the mesh does not fit the device, or the device failed.
     pub fn build(device: &'d Device, mesh: &Mesh, options: &BuildOptions) -> Result<Self, Error> {
+        options.check()?;
         let triangles = mesh.kept().len() as f32;
         let most = options.budget.map_or(u32::MAX, |b| (b.max(1.0) * triangles) as u32);
         let mut options = options.clone();
@@ -154,4 +155,27 @@ pub(super) fn lay_out(
     let buffers = vec![header_buffer, &mesh.positions, &mesh.indices, refs, &laid];
     let time = device.run(&[Step::over(kernel, header.refs, buffers)], false)?.total;
     Ok((laid, time))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A tree that such costs are written into is no valid one.
+    #[test]
+    fn costs_that_are_none_are_refused() {
+        let (device, mesh) = (Device::cpu(), Mesh::teapot(1));
+        for cost in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -1.0] {
+            for builder in Builder::ALL {
+                let usual = BuildOptions { builder, ..BuildOptions::default() };
+                for (name, options) in [
+                    ("cost_step", BuildOptions { cost_step: cost, ..usual.clone() }),
+                    ("cost_test", BuildOptions { cost_test: cost, ..usual.clone() }),
+                ] {
+                    let error = Scene::build(&device, &mesh, &options).unwrap_err().to_string();
+                    assert!(error.contains(name) && error.contains("finite number"), "{error}");
+                }
+            }
+        }
+    }
 }

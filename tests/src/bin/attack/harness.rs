@@ -19,7 +19,7 @@ use std::{
 /// A case that takes longer hangs.
 const CASE: Duration = Duration::from_secs(90);
 /// A run of the program that takes longer hangs.
-pub(crate) const RUN: Duration = Duration::from_secs(30);
+pub(crate) const RUN: Duration = Duration::from_secs(60);
 /// Cases at a time.
 const WORKERS: usize = 2;
 /// What is not tried by then counts as wrong: an attack that nobody waits for finds nothing.

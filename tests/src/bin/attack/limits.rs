@@ -36,9 +36,9 @@ pub(crate) fn cases() -> Vec<Case> {
     // Of memory, in megabytes: enough, or a message. (What Rust says where a list cannot grow is one, and then it aborts.)
     for megabytes in [64, 96, 128, 192, 256, 512, 1024] {
         for line in [
-            "build teapot:150 --device cpu -o out.png",
-            "trace teapot:100 --rays rays --device cpu --query all --limit 65536 --hits out.png",
-            "render teapot:100 --device cpu --size 2000x2000 -o out.png",
+            "build teapot:60 --device cpu -o out.png",
+            "trace teapot:60 --rays rays --device cpu --query all --limit 65536 --hits out.png",
+            "render teapot:60 --device cpu --size 2000x2000 -o out.png",
         ] {
             all.push(Case::one(format!("limits/memory {megabytes} MB, {line}"), move || {
                 memory(megabytes, line)
@@ -49,7 +49,6 @@ pub(crate) fn cases() -> Vec<Case> {
         all.push(Case::one(format!("limits/endless mesh, {file}"), move || endless(file)));
     }
     let limits = [
-        "ulimit -n 3",
         "ulimit -n 4",
         "ulimit -n 6",
         "ulimit -n 10",
@@ -99,7 +98,7 @@ pub(crate) fn cases() -> Vec<Case> {
         let folder = folder();
         let before = contents(folder.path());
         let ran = run(&mut under(
-            "ulimit -t 1",
+            "ulimit -S -t 1",
             folder.path(),
             "build teapot:300 --builder exact --device cpu -o out.png",
         ))?;
