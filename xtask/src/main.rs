@@ -4,6 +4,7 @@ use anyhow::Context as _;
 use clap::{Parser, Subcommand};
 use std::path::Path;
 
+mod attack;
 mod kernels;
 mod scenes;
 mod test;
@@ -23,6 +24,8 @@ enum Task {
     Kernels(kernels::Args),
     /// Get the Stanford dragons and Sponza.
     Scenes(scenes::Args),
+    /// Try to bring raykd down: hostile files, trees, places, limits and moments, each answer judged.
+    Attack(attack::Args),
     /// Run every test; where no Vulkan driver is found, install a software one first.
     Test(test::Args),
 }
@@ -32,6 +35,7 @@ fn main() -> anyhow::Result<()> {
     match Cli::parse().task {
         Task::Kernels(args) => kernels::run(&args, root),
         Task::Scenes(args) => scenes::run(&args, root),
+        Task::Attack(args) => attack::run(&args, root),
         Task::Test(args) => test::run(&args, root),
     }
 }
