@@ -120,10 +120,9 @@ fn nearest(numerator: &BigInt, denominator: &BigInt) -> f64 {
     if numerator.is_negative() { -size } else { size }
 }
 
-/// A number of 24 digits as `f32`, without those that are too small to be normal.
+/// A number of 24 digits as `f32`: 0 if it is too small to be normal, infinite if it is too large.
 fn narrow(x: f64) -> f32 {
-    let narrow = x as f32;
-    if narrow.is_normal() || narrow.is_infinite() { narrow } else { 0.0 }
+    if x.abs() < f64::from(f32::MIN_POSITIVE) { 0.0 } else { x as f32 }
 }
 
 /// A finite number times `2^149`: an integer.
@@ -242,7 +241,9 @@ mod tests {
         }
         assert_eq!(nearest(&BigInt::from(0), &BigInt::from(7)), 0.0);
         let least = f64::from(f32::MIN_POSITIVE);
-        let sizes = [least, least * 0.999, 2f64.powi(128), -2f64.powi(128), 3e38];
+        let below = least - 2f64.powi(-150);
+        assert_eq!(below as f32, f32::MIN_POSITIVE);
+        let sizes = [least, below, 2f64.powi(128), -2f64.powi(128), f64::from(3e38f32)];
         assert_eq!(sizes.map(narrow), [f32::MIN_POSITIVE, 0.0, f32::INFINITY, f32::NEG_INFINITY, 3e38]);
     }
 
