@@ -329,8 +329,8 @@ fn a_flat_mesh_may_be_far_away() {
     for _ in 0..500 {
         let least = f32::MIN_POSITIVE;
         let x = [0.0, least, -least, small, small + 2.0 * least, random.signed(), 1.0][random.below(7)];
-        let y = [1.0, random.signed() * 4.0][random.below(2)];
-        let slant = [0.0, least, small / distance, 1.0 / distance][random.below(4)];
+        let y = [0.0, least, -least, 1.0, random.signed() * 4.0][random.below(5)];
+        let slant = [0.0, least, -least, small / distance, 1.0 / distance][random.below(5)];
         rays.push(Ray::new([x, y, [0.0, -least][random.below(2)]], [slant, -0.0, 1.0]));
     }
     let hits = check(&mesh, &rays).unwrap();
