@@ -511,29 +511,3 @@ fn subnormal_numbers_in_rays_are_zeros() {
     let found = hits(&mesh, &with(smallest));
     assert!(found[4].is_hit() && !hits(&mesh, &with(tiny))[4].is_hit());
 }
-
-/// Rows of the README's table name tests that there are.
-#[test]
-fn every_row_of_the_contract_has_its_test() {
-    let readme = include_str!("../../README.md");
-    let tests = concat!(
-        include_str!("contract.rs"),
-        include_str!("hits.rs"),
-        include_str!("oracle.rs"),
-        include_str!("unrounded.rs")
-    );
-    let table = readme.split_once("## The contract").unwrap().1;
-    let rows: Vec<&str> = table.lines().skip_while(|line| !line.starts_with("|---")).skip(1).collect();
-    let rows = rows.iter().take_while(|line| line.starts_with('|'));
-    let mut count = 0;
-    for row in rows {
-        let names = row.trim_end_matches('|').rsplit('|').next().unwrap();
-        let names: Vec<&str> = names.split('`').skip(1).step_by(2).collect();
-        assert!(!names.is_empty(), "no test: {row}");
-        for name in names {
-            assert!(tests.contains(&format!("fn {name}(")), "no test {name}: {row}");
-        }
-        count += 1;
-    }
-    assert!(count > 8);
-}

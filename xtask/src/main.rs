@@ -5,6 +5,7 @@ use clap::{Parser, Subcommand};
 use std::path::Path;
 
 mod kernels;
+mod results;
 mod scenes;
 mod test;
 mod toolchain;
@@ -21,6 +22,8 @@ struct Cli {
 enum Task {
     /// Compile the kernels to SPIR-V: kernels/spv/raykd.spv and its manifest.
     Kernels(kernels::Args),
+    /// Write docs/results.md from the measurements in docs/results.
+    Results(results::Args),
     /// Get the Stanford dragons and Sponza.
     Scenes(scenes::Args),
     /// Run every test; where no Vulkan driver is found, install a software one first.
@@ -31,6 +34,7 @@ fn main() -> anyhow::Result<()> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().context("xtask lies in the repository")?;
     match Cli::parse().task {
         Task::Kernels(args) => kernels::run(&args, root),
+        Task::Results(args) => results::run(&args, root),
         Task::Scenes(args) => scenes::run(&args, root),
         Task::Test(args) => test::run(&args, root),
     }
