@@ -27,7 +27,8 @@ fn files(folder: &Path, end: &str) -> Vec<PathBuf> {
 
 /// README and its like, and what docs holds.
 fn papers() -> Vec<(PathBuf, String)> {
-    let ours = ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "peers/README.md"].map(|name| root().join(name));
+    let ours =
+        ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "peers/README.md"].map(|name| root().join(name));
     let all = ours.into_iter().chain(files(&root().join("docs"), ".md"));
     all.map(|path| (path.clone(), fs::read_to_string(path).unwrap())).collect()
 }
@@ -87,9 +88,8 @@ fn speeds_of_the_readme_are_measured() {
     for file in files(&root().join("docs/results"), ".json") {
         let section: Value = serde_json::from_str(&fs::read_to_string(file).unwrap()).unwrap();
         for table in section["tables"].as_array().unwrap() {
-            let of_dragon = |row: &&Value| {
-                row[0] == "dragon" || table["title"].as_str().unwrap().starts_with("Dragon")
-            };
+            let of_dragon =
+                |row: &&Value| row[0] == "dragon" || table["title"].as_str().unwrap().starts_with("Dragon");
             let rows = table["rows"].as_array().unwrap().iter().filter(of_dragon);
             measured.extend(rows.flat_map(|row| row.as_array().unwrap()).filter_map(Value::as_f64));
         }
@@ -99,7 +99,8 @@ fn speeds_of_the_readme_are_measured() {
     let mut cells = 0;
     for row in table.lines().skip(2).take_while(|line| line.starts_with('|')) {
         for cell in row.trim_matches('|').split('|').skip(1).map(str::trim).filter(|cell| *cell != "-") {
-            let number: f64 = cell.replace(',', "").parse().unwrap_or_else(|_| panic!("{cell} is no number: {row}"));
+            let number: f64 =
+                cell.replace(',', "").parse().unwrap_or_else(|_| panic!("{cell} is no number: {row}"));
             assert!(measured.contains(&number), "{cell} is not in docs/results: {row}");
             cells += 1;
         }
