@@ -31,7 +31,7 @@
 //! `cargo xtask kernels` refuses SPIR-V that breaks the first three.
 //!
 //! # Features
-//! `traffic` counts the bytes that kernels move on the CPU, which slows them.
+//! * `traffic`: count the bytes that kernels move on the CPU, which slows them.
 #![no_std]
 
 #[macro_use]

@@ -124,7 +124,7 @@ impl Table {
         if let Some(recorded) = &self.recorded {
             write!(caption, ", recorded in {recorded}")?;
         }
-        write!(page, "{}.\n", wrapped(&caption))?;
+        writeln!(page, "{}.", wrapped(&caption))?;
         match &self.command {
             Some(command) => write!(page, "Command:\n\n    {command}\n\n")?,
             None => page.push_str("Command: unknown.\n\n"),

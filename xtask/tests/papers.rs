@@ -107,3 +107,31 @@ fn speeds_of_the_readme_are_measured() {
     }
     assert!(cells > 8, "{cells} cells");
 }
+
+/// The crates are published without the folder docs.
+#[test]
+fn no_published_crate_points_to_docs() {
+    for folder in ["shared", "kernels", "oracle", "host"] {
+        for path in files(&root().join(folder).join("src"), ".rs") {
+            for (i, line) in fs::read_to_string(&path).unwrap().lines().enumerate() {
+                let is_doc = line.trim_start().starts_with("///") || line.trim_start().starts_with("//!");
+                assert!(!is_doc || !line.contains("docs/"), "{}:{}: {line}", path.display(), i + 1);
+            }
+        }
+    }
+}
+
+#[test]
+fn features_are_documented() {
+    for folder in ["host", "kernels"] {
+        let read = |file: &str| fs::read_to_string(root().join(folder).join(file)).unwrap();
+        let manifest = read("Cargo.toml");
+        let (_, features) = manifest.split_once("[features]\n").unwrap();
+        let features = features.lines().take_while(|line| !line.starts_with('['));
+        let names = features.filter_map(|line| line.split_once(" = ")).map(|(name, _)| name);
+        let front = read("src/lib.rs");
+        for name in names.filter(|name| *name != "default") {
+            assert!(front.contains(&format!("//! * `{name}`")), "{folder}/src/lib.rs says nothing of {name}");
+        }
+    }
+}
