@@ -1,9 +1,9 @@
 //! What must hold of any bytes: no panic, no hang, no memory beyond the input's order, and right answers.
 
 use raykd::{
-    BuildOptions, Builder, Device, KdTree, Mesh, Ray, Scene,
-    exec::Cpu,
-    shared::{LAYOUT_VERSION, TreeHeader},
+    BuildOptions, Builder, Device, Error, Hit, Intersector, KdTree, Mesh, Query, Ray, Scene, Traversal,
+    internals::Cpu,
+    shared::{LAYOUT_VERSION, MISS, Node, TreeHeader, TreeView},
     stress::{SLACK, is_ray, settled},
 };
 use raykd_oracle::Oracle;
@@ -51,7 +51,8 @@ pub fn mesh(name: &str, bytes: &[u8]) {
 pub fn tree(bytes: &[u8]) {
     static TEAPOT: LazyLock<Mesh> = LazyLock::new(|| Mesh::teapot(1));
     static HEADER: LazyLock<TreeHeader> = LazyLock::new(|| {
-        *Scene::build(&CPU, &TEAPOT, &BuildOptions::default()).expect("a CPU builds it").header()
+        let scene = Scene::build(&CPU, &TEAPOT, &BuildOptions::default()).expect("a CPU builds it");
+        *scene.tree().expect("a CPU gives it back").view().header
     });
     assert!(KdTree::from_bytes(bytes).is_err(), "a checksum by chance");
     // The first byte says how many words are references.
@@ -59,8 +60,11 @@ pub fn tree(bytes: &[u8]) {
     let words = rest.len() / 4;
     let refs = usize::from(refs).min(words);
     let nodes = (words - refs) / 2;
-    let header =
-        TreeHeader { nodes: nodes as u32, refs: refs as u32, depth: (rest.len() % 49) as u32, ..*HEADER };
+    let depth = (rest.len() % 49) as u32;
+    let mut header = TreeHeader { nodes: nodes as u32, refs: refs as u32, depth, ..*HEADER };
+    let node_words: Vec<Node> = bytemuck::pod_collect_to_vec(&rest[..nodes * 8]);
+    let ref_words: Vec<u32> = bytemuck::pod_collect_to_vec(&rest[nodes * 8..][..refs * 4]);
+    header.checksum = TreeView { header: &header, nodes: &node_words, refs: &ref_words }.checksum();
     let mut file = b"raykd-kd".to_vec();
     file.extend(LAYOUT_VERSION.to_le_bytes());
     file.extend(bytemuck::bytes_of(&header));
@@ -68,8 +72,11 @@ pub fn tree(bytes: &[u8]) {
     file.extend(Sha256::digest(&file).as_slice());
     let Ok(tree) = KdTree::from_bytes(&file) else { return };
     // Wrong trees may lose hits; they must not do harm.
-    if let Ok(scene) = Scene::with_tree(&CPU, &TEAPOT, &tree) {
-        scene.closest(&around(&TEAPOT)).expect("a CPU does it");
+    if let Ok(mut scene) = Scene::with_tree(&CPU, &TEAPOT, &tree) {
+        for traversal in Traversal::ALL {
+            scene.traverse_by(traversal).expect("a CPU does it");
+            scene.closest(&around(&TEAPOT)).expect("a CPU does it");
+        }
     }
 }
 
@@ -105,6 +112,78 @@ pub fn triangles(bytes: &[u8]) {
         let exact = BuildOptions { builder: Builder::Exact, ..BuildOptions::default() };
         let scene = Scene::exact_by_kernels(&CPU, &mesh, &exact, 5).expect("kernels build it");
         let tree = scene.tree().expect("a CPU gives it back");
-        assert_eq!(tree.digest(), raykd::exact::build(&mesh, &exact).digest());
+        assert_eq!(tree.digest(), raykd::internals::exact_by_host(&mesh, &exact).digest());
+    }
+}
+
+/// Calls of the library in any order, with any options and sizes: errors or right answers, and what is asked twice is
+/// answered twice the same.
+pub fn api(bytes: &[u8]) {
+    static TEAPOT: LazyLock<Mesh> = LazyLock::new(|| Mesh::teapot(1));
+    let mut bytes = bytes.iter().copied();
+    // What is not there counts as 0.
+    let mut byte = || bytes.next().unwrap_or(0);
+    let mut word = || u32::from_le_bytes([byte(), byte(), byte(), byte()]);
+    let mut options = BuildOptions { max_depth: word() % 64, ..BuildOptions::default() };
+    options.builder = Builder::ALL[word() as usize % Builder::ALL.len()];
+    options.clip = word().is_multiple_of(2);
+    for field in [&mut options.cost_step, &mut options.cost_test, &mut options.price, &mut options.empty] {
+        match word() {
+            0 => {}
+            bits => *field = f32::from_bits(bits),
+        }
+    }
+    match word() {
+        0 => {}
+        bits => options.budget = Some(f32::from_bits(bits)),
+    }
+    options.long = word();
+    let Ok(mut scene) = Scene::build(&CPU, &TEAPOT, &options) else { return };
+    let tree = scene.tree().expect("a CPU gives it back");
+    tree.validate().expect("builders make valid trees");
+    let rays = around(&TEAPOT);
+    let same = |a: &[Hit], b: &[Hit]| bytemuck::cast_slice::<_, u8>(a) == bytemuck::cast_slice::<_, u8>(b);
+    loop {
+        let rays = &rays[..(word() % 9) as usize];
+        let refused = |error: Error| assert!(matches!(error, Error::Intersector { .. }), "{error}");
+        match word() % 9 {
+            0 => return,
+            1 => scene
+                .traverse_by(Traversal::ALL[word() as usize % Traversal::ALL.len()])
+                .unwrap_or_else(refused),
+            2 => scene
+                .intersect_by(Intersector::ALL[word() as usize % Intersector::ALL.len()])
+                .unwrap_or_else(refused),
+            3 => {
+                let hits = scene.closest(rays).expect("a CPU does it");
+                assert!(same(&hits, &scene.brute(rays).expect("a CPU does it")));
+            }
+            4 => {
+                let any = scene.any(rays).expect("a CPU does it");
+                let closest = scene.closest(rays).expect("a CPU does it");
+                assert!(any.iter().zip(&closest).all(|(a, b)| a.is_hit() == b.is_hit()));
+            }
+            5 => match scene.all(rays, word() % 4 * (word() % 3)) {
+                Ok(all) => assert_eq!(all.totals.len(), rays.len()),
+                Err(error) => refused(error),
+            },
+            6 => {
+                let excluded: Vec<u32> =
+                    (0..word() % 9).map(|i| if i % 3 == 0 { MISS } else { word() }).collect();
+                match scene.trace_except(Query::Closest, rays, &excluded) {
+                    Ok(traced) => assert_eq!(traced.hits.len(), rays.len()),
+                    Err(Error::Excluded { .. }) => assert_ne!(rays.len(), excluded.len()),
+                    Err(error) => refused(error),
+                }
+            }
+            7 => match scene.steps(rays) {
+                Ok((hits, steps)) => assert_eq!((hits.len(), steps.len()), (rays.len(), rays.len())),
+                Err(error) => refused(error),
+            },
+            _ => {
+                let again = Scene::with_tree(&CPU, &TEAPOT, &tree).expect("it is the teapot's");
+                assert_eq!(again.tree().expect("a CPU gives it back"), tree);
+            }
+        }
     }
 }

@@ -25,7 +25,7 @@ fn traces(criterion: &mut Criterion) {
     group.throughput(Throughput::Elements(rays.len() as u64));
     for traversal in Traversal::ALL.into_iter().filter(|&traversal| traversal != Traversal::Brute) {
         scene.traverse_by(traversal).expect("a small tree");
-        let resident = scene.resident(&rays).expect("few rays");
+        let mut resident = scene.resident(&rays).expect("few rays");
         group.bench_function(BenchmarkId::new("closest", traversal), |bench| {
             bench.iter(|| resident.trace(Query::Closest).expect("a trace"));
         });

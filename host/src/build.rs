@@ -243,6 +243,8 @@ impl Room {
 #[derive(Debug)]
 pub(crate) struct MeshBuffers {
     pub positions: Buffer,
+    /// Numbers in it.
+    pub coordinates: usize,
     pub indices: Buffer,
 }
 
@@ -253,7 +255,7 @@ pub(crate) fn upload(device: &Device, mesh: &Mesh) -> Result<MeshBuffers, Error>
     let indices = device.alloc("indices", mesh.triangles().len() as u64 * 12)?;
     device.write(&positions, 0, bytemuck::cast_slice(&coordinates))?;
     device.write(&indices, 0, bytemuck::cast_slice(mesh.triangles()))?;
-    Ok(MeshBuffers { positions, indices })
+    Ok(MeshBuffers { positions, coordinates: coordinates.len(), indices })
 }
 
 pub(crate) fn params(mesh: &Mesh, options: &BuildOptions, room: Room, max_depth: u32) -> BuildParams {
@@ -485,7 +487,7 @@ fn attempt_build(
     let last = number as usize % 2;
     let buffers = vec![&levels[last], &treelet_sizes, &treelet_blocks, &places, &state];
     steps.push(Step::indirect(&PLACE, &args[last], ARGS_TREELET_BLOCKS, buffers));
-    let first_part = device.run(&steps, profile)?;
+    let first_part = device.dispatch(&steps, profile)?;
     let mut kernels = Vec::new();
     add_times(&mut kernels, &steps, &first_part);
 
@@ -512,7 +514,7 @@ fn attempt_build(
             vec![&state, &treelets, &treelet_refs, scratch, &treelet_sizes, &places, &nodes, &out],
         ),
     ];
-    let second_part = device.run(&steps, profile)?;
+    let second_part = device.dispatch(&steps, profile)?;
     add_times(&mut kernels, &steps, &second_part);
     let header = TreeHeader {
         lo: params.lo,
@@ -524,7 +526,8 @@ fn attempt_build(
         scale: mesh.scale(),
         cost_step: params.cost_step,
         cost_test: params.cost_test,
-        reserved: [0; 3],
+        mesh: [0; 2],
+        checksum: 0,
     };
     let times = BuildTimes {
         upload,

@@ -834,7 +834,7 @@ impl Builder<'_> {
 
 /// Builds the tree of `mesh` on the CPU, by the threads of the current rayon pool. The same mesh and options give
 /// the same bytes. Where splitting does not separate the triangles, the depth is halved until memory suffices.
-pub fn build(mesh: &Mesh, options: &BuildOptions) -> KdTree {
+pub(crate) fn build(mesh: &Mesh, options: &BuildOptions) -> KdTree {
     build_counted(mesh, options).0
 }
 
@@ -905,7 +905,8 @@ fn attempt(mesh: &Mesh, options: &BuildOptions) -> Option<(KdTree, u64)> {
         scale: mesh.scale(),
         cost_step: options.cost_step,
         cost_test: options.cost_test,
-        reserved: [0; 3],
+        mesh: [0; 2],
+        checksum: 0,
     };
     let held = held + bytes(&tree.nodes) + bytes(&tree.refs);
     Some((KdTree { header, nodes: tree.nodes, refs: tree.refs }, held))

@@ -44,13 +44,14 @@
 
 mod build;
 #[cfg(feature = "cli")]
+#[doc(hidden)]
 pub mod cli;
 mod error;
-pub mod exact;
-pub mod exec;
+mod exact;
+mod exec;
 mod intersector;
 pub mod mesh;
-pub mod output;
+mod output;
 #[cfg(feature = "plan")]
 pub mod plan;
 pub mod rays;
@@ -66,7 +67,9 @@ mod tree;
 
 pub use build::{BuildOptions, BuildTimes, Builder, KernelTimes};
 pub use error::Error;
-pub use exec::Device;
+#[cfg(feature = "gpu")]
+pub use exec::{AdapterReport, Verdict, adapters};
+pub use exec::{Device, Limit};
 pub use intersector::Intersector;
 pub use mesh::Mesh;
 pub use raykd_kernels as kernels;
@@ -82,3 +85,18 @@ pub use tree::{KdTree, hits_digest};
 #[cfg(doctest)]
 #[doc = include_str!("../../README.md")]
 struct Readme;
+
+/// What raykd's own tests look at: executors, buffers, steps. No version promises anything about it.
+#[doc(hidden)]
+pub mod internals {
+    #[cfg(feature = "gpu")]
+    pub use crate::exec::Gpu;
+    pub use crate::exec::{Buffer, Cpu, Groups, Step, Timing, watch};
+    use crate::{BuildOptions, KdTree, Mesh};
+
+    /// The host's form of [`Builder::Exact`](crate::Builder::Exact).
+    pub fn exact_by_host(mesh: &Mesh, options: &BuildOptions) -> KdTree {
+        let KdTree { header, nodes, refs } = crate::exact::build(mesh, options);
+        KdTree::sealed(header, nodes, refs, mesh.digest())
+    }
+}

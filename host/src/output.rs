@@ -11,7 +11,7 @@ use std::{
 ///
 /// # Errors
 /// The path is a folder, or nothing can be written beside it.
-pub fn check(path: &Path) -> Result<(), Error> {
+pub(crate) fn check(path: &Path) -> Result<(), Error> {
     let fail = |source| Error::Io { path: path.to_owned(), source };
     if path.is_dir() {
         return Err(fail(io::ErrorKind::IsADirectory.into()));
@@ -44,7 +44,7 @@ fn beside(path: &Path) -> io::Result<tempfile::NamedTempFile> {
 ///
 /// # Errors
 /// The folder or the file cannot be written, or the disk is full; `path` is then as it was.
-pub fn write_whole(
+pub(crate) fn write_whole(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>,
 ) -> Result<(), Error> {

@@ -12,6 +12,7 @@ use crate::{
     BuildTimes, Error, Intersector, KdTree,
     build::MeshBuffers,
     exec::{Buffer, Device},
+    mesh::digest,
     traversal::Traversal,
 };
 use extras::Extras;
@@ -45,7 +46,7 @@ impl<'d> Scene<'d> {
         &self.times
     }
 
-    /// The tree's header.
+    /// The tree's header. Its digest of the mesh and its checksum are zeros: [`Scene::tree`] fills them in.
     pub const fn header(&self) -> &TreeHeader {
         &self.header
     }
@@ -55,11 +56,13 @@ impl<'d> Scene<'d> {
     /// # Errors
     /// The device failed.
     pub fn tree(&self) -> Result<KdTree, Error> {
-        Ok(KdTree {
-            header: self.header,
-            nodes: self.device.read(&self.nodes, 0, self.header.nodes as usize)?,
-            refs: self.device.read(&self.refs, 0, self.header.refs as usize)?,
-        })
+        let nodes = self.device.read(&self.nodes, 0, self.header.nodes as usize)?;
+        let refs = self.device.read(&self.refs, 0, self.header.refs as usize)?;
+        let positions: Vec<f32> = self.device.read(&self.mesh.positions, 0, self.mesh.coordinates)?;
+        let indices: Vec<[u32; 3]> =
+            self.device.read(&self.mesh.indices, 0, self.header.triangles as usize)?;
+        let mesh = self.device.install(|| digest(&positions, &indices, &self.kept));
+        Ok(KdTree::sealed(self.header, nodes, refs, mesh))
     }
 
     /// How rays find their way through the tree.

@@ -42,9 +42,38 @@ impl KdTree {
             scale: mesh.scale(),
             cost_step: options.cost_step,
             cost_test: options.cost_test,
-            reserved: [0; 3],
+            mesh: [0; 2],
+            checksum: 0,
         };
         Self { header, nodes, refs }
+    }
+
+    /// A tree whose header says which mesh it is of, and has its checksum.
+    pub(crate) fn sealed(mut header: TreeHeader, nodes: Vec<Node>, refs: Vec<u32>, mesh: [u32; 2]) -> Self {
+        header.mesh = mesh;
+        header.checksum = TreeView { header: &header, nodes: &nodes, refs: &refs }.checksum();
+        Self { header, nodes, refs }
+    }
+
+    /// Tells whether this is a tree of these triangles, with these numbers.
+    ///
+    /// # Errors
+    /// It is another mesh's.
+    pub fn check_mesh(&self, mesh: &Mesh) -> Result<(), Error> {
+        let (header, triangles) = (&self.header, mesh.triangles().len());
+        let same = header.triangles as usize == triangles
+            && (header.lo, header.hi) == mesh.scaled_bounds()
+            && header.scale.to_bits() == mesh.scale().to_bits()
+            && header.mesh == mesh.digest();
+        if same {
+            return Ok(());
+        }
+        let counts = if header.triangles as usize == triangles {
+            format!("of as many triangles, {triangles}, but not the same")
+        } else {
+            format!("of {} triangles, this one has {triangles}", header.triangles)
+        };
+        Err(Error::Tree(format!("the tree belongs to another mesh ({counts}); build it again from this one")))
     }
 
     /// Header, nodes and references as they lie in memory, one after the other.
@@ -61,10 +90,12 @@ impl KdTree {
         (size_of_val(self.nodes.as_slice()) + size_of_val(self.refs.as_slice())) as u64
     }
 
-    /// SHA-256 of the tree's bytes, in hexadecimal.
+    /// SHA-256 of the tree's bytes in hexadecimal, with the header's digest and checksum as zeros.
     pub fn digest(&self) -> String {
+        let header = TreeHeader { mesh: [0; 2], checksum: 0, ..self.header };
+        let [_, nodes, refs] = self.parts();
         let mut hasher = Sha256::new();
-        for part in self.parts() {
+        for part in [bytemuck::bytes_of(&header), nodes, refs] {
             hasher.update(part);
         }
         hex(&hasher.finalize())
@@ -135,11 +166,11 @@ impl KdTree {
             return fail("damaged or truncated tree file: its checksum does not match");
         }
         let header: TreeHeader = bytemuck::pod_read_unaligned(&data[start..body]);
-        let node_bytes = header.nodes as usize * size_of::<Node>();
-        let ref_bytes = header.refs as usize * 4;
-        if data.len() - body != node_bytes + ref_bytes {
+        let node_bytes = u64::from(header.nodes) * size_of::<Node>() as u64;
+        if (data.len() - body) as u64 != node_bytes + u64::from(header.refs) * 4 {
             return fail("damaged tree file: its length does not match its header");
         }
+        let node_bytes = node_bytes as usize;
         let nodes = bytemuck::pod_collect_to_vec::<u8, _>(&data[body..body + node_bytes]);
         let refs = bytemuck::pod_collect_to_vec::<u8, _>(&data[body + node_bytes..]);
         let tree = Self { header, nodes, refs };

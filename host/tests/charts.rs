@@ -2,7 +2,7 @@
 
 use raykd::{
     Device, Mesh, Ray,
-    exec::Cpu,
+    internals::Cpu,
     plan::{CHOICES, Calibration, Cost, Seen, cache},
     rays,
 };

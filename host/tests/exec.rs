@@ -1,8 +1,8 @@
 //! The two executors against each other: same kernels, same buffers, same bytes.
 
 use raykd::{
-    Device, Error,
-    exec::{Buffer, Gpu, Groups, Step, Verdict, adapters},
+    Device, Error, Verdict, adapters,
+    internals::{Buffer, Gpu, Groups, Step, Timing},
     kernels::{
         Kernel,
         build::boxes::BOXES,
@@ -10,7 +10,15 @@ use raykd::{
     },
     shared::{BuildParams, limits::GROUPS_X},
 };
-use std::{sync::LazyLock, thread, time::Duration};
+use std::{
+    panic::{self, AssertUnwindSafe},
+    sync::{
+        LazyLock,
+        atomic::{AtomicUsize, Ordering::Relaxed},
+    },
+    thread,
+    time::Duration,
+};
 
 /// What outputs hold before a kernel runs.
 const POISON: u8 = 0xA5;
@@ -36,6 +44,12 @@ fn buffer<T: bytemuck::Pod>(device: &Device, name: &'static str, data: &[T]) -> 
 
 fn poisoned(device: &Device, name: &'static str, bytes: usize) -> Buffer {
     buffer(device, name, &vec![POISON; bytes.next_multiple_of(16)])
+}
+
+/// Runs steps over buffers of these tests.
+fn run(device: &Device, steps: &[Step<'_>], profile: bool) -> Result<Timing, Error> {
+    // SAFETY: the kernels used here, probe and boxes, write by their own number alone, whatever their buffers hold.
+    unsafe { device.run(steps, profile) }
 }
 
 /// All bytes of a buffer.
@@ -83,7 +97,7 @@ fn probe(device: &Device, count: u32, groups: impl Fn(&Buffer) -> Groups<'_>) ->
     let probe = Probe::new(device, count);
     let args = buffer(device, "args", &[9, 9, 9, 0, 1, 1, 1, 1, 1, 2, 3, 1u32]);
     let step = Step { kernel: &PROBE, buffers: probe.buffers(), groups: groups(&args) };
-    device.run(&[step], false).unwrap();
+    run(device, &[step], false).unwrap();
     bytes(device, &probe.results)
 }
 
@@ -111,7 +125,7 @@ fn boxes_give_the_same_bytes() {
         // With room to spare, which must stay as it is.
         let refs = poisoned(device, "refs", triangles as usize * 32 + 4096);
         let step = Step::over(&BOXES, triangles, vec![&params, &positions, &indices, &kept, &refs]);
-        device.run(&[step], false).unwrap();
+        run(device, &[step], false).unwrap();
         bytes(device, &refs)
     });
     assert!(cpu == gpu);
@@ -150,7 +164,7 @@ fn steps_see_what_earlier_steps_wrote() {
             Step::over(&PROBE, 4096, vec![&second, &third, &first.count]),
             Step::over(&PROBE, 4096, vec![&third, &second, &first.count]),
         ];
-        device.run(&steps, false).unwrap();
+        run(device, &steps, false).unwrap();
         device.read::<f32>(&second, 0, 4096 * 8).unwrap()
     });
     // The numbers may grow out of range here, and NaNs have many patterns.
@@ -178,6 +192,78 @@ fn transfers_keep_every_byte() {
     }
 }
 
+/// Whether something panics, with a message that says `what`.
+fn panics(what: &str, act: impl FnOnce()) -> bool {
+    let Err(cause) = panic::catch_unwind(AssertUnwindSafe(act)) else { return false };
+    let text = cause.downcast_ref::<String>().expect("a message with a name in it");
+    assert!(text.contains(what), "{text}");
+    true
+}
+
+#[test]
+fn ranges_outside_a_buffer_are_never_touched() {
+    for device in devices() {
+        let small = device.alloc("small", 64).unwrap();
+        for offset in [64, 61, u64::MAX, u64::MAX - 3, 1 << 63] {
+            assert!(panics("past the end of small", || device.write(&small, offset, &[0; 4]).unwrap()));
+        }
+        // Sizes whose bytes wrap around to few.
+        for count in [17, 1 << 62, (1 << 62) + 1, usize::MAX / 4 + 2, usize::MAX] {
+            assert!(panics("past the end of small", || drop(device.read::<u32>(&small, 0, count).unwrap())));
+        }
+        assert!(panics("past the end", || drop(device.read::<u32>(&small, u64::MAX - 3, 1).unwrap())));
+        for bytes in [u64::MAX, u64::MAX - 15] {
+            assert!(matches!(device.alloc("all", bytes), Err(Error::TooLarge { .. })));
+        }
+    }
+    let cpu = devices()[0];
+    let probe = Probe::new(cpu, 64);
+    let args = buffer(cpu, "args", &[1u32, 1, 1]);
+    for entry in [2, u32::MAX] {
+        let step = Step::indirect(&PROBE, &args, entry, probe.buffers());
+        assert!(panics("past the end of args", || drop(run(cpu, &[step], false))));
+    }
+}
+
+/// On a CPU, where nothing else would keep them apart.
+#[test]
+fn no_thread_sees_a_buffer_that_another_writes() {
+    let cpu = devices()[0];
+    let shared = cpu.alloc("shared", 1 << 16).unwrap();
+    let (reads, refused) = (AtomicUsize::new(0), AtomicUsize::new(0));
+    let count = |done: bool| if done { &reads } else { &refused }.fetch_add(1, Relaxed);
+    thread::scope(|scope| {
+        for value in [1u32, 2] {
+            let shared = &shared;
+            scope.spawn(move || {
+                let data = vec![value; 1 << 14];
+                for _ in 0..5000 {
+                    panics("buffer shared is in use", || {
+                        cpu.write(shared, 0, bytemuck::cast_slice(&data)).unwrap()
+                    });
+                }
+            });
+        }
+        for _ in 0..5000 {
+            let refused = panics("buffer shared is in use", || {
+                let words: Vec<u32> = cpu.read(&shared, 0, 1 << 14).unwrap();
+                assert!(
+                    words.iter().all(|word| *word == words[0]),
+                    "buffer shared was read while it was written"
+                );
+            });
+            count(!refused);
+        }
+    });
+    let (reads, refused) = (reads.into_inner(), refused.into_inner());
+    assert!(reads > 0, "{refused} reads refused, all of them");
+    // A dispatch that binds a buffer twice, and writes it.
+    let probe = Probe::new(cpu, 64);
+    let step = Step::groups(&PROBE, 1, vec![&probe.results, &probe.results, &probe.count]);
+    assert!(panics("buffer results is in use", || drop(run(cpu, &[step], false))));
+    run(cpu, &[Step::groups(&PROBE, 1, probe.buffers())], false).unwrap();
+}
+
 #[test]
 fn profile_times_each_step() {
     for device in devices() {
@@ -186,12 +272,12 @@ fn profile_times_each_step() {
         for count in [0, 1, 2, 4500] {
             let step = |i| Step::groups(&PROBE, u32::from(i % 16 == 0), probe.buffers());
             let steps: Vec<_> = (0..count).map(step).collect();
-            let timing = device.run(&steps, true).unwrap();
+            let timing = run(device, &steps, true).unwrap();
             assert_eq!(timing.steps.len(), count);
             let rounding = Duration::from_nanos(count as u64);
             assert!(timing.total + rounding >= timing.steps.iter().sum());
             assert!(count == 0 || !timing.total.is_zero());
-            assert!(device.run(&steps, false).unwrap().steps.is_empty());
+            assert!(run(device, &steps, false).unwrap().steps.is_empty());
         }
     }
 }
@@ -233,12 +319,12 @@ fn misuse_is_an_error_and_leaves_the_device_working() {
     let probe = Probe::new(gpu(), 64);
     // Read and written in one dispatch.
     let step = Step::groups(&PROBE, 1, vec![&probe.results, &probe.results, &probe.count]);
-    assert!(matches!(gpu().run(&[step], false), Err(Error::DeviceFailed { .. })));
+    assert!(matches!(run(gpu(), &[step], false), Err(Error::DeviceFailed { .. })));
     // Not in the compiled module.
     static UNKNOWN: Kernel = Kernel { path: "raykd_kernels::unknown::entry", ..PROBE };
-    let error = gpu().run(&[Step::groups(&UNKNOWN, 1, probe.buffers())], false).unwrap_err();
+    let error = run(gpu(), &[Step::groups(&UNKNOWN, 1, probe.buffers())], false).unwrap_err();
     assert!(error.to_string().contains("cargo xtask kernels"), "{error}");
-    gpu().run(&[Step::groups(&PROBE, 1, probe.buffers())], true).unwrap();
+    run(gpu(), &[Step::groups(&PROBE, 1, probe.buffers())], true).unwrap();
 }
 
 #[test]

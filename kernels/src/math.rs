@@ -124,17 +124,18 @@ pub fn high(a: f32, b: f32) -> f32 {
     if b > a { b } else { a }
 }
 
-/// The whole part of a number from 0 to `2^31`, not included.
+/// The whole part of a number, held to the range from 0 to `MOST`; 0 for NaN.
 #[inline(always)]
-pub fn whole(a: f32) -> u32 {
-    debug_assert!((0.0..=2_147_483_520.0).contains(&a));
+pub fn whole<const MOST: u32>(a: f32) -> u32 {
+    const { assert!(MOST < 1 << 24, "exact in 32 bits") };
+    let held = low(high(0.0, a), MOST as f32);
     #[cfg(target_arch = "spirv")]
-    return a as u32;
-    // What `as` does for all other numbers takes a CPU longer than the conversion.
-    // SAFETY: fits.
+    return held as u32;
+    // What `as` does for numbers out of range takes a CPU longer than the conversion.
+    // SAFETY: `high` leaves no NaN, as no comparison with one holds, and `low` nothing above `MOST`, which fits.
     #[cfg(not(target_arch = "spirv"))]
     unsafe {
-        a.to_int_unchecked::<i32>() as u32
+        held.to_int_unchecked::<i32>() as u32
     }
 }
 

@@ -21,9 +21,10 @@ impl<T> Buf<T> {
     /// A view of `len` elements at `ptr`.
     ///
     /// # Safety
-    /// While the view lives, `ptr` must be valid for reads of `len` elements, and for writes if the kernel
-    /// writes through it; and no element may be written by one workgroup while another reads or writes it.
-    /// That is the contract every kernel keeps: a slot has one writer per dispatch.
+    /// While the view lives, `ptr` must be aligned, valid for reads of `len` initialised elements, and for writes too
+    /// if anything is put or changed through the view; and no element may be written while another thread reads or
+    /// writes it, unless both do so by [`Atomics`]. That is the contract every kernel keeps: a slot has one writer per
+    /// dispatch.
     pub const unsafe fn new(ptr: *mut T, len: usize) -> Self {
         Self {
             ptr,
@@ -169,13 +170,18 @@ mod gpu {
     const SCOPE: u32 = Scope::QueueFamily as u32;
     const NONE: u32 = Semantics::NONE.bits();
 
+    // Storage buffers: an index past the end is bounded by the device's robust buffer access, which wgpu switches on, so
+    // it reads something of the buffer or nothing and harms no other memory. Kernels keep to their buffers all the same:
+    // on a CPU the same body is checked, and tests compare the two.
     impl<T: Copy> Slots<T> for [T] {
         #[inline(always)]
         fn at(&self, i: u32) -> T {
+            // SAFETY: bounded by the device.
             unsafe { *self.index_unchecked(i as usize) }
         }
         #[inline(always)]
         fn put(&mut self, i: u32, value: T) {
+            // SAFETY: bounded by the device.
             unsafe { *self.index_unchecked_mut(i as usize) = value }
         }
     }
@@ -183,6 +189,7 @@ mod gpu {
     impl Atomics for [u32] {
         #[inline(always)]
         fn add(&mut self, i: u32, value: u32) {
+            // SAFETY: bounded by the device.
             unsafe {
                 spirv_std::arch::atomic_i_add::<u32, SCOPE, NONE>(
                     self.index_unchecked_mut(i as usize),
@@ -192,12 +199,14 @@ mod gpu {
         }
         #[inline(always)]
         fn or(&mut self, i: u32, value: u32) {
+            // SAFETY: bounded by the device.
             unsafe {
                 spirv_std::arch::atomic_or::<u32, SCOPE, NONE>(self.index_unchecked_mut(i as usize), value);
             }
         }
         #[inline(always)]
         fn lower(&mut self, i: u32, value: u32) {
+            // SAFETY: bounded by the device.
             unsafe {
                 spirv_std::arch::atomic_u_min::<u32, SCOPE, NONE>(
                     self.index_unchecked_mut(i as usize),
@@ -207,6 +216,7 @@ mod gpu {
         }
         #[inline(always)]
         fn raise(&mut self, i: u32, value: u32) {
+            // SAFETY: bounded by the device.
             unsafe {
                 spirv_std::arch::atomic_u_max::<u32, SCOPE, NONE>(
                     self.index_unchecked_mut(i as usize),
@@ -216,13 +226,17 @@ mod gpu {
         }
     }
 
+    // Workgroup and private memory, which no device bounds: that indices are below N is shown by the same body on a
+    // CPU, where every one is checked.
     impl<T: Copy, const N: usize> Slots<T> for [T; N] {
         #[inline(always)]
         fn at(&self, i: u32) -> T {
+            // SAFETY: below N, as said above.
             unsafe { *self.index_unchecked(i as usize) }
         }
         #[inline(always)]
         fn put(&mut self, i: u32, value: T) {
+            // SAFETY: below N, as said above.
             unsafe { *self.index_unchecked_mut(i as usize) = value }
         }
     }
@@ -230,6 +244,7 @@ mod gpu {
     impl<const N: usize> Atomics for [u32; N] {
         #[inline(always)]
         fn add(&mut self, i: u32, value: u32) {
+            // SAFETY: below N, as said above.
             unsafe {
                 spirv_std::arch::atomic_i_add::<u32, { Scope::Workgroup as u32 }, NONE>(
                     self.index_unchecked_mut(i as usize),
@@ -239,6 +254,7 @@ mod gpu {
         }
         #[inline(always)]
         fn or(&mut self, i: u32, value: u32) {
+            // SAFETY: below N, as said above.
             unsafe {
                 spirv_std::arch::atomic_or::<u32, { Scope::Workgroup as u32 }, NONE>(
                     self.index_unchecked_mut(i as usize),
@@ -248,6 +264,7 @@ mod gpu {
         }
         #[inline(always)]
         fn lower(&mut self, i: u32, value: u32) {
+            // SAFETY: below N, as said above.
             unsafe {
                 spirv_std::arch::atomic_u_min::<u32, { Scope::Workgroup as u32 }, NONE>(
                     self.index_unchecked_mut(i as usize),
@@ -257,6 +274,7 @@ mod gpu {
         }
         #[inline(always)]
         fn raise(&mut self, i: u32, value: u32) {
+            // SAFETY: below N, as said above.
             unsafe {
                 spirv_std::arch::atomic_u_max::<u32, { Scope::Workgroup as u32 }, NONE>(
                     self.index_unchecked_mut(i as usize),
@@ -294,10 +312,14 @@ mod cpu {
         #[inline(always)]
         fn three(&self, i: u32) -> (T, T, T) {
             #[cfg(feature = "traffic")]
-            self.moved.set(self.moved.get() + 2 * size_of::<T>() as u64);
-            let last = self.slot(i + 2);
-            // SAFETY: the last one is in bounds, so the two before it are; else as above.
-            unsafe { (last.sub(2).read(), last.sub(1).read(), last.read()) }
+            self.moved.set(self.moved.get() + 3 * size_of::<T>() as u64);
+            let i = i as usize;
+            assert!(i < self.len.saturating_sub(2), "indices from {i} in a buffer of {}", self.len);
+            // SAFETY: all three are below len; else as above.
+            unsafe {
+                let first = self.ptr.add(i);
+                (first.read(), first.add(1).read(), first.add(2).read())
+            }
         }
         #[inline(always)]
         fn put(&mut self, i: u32, value: T) {

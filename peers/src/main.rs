@@ -7,7 +7,7 @@ mod peers;
 use anyhow::{Context as _, bail};
 use judge::{Verdict, judge};
 use peers::Answer;
-use raykd::{BuildOptions, Device, Mesh, Ray, Scene, exec::Cpu, mesh::scene, rays::sets::Sets};
+use raykd::{BuildOptions, Device, Mesh, Ray, Scene, internals::Cpu, mesh::scene, rays::sets::Sets};
 use std::{io::Write as _, time::Duration};
 
 /// One crate on one scene.

@@ -19,7 +19,7 @@
 //! // A box cut at x = 0.5: triangle 0 lies below the split plane, triangle 1 above.
 //! let nodes = [Node::inner(0, 0.5, 2), Node::PADDING, Node::leaf(0, 1), Node::leaf(1, 1)];
 //! let refs = [0, 1];
-//! let header = TreeHeader {
+//! let mut header = TreeHeader {
 //!     hi: [1.0; 3],
 //!     nodes: 4,
 //!     refs: 2,
@@ -28,6 +28,7 @@
 //!     scale: 1.0,
 //!     ..TreeHeader::zeroed()
 //! };
+//! header.checksum = TreeView { header: &header, nodes: &nodes, refs: &refs }.checksum();
 //! let tree = TreeView { header: &header, nodes: &nodes, refs: &refs };
 //! assert_eq!(tree.validate().unwrap().leaves, 2);
 //!
@@ -42,8 +43,14 @@
 //! ```
 //!
 //! The crate `raykd` builds such trees and traces rays through them.
+//!
+//! # Features
+//! * `alloc` (default): [`TreeView::validate`]. Without it there is [`TreeView::validate_in`].
 #![no_std]
 #![forbid(unsafe_code)]
+
+#[cfg(feature = "alloc")]
+extern crate alloc;
 
 pub mod limits;
 mod node;

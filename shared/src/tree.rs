@@ -4,7 +4,7 @@ use crate::{Content, Node, limits::MAX_DEPTH};
 use bytemuck::{Pod, Zeroable};
 
 /// Version of the layouts in this crate; a file with another one is refused.
-pub const LAYOUT_VERSION: u32 = 1;
+pub const LAYOUT_VERSION: u32 = 2;
 
 /// What a tree says about itself: 64 bytes.
 #[repr(C)]
@@ -28,8 +28,10 @@ pub struct TreeHeader {
     pub cost_step: f32,
     /// SAH cost of one triangle test the tree was built for.
     pub cost_test: f32,
-    /// Zero.
-    pub reserved: [u32; 3],
+    /// Digest of the triangles the tree was built of; whoever has them can tell whether the tree is theirs.
+    pub mesh: [u32; 2],
+    /// [`TreeView::checksum`] of the tree.
+    pub checksum: u32,
 }
 
 const _: () = assert!(size_of::<TreeHeader>() == 64, "sixteen words");
@@ -84,8 +86,10 @@ pub enum Fault {
     Reference(u32),
     /// A leaf lies deeper than the header's depth or [`MAX_DEPTH`]; the node is its parent.
     Depth(u32),
-    /// Some nodes are reached twice or never.
+    /// Some nodes or references are reached twice or never.
     Shape,
+    /// The tree differs from the one its header was made for.
+    Checksum,
 }
 
 impl core::fmt::Display for Fault {
@@ -98,7 +102,8 @@ impl core::fmt::Display for Fault {
             Self::Leaf(n) => write!(f, "node {n}: its references lie outside the list"),
             Self::Reference(n) => write!(f, "node {n}: its references do not rise or name no triangle"),
             Self::Depth(n) => write!(f, "node {n}: its children lie too deep"),
-            Self::Shape => write!(f, "some nodes are reached twice or never"),
+            Self::Shape => write!(f, "some nodes or references are reached twice or never"),
+            Self::Checksum => write!(f, "its checksum does not match"),
         }
     }
 }
@@ -111,6 +116,14 @@ fn half_area(lo: [f32; 3], hi: [f32; 3]) -> f64 {
     d[0] * d[1] + d[1] * d[2] + d[2] * d[0]
 }
 
+/// Sets bit `i`; whether it was clear.
+fn mark(bits: &mut [u32], i: u32) -> bool {
+    let (word, bit) = (&mut bits[i as usize / 32], 1 << (i % 32));
+    let clear = *word & bit == 0;
+    *word |= bit;
+    clear
+}
+
 #[derive(Clone, Copy)]
 struct Visit {
     node: u32,
@@ -120,12 +133,47 @@ struct Visit {
 }
 
 impl TreeView<'_> {
-    /// Checks every node and reference, and measures the tree on the way. `Ok` means that a traversal with a
-    /// stack of `header.depth` entries stays inside the three arrays and ends.
+    /// A hash of header, nodes and references. Changing any one word changes it; so, but for one case in 2^32, does
+    /// any other change. It tells damage, not malice.
+    pub fn checksum(&self) -> u32 {
+        let head = TreeHeader { checksum: 0, ..*self.header };
+        let head = bytemuck::cast::<TreeHeader, [u32; 16]>(head);
+        let nodes = self.nodes.iter().flat_map(|node| <[u32; 2]>::from(node.words()));
+        // A step is one to one in the word and in what came before (Fowler, Noll & Vo's hash, on words).
+        head.into_iter()
+            .chain(nodes)
+            .chain(self.refs.iter().copied())
+            .fold(0x811C_9DC5, |hash: u32, word| (hash ^ word).wrapping_mul(0x0100_0193).rotate_left(5))
+    }
+
+    /// Checks every node and reference, and measures the tree on the way. `Ok` means that the tree is whole and undamaged,
+    /// that every pair of nodes and every reference is reached exactly once, and that a traversal with a stack of
+    /// `header.depth` entries stays inside the three arrays and ends. What it cannot tell is whether leaves list the
+    /// triangles that lie there.
     ///
     /// # Errors
     /// The first [`Fault`] found.
+    #[cfg(feature = "alloc")]
     pub fn validate(&self) -> Result<Report, Fault> {
+        self.validate_in(&mut alloc::vec![0; self.scratch_words()])
+    }
+
+    /// How many words [`Self::validate_in`] needs: a bit for each pair of nodes and each reference.
+    pub const fn scratch_words(&self) -> usize {
+        self.nodes.len().div_ceil(64) + self.refs.len().div_ceil(32)
+    }
+
+    /// [`Self::validate`] where there is no allocator: `scratch` holds [`Self::scratch_words`] words of any value.
+    ///
+    /// # Errors
+    /// The first [`Fault`] found.
+    ///
+    /// # Panics
+    /// `scratch` is too short.
+    pub fn validate_in(&self, scratch: &mut [u32]) -> Result<Report, Fault> {
+        scratch.fill(0);
+        let (seen_pairs, seen_refs) = scratch.split_at_mut(self.nodes.len().div_ceil(64));
+        assert!(seen_refs.len() >= self.refs.len().div_ceil(32), "scratch memory is too short");
         let h = self.header;
         if h.nodes as usize != self.nodes.len() || h.refs as usize != self.refs.len() || h.nodes < 2 {
             return Err(Fault::Length);
@@ -143,8 +191,9 @@ impl TreeView<'_> {
         let mut stack = [root; MAX_DEPTH as usize + 1];
         let mut top = 1;
         let mut report = Report::default();
-        // The padding beside the root.
-        let mut visited = 1u32;
+        // The root and the padding beside it.
+        let mut visited = 2u32;
+        mark(seen_pairs, 0);
         if self.nodes[1] != Node::PADDING {
             return Err(Fault::Shape);
         }
@@ -152,16 +201,16 @@ impl TreeView<'_> {
         while top > 0 {
             top -= 1;
             let v = stack[top];
-            visited += 1;
-            if visited > h.nodes {
-                return Err(Fault::Shape);
-            }
             // A box without area is met by no random line, except the root itself.
             let share = if root_area > 0.0 { half_area(v.lo, v.hi) / root_area } else { 1.0 };
             match self.nodes[v.node as usize].content() {
                 Content::Leaf { first, count } => {
-                    let range = (first as usize)..(first as usize + count as usize);
-                    let Some(refs) = self.refs.get(range) else { return Err(Fault::Leaf(v.node)) };
+                    // What an empty leaf names is not looked at.
+                    let first = if count == 0 { 0 } else { first };
+                    let Some(end) = first.checked_add(count) else { return Err(Fault::Leaf(v.node)) };
+                    let Some(refs) = self.refs.get(first as usize..end as usize) else {
+                        return Err(Fault::Leaf(v.node));
+                    };
                     let rising = refs.windows(2).all(|w| w[0] < w[1]);
                     if !rising || refs.last().is_some_and(|&r| r >= h.triangles) {
                         return Err(Fault::Reference(v.node));
@@ -171,7 +220,10 @@ impl TreeView<'_> {
                     report.largest_leaf = report.largest_leaf.max(count);
                     report.depth = report.depth.max(v.depth);
                     report.expected_tests += share * f64::from(count);
-                    listed = listed.checked_add(count).ok_or(Fault::Shape)?;
+                    if !(first..end).all(|i| mark(seen_refs, i)) {
+                        return Err(Fault::Shape);
+                    }
+                    listed += count;
                 }
                 Content::Inner { axis, split, below } => {
                     let axis = axis as usize;
@@ -184,6 +236,10 @@ impl TreeView<'_> {
                     if v.depth >= h.depth {
                         return Err(Fault::Depth(v.node));
                     }
+                    if !mark(seen_pairs, below / 2) {
+                        return Err(Fault::Shape);
+                    }
+                    visited += 2;
                     report.inner += 1;
                     report.expected_steps += share;
                     let (mut low, mut high) = (v, v);
@@ -198,6 +254,9 @@ impl TreeView<'_> {
         }
         if visited != h.nodes || listed != h.refs || report.depth != h.depth {
             return Err(Fault::Shape);
+        }
+        if h.checksum != self.checksum() {
+            return Err(Fault::Checksum);
         }
         report.sah_cost =
             f64::from(h.cost_step) * report.expected_steps + f64::from(h.cost_test) * report.expected_tests;

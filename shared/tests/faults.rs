@@ -29,21 +29,31 @@ fn good() -> Parts {
         scale: 1.0,
         cost_step: 1.0,
         cost_test: 2.0,
-        reserved: [0; 3],
+        mesh: [1, 2],
+        checksum: 0,
     };
-    Parts { header, nodes, refs: vec![0, 4, 1, 4, 6] }
+    let mut parts = Parts { header, nodes, refs: vec![0, 4, 1, 4, 6] };
+    parts.header.checksum = parts.view().checksum();
+    parts
 }
 
+impl Parts {
+    fn view(&self) -> TreeView<'_> {
+        TreeView { header: &self.header, nodes: &self.nodes, refs: &self.refs }
+    }
+}
+
+/// What is found in a tree that was made with this fault in it.
 fn fault(plant: impl FnOnce(&mut Parts)) -> Option<Fault> {
     let mut parts = good();
     plant(&mut parts);
-    TreeView { header: &parts.header, nodes: &parts.nodes, refs: &parts.refs }.validate().err()
+    parts.header.checksum = parts.view().checksum();
+    parts.view().validate().err()
 }
 
 #[test]
 fn a_good_tree_is_measured() {
-    let Parts { header, nodes, refs } = good();
-    let report = TreeView { header: &header, nodes: &nodes, refs: &refs }.validate().unwrap();
+    let report = good().view().validate().unwrap();
     assert_eq!((report.inner, report.leaves, report.empty_leaves), (2, 3, 1));
     assert_eq!((report.largest_leaf, report.depth), (3, 2));
     // Half surface areas: root 3, its halves 2, the last leaf 0.5 * 0.75 + 0.75 + 0.5.
@@ -84,13 +94,62 @@ fn children_must_lie_in_the_tree_and_form_one() {
     assert_eq!(fault(|p| p.nodes[3] = Node::inner(1, 0.25, 3)), Some(Fault::Child(3)));
     // Back to the root: would never end.
     assert_eq!(fault(|p| p.nodes[3] = Node::inner(1, 0.25, 0)), Some(Fault::Child(3)));
-    // Its own pair: deeper than the header says.
-    assert_eq!(fault(|p| p.nodes[3] = Node::inner(1, 0.25, 2)), Some(Fault::Depth(3)));
+    // Its own pair.
+    assert_eq!(fault(|p| p.nodes[3] = Node::inner(1, 0.25, 2)), Some(Fault::Shape));
     assert_eq!(fault(|p| p.header.depth = 1), Some(Fault::Depth(3)));
     assert_eq!(fault(|p| p.header.depth = 3), Some(Fault::Shape));
     assert_eq!(fault(|p| p.nodes[1] = Node::leaf(0, 1)), Some(Fault::Shape));
     // A leaf instead of a subtree: two nodes are never reached.
     assert_eq!(fault(|p| (p.nodes[3], p.header.depth) = (Node::leaf(2, 3), 1)), Some(Fault::Shape));
+}
+
+/// The two halves of the root both lead to one pair, and another pair is never reached: the totals are right.
+#[test]
+fn no_pair_and_no_reference_is_reached_twice() {
+    let pairs = |third| {
+        fault(|p| {
+            p.header.nodes = 8;
+            p.nodes[2] = Node::inner(1, 0.5, 4);
+            p.nodes[3] = Node::inner(1, 0.25, third);
+            p.nodes.extend([Node::leaf(0, 1), Node::leaf(1, 1)]);
+            (p.nodes[4], p.nodes[5]) = (Node::leaf(2, 1), Node::leaf(3, 2));
+        })
+    };
+    assert_eq!(pairs(6), None);
+    assert_eq!(pairs(4), Some(Fault::Shape));
+    let refs = |first| {
+        fault(|p| {
+            p.refs = vec![0, 4, 0, 4, 6];
+            p.nodes[4] = Node::leaf(first, 2);
+            p.nodes[5] = Node::leaf(4, 1);
+        })
+    };
+    assert_eq!(refs(2), None);
+    assert_eq!(refs(0), Some(Fault::Shape));
+}
+
+#[test]
+fn any_other_word_in_any_place_is_found() {
+    let Parts { header, nodes, refs } = good();
+    let words: Vec<u32> = [
+        &bytemuck::cast::<_, [u32; 16]>(header)[..],
+        bytemuck::cast_slice(&nodes),
+        bytemuck::cast_slice(&refs),
+    ]
+    .concat();
+    for place in 0..words.len() {
+        for bit in 0..32 {
+            let mut words = words.clone();
+            words[place] ^= 1 << bit;
+            let header = bytemuck::cast(<[u32; 16]>::try_from(&words[..16]).unwrap());
+            let (nodes, refs) = words[16..].split_at(2 * nodes.len());
+            let nodes: &[Node] = bytemuck::cast_slice(nodes);
+            assert!(
+                TreeView { header: &header, nodes, refs }.validate().is_err(),
+                "bit {bit} of word {place}"
+            );
+        }
+    }
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use crate::{Failure, rays::rays, same};
 use raykd::{
     BuildOptions, Builder, Device, Error, Intersector, Mesh, Query, Ray, Scene, Traversal,
-    exec::{Step, watch::watching},
+    internals::{Step, watch::watching},
     kernels::Access,
     rays::Random,
 };

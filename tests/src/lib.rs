@@ -10,7 +10,7 @@ pub mod rays;
 pub mod trees;
 
 use proptest::prelude::*;
-use raykd::{BuildOptions, Builder, Device, exec::Cpu, kernels::Order};
+use raykd::{BuildOptions, Builder, Device, internals::Cpu, kernels::Order};
 use std::{fmt, sync::LazyLock};
 
 /// A device and what it is called in messages.

@@ -71,7 +71,8 @@ pub fn check(mesh: &Mesh, tree: TreeView<'_>, clipped: bool) -> Result<(), Failu
 /// # Errors
 /// It is damaged.
 pub fn assemble(header: TreeHeader, nodes: &[Node], refs: &[u32]) -> Result<KdTree, raykd::Error> {
-    let header = TreeHeader { nodes: nodes.len() as u32, refs: refs.len() as u32, ..header };
+    let mut header = TreeHeader { nodes: nodes.len() as u32, refs: refs.len() as u32, ..header };
+    header.checksum = TreeView { header: &header, nodes, refs }.checksum();
     let mut bytes = b"raykd-kd".to_vec();
     bytes.extend(LAYOUT_VERSION.to_le_bytes());
     bytes.extend(bytemuck::bytes_of(&header));

@@ -1,7 +1,7 @@
 //! The exact builder: nothing is left out, whatever the mesh, and builds end.
 
 use proptest::prelude::*;
-use raykd::{BuildOptions, Builder, KdTree, Mesh, Scene, exact::build};
+use raykd::{BuildOptions, Builder, KdTree, Mesh, Scene, internals::exact_by_host as build};
 use raykd_tests::{
     Failure, any_options, cases,
     covers::covers,

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use raykd::{
     BuildOptions, Builder, Device,
-    exec::Cpu,
+    internals::Cpu,
     kernels::{
         ALL, Order,
         math::{div, ldexp, product_difference, product_difference_wide, quotient, whole},
@@ -156,8 +156,10 @@ fn division_at_the_ends_of_the_range() {
 #[test]
 fn whole_parts_are_those_of_a_conversion() {
     let numbers = (0..=4096u16).map(|i| f32::from(i) / 128.0);
-    for a in numbers.chain([-0.0, 1e-40, 16_777_217.0, 2_147_483_520.0]) {
-        assert_eq!(whole(a), a as u32, "{a:e}");
+    let others =
+        [-0.0, 1e-40, -1e-40, -1.0, 2_147_483_648.0, f32::MAX, f32::MIN, f32::INFINITY, -f32::INFINITY];
+    for a in numbers.chain(others).chain([f32::NAN, -f32::NAN]) {
+        assert_eq!(whole::<20>(a), (a as u32).min(20), "{a:e}");
     }
 }
 

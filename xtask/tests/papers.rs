@@ -123,7 +123,7 @@ fn no_published_crate_points_to_docs() {
 
 #[test]
 fn features_are_documented() {
-    for folder in ["host", "kernels"] {
+    for folder in ["shared", "host", "kernels"] {
         let read = |file: &str| fs::read_to_string(root().join(folder).join(file)).unwrap();
         let manifest = read("Cargo.toml");
         let (_, features) = manifest.split_once("[features]\n").unwrap();

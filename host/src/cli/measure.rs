@@ -122,7 +122,7 @@ pub(super) fn trace(scene: &Scene<'_>, query: Query, rays: &[Ray]) -> Result<Tra
             resident = Some(scene.resident(part)?);
             upload.push(start.elapsed());
         }
-        let resident = resident.expect("made in the loop above");
+        let mut resident = resident.expect("made in the loop above");
         wake(scene)?;
         resident.trace(query)?;
         let times = (0..TIMES).map(|_| resident.trace(query)).collect::<Result<_, _>>()?;
@@ -160,8 +160,9 @@ pub(super) fn all(scene: &Scene<'_>, rays: &[Ray], limit: u32) -> Result<AllHits
 
 /// Median time to trace rays, less often if it takes long: for large pictures.
 pub(super) fn time(scene: &Scene<'_>, query: Query, rays: &[Ray]) -> Result<Duration, Error> {
-    let parts = rays.chunks(batch(scene)).map(|part| scene.resident(part)).collect::<Result<Vec<_>, _>>()?;
-    let all = || parts.iter().map(|part: &Resident<'_>| part.trace(query)).sum::<Result<_, _>>();
+    let parts = rays.chunks(batch(scene)).map(|part| scene.resident(part));
+    let mut parts = parts.collect::<Result<Vec<Resident<'_>>, _>>()?;
+    let mut all = || parts.iter_mut().map(|part| part.trace(query)).sum::<Result<_, _>>();
     wake(scene)?;
     let first: Duration = all()?;
     let mut times = Vec::new();

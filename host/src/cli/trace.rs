@@ -13,7 +13,7 @@ use crate::{
     AllHits, BuildOptions, Device, Error, KdTree, Query, Ray, Scene, Traced, Traversal, digest_of, output,
     report::{count, three},
 };
-use anyhow::bail;
+use anyhow::{Context as _, bail};
 use std::{
     io::{StdoutLock, Write as _},
     path::Path,
@@ -74,6 +74,9 @@ pub(super) fn run(args: &TraceArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
     let mut input = Input::load(&args.mesh, &notes)?;
     let start = Instant::now();
     let tree = args.tree.as_deref().map(KdTree::load).transpose()?;
+    if let (Some(tree), Some(file)) = (&tree, &args.tree) {
+        tree.check_mesh(&input.mesh).with_context(|| format!("{} and {}", file.display(), args.mesh))?;
+    }
     input.load += start.elapsed();
     let job = (&input.mesh, rays.len() as u64);
     let device = &args.on;

@@ -305,7 +305,7 @@ impl Attempt {
         let device = arena.device;
         let mut times = BuildTimes::default();
         let mut go = |steps: Vec<Step<'_>>| -> Result<(), Error> {
-            let timing = device.run(&steps, profile)?;
+            let timing = device.dispatch(&steps, profile)?;
             times.build += timing.total;
             add_times(&mut times.kernels, &steps, &timing);
             Ok(())
@@ -361,7 +361,8 @@ impl Attempt {
             scale: 1.0,
             cost_step: given.cost_step,
             cost_test: given.cost_test,
-            reserved: [0; 3],
+            mesh: [0; 2],
+            checksum: 0,
         };
         Ok(Outcome::Built(Box::new(Built { header, nodes, refs: out, times })))
     }

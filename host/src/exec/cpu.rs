@@ -2,9 +2,18 @@
 
 use super::{Buffer, Groups, Limit, Step, Timing};
 use crate::Error;
-use raykd_kernels::{Group, Order, RawBuf};
+use raykd_kernels::{Access, Group, Order, RawBuf};
 use rayon::prelude::*;
-use std::{sync::Arc, time::Instant};
+use std::{
+    sync::{
+        Arc,
+        atomic::{
+            AtomicU32,
+            Ordering::{Acquire, Relaxed, Release},
+        },
+    },
+    time::Instant,
+};
 
 /// The processor as a device.
 #[derive(Debug)]
@@ -64,18 +73,6 @@ impl Cpu {
         Memory::zeroed(bytes).ok_or(Error::OutOfMemory { buffer: name, bytes })
     }
 
-    #[expect(clippy::unused_self, reason = "same shape as the GPU's")]
-    pub(super) fn write(&self, memory: &Memory, offset: u64, data: &[u8]) {
-        // SAFETY: the caller checked the range; no kernel runs during a call on the same thread of control.
-        unsafe { memory.0.ptr.add(offset as usize).copy_from(data.as_ptr(), data.len()) }
-    }
-
-    #[expect(clippy::unused_self, reason = "same shape as the GPU's")]
-    pub(super) fn read(&self, memory: &Memory, offset: u64, out: &mut [u8]) {
-        // SAFETY: as above.
-        unsafe { memory.0.ptr.add(offset as usize).copy_to(out.as_mut_ptr(), out.len()) }
-    }
-
     pub(super) fn run(&self, steps: &[Step<'_>], profile: bool) -> Timing {
         self.install(|| self.run_here(steps, profile))
     }
@@ -96,7 +93,9 @@ impl Cpu {
                 Groups::Fixed(n) => n,
                 Groups::Indirect(args, entry) => {
                     let mut xyz = [0u32; 3];
-                    self.read(memory(args), u64::from(entry) * 12, bytemuck::bytes_of_mut(&mut xyz));
+                    let offset = u64::from(entry) * 12;
+                    args.check("arguments", offset, Some(size_of_val(&xyz)));
+                    memory(args).read(args.name, offset, bytemuck::bytes_of_mut(&mut xyz));
                     xyz.iter().product()
                 }
             };
@@ -113,7 +112,10 @@ impl Cpu {
 
     /// Returns how many bytes were moved, if they are counted.
     fn dispatch(&self, step: &Step<'_>, groups: u32) -> u64 {
-        let raw: Vec<Shared> = step.buffers.iter().map(|b| Shared(memory(b).raw())).collect();
+        let slots = step.kernel.slots.iter().zip(&step.buffers);
+        let uses: Vec<Use<'_>> =
+            slots.map(|(slot, b)| memory(b).begin(b.name, slot.access == Access::Write)).collect();
+        let raw: Vec<Shared> = uses.iter().map(|it| Shared(it.raw())).collect();
         let usual = self.order == Order::Forward && has_usual_instructions();
         let run = |id: u32| {
             let mut buffers = [RawBuf { ptr: std::ptr::null_mut(), len: 0 }; 16];
@@ -121,8 +123,8 @@ impl Cpu {
                 *slot = shared.0;
             }
             let group = Group { id, width: step.kernel.threads, order: self.order, usual };
-            // SAFETY: one live, 16-byte aligned buffer per slot (checked in Device::run); the groups of one
-            // dispatch have different ids, and kernels give every slot one writer.
+            // SAFETY: one live, page-aligned buffer per slot (`Device::dispatch` counts them), which `uses` keeps
+            // others from writing; the groups of one dispatch have different ids, and kernels give every word one writer.
             unsafe { (step.kernel.run)(group, &buffers[..raw.len()]) }
         };
         if self.order == Order::Reverse {
@@ -171,12 +173,40 @@ struct Allocation {
     /// Start of the map; all accesses go through it, never through a reference.
     ptr: *mut u8,
     map: memmap2::MmapMut,
+    /// How many read it now; [`WRITTEN`] if one writes it.
+    users: AtomicU32,
 }
 
-// SAFETY: plain memory; whoever reads or writes it keeps apart from others as `Kernel::run` demands.
+/// What [`Allocation::users`] is while one writes.
+const WRITTEN: u32 = u32::MAX;
+
+// SAFETY: plain memory; every access is within a `Use`, which keeps writers apart from all others.
 unsafe impl Send for Allocation {}
 // SAFETY: as above.
 unsafe impl Sync for Allocation {}
+
+/// The use of a buffer by one dispatch or transfer: by one that writes, or by any number that read.
+struct Use<'a> {
+    allocation: &'a Allocation,
+    writes: bool,
+}
+
+impl Drop for Use<'_> {
+    fn drop(&mut self) {
+        let users = &self.allocation.users;
+        if self.writes {
+            users.store(0, Release);
+        } else {
+            users.fetch_sub(1, Release);
+        }
+    }
+}
+
+impl Use<'_> {
+    fn raw(&self) -> RawBuf {
+        RawBuf { ptr: self.allocation.ptr, len: self.allocation.map.len() }
+    }
+}
 
 impl Memory {
     fn zeroed(bytes: u64) -> Option<Self> {
@@ -184,10 +214,33 @@ impl Memory {
         // Traversal jumps about; finding small pages would cost it more than reading them.
         #[cfg(target_os = "linux")]
         let _ = map.advise(memmap2::Advice::HugePage);
-        Some(Self(Arc::new(Allocation { ptr: map.as_mut_ptr(), map })))
+        Some(Self(Arc::new(Allocation { ptr: map.as_mut_ptr(), map, users: AtomicU32::new(0) })))
     }
 
-    fn raw(&self) -> RawBuf {
-        RawBuf { ptr: self.0.ptr, len: self.0.map.len() }
+    /// Begins to use it. Waiting could take for ever, as a thread that waits may be given other work.
+    fn begin(&self, name: &str, writes: bool) -> Use<'_> {
+        let allocation = &*self.0;
+        let next = |users| match users {
+            0 if writes => Some(WRITTEN),
+            _ if writes => None,
+            _ => (users < WRITTEN - 1).then(|| users + 1),
+        };
+        let free = allocation.users.fetch_update(Acquire, Relaxed, next).is_ok();
+        assert!(free, "buffer {name} is in use elsewhere: one call writes it while another uses it");
+        Use { allocation, writes }
+    }
+
+    /// Writes at an offset; the range lies inside.
+    pub(super) fn write(&self, name: &str, offset: u64, data: &[u8]) {
+        let target = self.begin(name, true);
+        // SAFETY: the caller checked the range, and nobody else uses the memory now.
+        unsafe { target.raw().ptr.add(offset as usize).copy_from(data.as_ptr(), data.len()) }
+    }
+
+    /// Reads from an offset; the range lies inside.
+    pub(super) fn read(&self, name: &str, offset: u64, out: &mut [u8]) {
+        let source = self.begin(name, false);
+        // SAFETY: the caller checked the range, and nobody writes the memory now.
+        unsafe { source.raw().ptr.add(offset as usize).copy_to(out.as_mut_ptr(), out.len()) }
     }
 }

@@ -436,7 +436,7 @@ mod tests {
         let buffers = ["inputs", "results", "count"].map(|name| device.alloc(name, 64).unwrap());
         let steps = [1, 0, 1].map(|groups| Step::groups(&PROBE, groups, buffers.iter().collect()));
         for profile in [false, true] {
-            let timing = device.run(&steps, profile).unwrap();
+            let timing = device.dispatch(&steps, profile).unwrap();
             assert!(!timing.total.is_zero());
             assert_eq!(timing.steps.len(), if profile { 3 } else { 0 });
         }

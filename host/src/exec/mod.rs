@@ -49,6 +49,12 @@ impl Buffer {
     pub const fn bytes(&self) -> u64 {
         self.bytes
     }
+
+    /// Panics if a range does not lie inside; `bytes` is None if its length is beyond all numbers.
+    fn check(&self, act: &str, offset: u64, bytes: Option<usize>) {
+        let end = bytes.and_then(|bytes| offset.checked_add(bytes as u64));
+        assert!(end.is_some_and(|end| end <= self.bytes), "{act} past the end of {}", self.name);
+    }
 }
 
 /// How many workgroups a step runs.
@@ -183,12 +189,13 @@ impl Device {
     ///
     /// # Errors
     /// The size is past the device's limit, or memory ran out.
+    #[doc(hidden)]
     pub fn alloc(&self, name: &'static str, bytes: u64) -> Result<Buffer, Error> {
-        let bytes = bytes.max(16).next_multiple_of(16);
         let limit = self.limit();
-        if bytes > limit.bytes {
+        let rounded = bytes.max(16).checked_next_multiple_of(16).filter(|&rounded| rounded <= limit.bytes);
+        let Some(bytes) = rounded else {
             return Err(Error::TooLarge { buffer: name, bytes, limit: limit.bytes, limit_name: limit.name });
-        }
+        };
         let memory = match self {
             Self::Cpu(cpu) => Memory::Cpu(cpu.alloc(name, bytes)?),
             #[cfg(feature = "gpu")]
@@ -205,12 +212,13 @@ impl Device {
     /// The device was lost, or ran out of memory.
     ///
     /// # Panics
-    /// The range lies outside the buffer, or the buffer is another device's.
+    /// The range lies outside the buffer, the buffer is another device's, or it is in use by another thread.
+    #[doc(hidden)]
     pub fn write(&self, buffer: &Buffer, offset: u64, data: &[u8]) -> Result<(), Error> {
-        assert!(offset + data.len() as u64 <= buffer.bytes, "write past the end of {}", buffer.name);
+        buffer.check("write", offset, Some(data.len()));
         match (self, &buffer.memory) {
-            (Self::Cpu(cpu), Memory::Cpu(memory)) => {
-                cpu.write(memory, offset, data);
+            (Self::Cpu(_), Memory::Cpu(memory)) => {
+                memory.write(buffer.name, offset, data);
                 Ok(())
             }
             #[cfg(feature = "gpu")]
@@ -226,20 +234,20 @@ impl Device {
     /// The device was lost, or ran out of memory.
     ///
     /// # Panics
-    /// The range lies outside the buffer, or the buffer is another device's.
+    /// The range lies outside the buffer, the buffer is another device's, or another thread writes it.
+    #[doc(hidden)]
     pub fn read<T: bytemuck::Pod>(
         &self,
         buffer: &Buffer,
         offset: u64,
         count: usize,
     ) -> Result<Vec<T>, Error> {
-        let bytes = (count * size_of::<T>()) as u64;
-        assert!(offset + bytes <= buffer.bytes, "read past the end of {}", buffer.name);
+        buffer.check("read", offset, count.checked_mul(size_of::<T>()));
         let mut out = vec![T::zeroed(); count];
         if count > 0 {
             let target: &mut [u8] = bytemuck::cast_slice_mut(&mut out);
             match (self, &buffer.memory) {
-                (Self::Cpu(cpu), Memory::Cpu(memory)) => cpu.read(memory, offset, target),
+                (Self::Cpu(_), Memory::Cpu(memory)) => memory.read(buffer.name, offset, target),
                 #[cfg(feature = "gpu")]
                 (Self::Gpu(gpu), Memory::Gpu(memory)) => gpu.read(memory, offset, target)?,
                 #[cfg(feature = "gpu")]
@@ -254,7 +262,17 @@ impl Device {
     ///
     /// # Errors
     /// The device refused a kernel, was lost, or ran out of memory.
-    pub fn run(&self, steps: &[Step<'_>], profile: bool) -> Result<Timing, Error> {
+    ///
+    /// # Safety
+    /// Each buffer holds what the kernel expects there, as the steps of this crate leave it. A kernel trusts its input to
+    /// keep its workgroups apart: offsets that overlap would have two of them write one word.
+    #[doc(hidden)]
+    pub unsafe fn run(&self, steps: &[Step<'_>], profile: bool) -> Result<Timing, Error> {
+        self.dispatch(steps, profile)
+    }
+
+    /// [`Self::run`], for the steps of this crate.
+    pub(crate) fn dispatch(&self, steps: &[Step<'_>], profile: bool) -> Result<Timing, Error> {
         for step in steps {
             assert_eq!(step.buffers.len(), step.kernel.slots.len(), "buffers of {}", step.kernel.name());
         }

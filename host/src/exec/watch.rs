@@ -39,7 +39,7 @@ pub(super) fn poison(device: &Device, buffer: &Buffer) -> Result<(), Error> {
 pub(super) fn one_by_one(device: &Device, steps: &[Step<'_>]) -> Result<Timing, Error> {
     let mut all = Timing::default();
     for step in steps {
-        let one = device.run(std::slice::from_ref(step), false)?;
+        let one = device.dispatch(std::slice::from_ref(step), false)?;
         all.total += one.total;
         all.steps.push(one.total);
     }

@@ -23,6 +23,7 @@
 //! normal number: extents from 2¹²⁷ end below 8, subnormal ones down to 2⁻¹³⁷ end above 2⁻¹⁰, and smaller ones
 //! are an error.
 
+mod digest;
 mod error;
 mod load;
 mod obj;
@@ -31,6 +32,7 @@ mod repair;
 mod scenes;
 mod teapot;
 
+pub(crate) use digest::digest;
 pub use error::{MeshError, Place, Spot};
 pub use repair::Repairs;
 pub use scenes::{Scene, folder as scenes_folder, scene};
@@ -161,6 +163,12 @@ impl Mesh {
         let given = self.positions.as_flattened();
         let unchanged = self.scale == 1.0 && given.iter().all(|x| self.scaled(*x).to_bits() == x.to_bits());
         if unchanged { given.into() } else { given.iter().map(|&x| self.scaled(x)).collect() }
+    }
+
+    /// Two words that differ for meshes whose trees do, but for one case in 2^64: see
+    /// [`TreeHeader::mesh`](raykd_shared::TreeHeader::mesh).
+    pub fn digest(&self) -> [u32; 2] {
+        digest(&self.scaled_positions(), &self.triangles, &self.kept)
     }
 
     /// One coordinate for the kernels.

@@ -94,7 +94,7 @@ impl Moving {
         let time = |rays: &[Ray]| {
             least(scene.device(), || {
                 let start = Instant::now();
-                let resident = scene.resident(rays)?;
+                let mut resident = scene.resident(rays)?;
                 let there = start.elapsed();
                 resident.trace(Query::Closest)?;
                 let start = Instant::now();
@@ -173,7 +173,7 @@ fn few_enough(triangles: usize) -> usize {
 
 /// Best time of tracing rays.
 fn traced(scene: &Scene<'_>, rays: &[Ray]) -> Result<Duration, Error> {
-    let resident = scene.resident(rays)?;
+    let mut resident = scene.resident(rays)?;
     let time = least(scene.device(), || resident.trace(Query::Closest))?;
     resident.hits()?;
     Ok(time)
@@ -186,7 +186,7 @@ fn traced(scene: &Scene<'_>, rays: &[Ray]) -> Result<Duration, Error> {
 /// The device failed.
 pub(crate) fn wake(scene: &Scene<'_>, rays: &[Ray], rested: Duration) -> Result<(), Error> {
     if scene.device().is_card() {
-        let resident = scene.resident(rays)?;
+        let mut resident = scene.resident(rays)?;
         until_steady(rested, DROWSY, || resident.trace(Query::Closest))?;
     }
     Ok(())

@@ -23,6 +23,17 @@ impl Scene<'_> {
 }
 
 /// Rays that stay on the device, with room for their hits.
+///
+/// One trace at a time: it writes the hits of the one before.
+///
+/// ```compile_fail
+/// fn twice(resident: raykd::Resident<'_>) {
+///     std::thread::scope(|scope| {
+///         scope.spawn(|| resident.trace(raykd::Query::Closest));
+///         scope.spawn(|| resident.trace(raykd::Query::Any));
+///     });
+/// }
+/// ```
 #[derive(Debug)]
 pub struct Resident<'s> {
     scene: &'s Scene<'s>,
@@ -34,7 +45,7 @@ impl Resident<'_> {
     ///
     /// # Errors
     /// The device failed.
-    pub fn trace(&self, query: Query) -> Result<Duration, Error> {
+    pub fn trace(&mut self, query: Query) -> Result<Duration, Error> {
         self.scene.run(&self.batch, self.scene.traversal, query)
     }
 
@@ -107,7 +118,7 @@ impl Batch {
         query: Query,
     ) -> Result<Duration, Error> {
         self.begin(device, u32::from(query == Query::Any))?;
-        Ok(device.run(&[Step::over(kernel, self.count, buffers)], false)?.total)
+        Ok(device.dispatch(&[Step::over(kernel, self.count, buffers)], false)?.total)
     }
 
     /// Forgets what earlier kernels reported, and sets the words of the job: how many rays, and what is asked.

@@ -87,22 +87,13 @@ impl<'d> Scene<'d> {
     /// The tree is damaged or not this mesh's, or does not fit the device.
     pub fn with_tree(device: &'d Device, mesh: &Mesh, tree: &KdTree) -> Result<Self, Error> {
         tree.validate()?;
-        let header = tree.header;
-        if header.triangles as usize != mesh.triangles().len()
-            || (header.lo, header.hi) != mesh.scaled_bounds()
-            || header.scale.to_bits() != mesh.scale().to_bits()
-        {
-            return Err(Error::Tree(format!(
-                "this tree belongs to another mesh (of {} triangles); build it again from this one",
-                header.triangles
-            )));
-        }
+        tree.check_mesh(mesh)?;
         Self::place(device, mesh, tree)
     }
 
     /// The same without looking at the tree.
     fn place(device: &'d Device, mesh: &Mesh, tree: &KdTree) -> Result<Self, Error> {
-        let header = tree.header;
+        let header = TreeHeader { mesh: [0; 2], checksum: 0, ..tree.header };
         let start = Instant::now();
         let nodes = device.alloc("nodes", tree.nodes.len() as u64 * 8)?;
         let refs = device.alloc("refs", tree.refs.len() as u64 * 4)?;
@@ -152,6 +143,6 @@ pub(super) fn lay_out(
 ) -> Result<(Buffer, Duration), Error> {
     let laid = device.alloc("corners", u64::from(header.refs) * 48)?;
     let buffers = vec![header_buffer, &mesh.positions, &mesh.indices, refs, &laid];
-    let time = device.run(&[Step::over(kernel, header.refs, buffers)], false)?.total;
+    let time = device.dispatch(&[Step::over(kernel, header.refs, buffers)], false)?.total;
     Ok((laid, time))
 }

@@ -38,14 +38,14 @@ impl Scene<'_> {
                 Some(parents) => parents,
                 None => {
                     let parents = device.alloc("parents", u64::from(count / 2) * 4)?;
-                    device.run(&[Step::over(&PARENTS, count, vec![header, nodes, &parents])], false)?;
+                    device.dispatch(&[Step::over(&PARENTS, count, vec![header, nodes, &parents])], false)?;
                     parents
                 }
             };
             if needs == Needs::Boxes && extras.boxes.is_none() {
                 let boxes = device.alloc("node boxes", u64::from(count) * 32)?;
                 let buffers = vec![header, nodes, &parents, &boxes];
-                device.run(&[Step::over(&NODE_BOXES, count, buffers)], false)?;
+                device.dispatch(&[Step::over(&NODE_BOXES, count, buffers)], false)?;
                 extras.boxes = Some(boxes);
             }
             if let Needs::Ropes { optimised } = needs
@@ -55,7 +55,7 @@ impl Scene<'_> {
                 device.write(&job, 0, bytemuck::cast_slice(&[u32::from(optimised), 0, 0, 0]))?;
                 let ropes = device.alloc("ropes", u64::from(count) * 48)?;
                 let buffers = vec![&job, header, nodes, &parents, &ropes];
-                device.run(&[Step::over(&ROPE_LINKS, count, buffers)], false)?;
+                device.dispatch(&[Step::over(&ROPE_LINKS, count, buffers)], false)?;
                 extras.ropes[usize::from(optimised)] = Some(ropes);
             }
             extras.parents = Some(parents);

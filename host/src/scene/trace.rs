@@ -165,7 +165,7 @@ impl Scene<'_> {
             let mut buffers = batch.buffers(self);
             buffers.push(&totals);
             batch.begin(self.device, limit)?;
-            all.trace += self.device.run(&[Step::over(&ALL, batch.count, buffers)], false)?.total;
+            all.trace += self.device.dispatch(&[Step::over(&ALL, batch.count, buffers)], false)?.total;
             let start = Instant::now();
             all.invalid += batch.outcome(self.device)?;
             all.hits.extend(self.device.read::<Hit>(&batch.hits, 0, part.len() * limit as usize)?);
@@ -252,7 +252,7 @@ impl Scene<'_> {
         let steps: Vec<Step<'_>> =
             if slices.is_empty() { vec![step(&batch.job)] } else { slices.iter().map(step).collect() };
         batch.begin(self.device, 0)?;
-        Ok(self.device.run(&steps, false)?.total)
+        Ok(self.device.dispatch(&steps, false)?.total)
     }
 
     /// Most rays in one batch.

@@ -9,7 +9,7 @@ use super::{Item, LEVEL_CHUNKS, chunk_of, reference::Reference};
 use crate::{
     Group,
     glam::UVec4,
-    math::{div, high, low, whole},
+    math::{div, whole},
     mem::{Atomics, Buf, Slots},
     trace::frame::component,
 };
@@ -38,7 +38,7 @@ pub const TABLE: usize = (BEFORE + HIST_WORDS) as usize;
 #[inline(always)]
 fn bin_of(x: f32, lo: f32, per_bin: f32) -> u32 {
     // Boxes that are not clipped reach beyond the node; what starts before it starts in its first bin.
-    whole(low(high(0.0, (x - lo) * per_bin), (BINS - 1) as f32))
+    whole::<{ BINS - 1 }>((x - lo) * per_bin)
 }
 
 /// Numbers as integers in the same order; all above 0.

@@ -9,7 +9,7 @@ use super::{
 use crate::{
     Group,
     glam::{UVec2, UVec4, Vec3},
-    math::{Number, whole},
+    math::Number,
     mem::{Atomics, Buf, Slots},
     trace::frame::component,
 };
@@ -182,7 +182,7 @@ pub fn chosen(found: &[u32; FOUND]) -> Plane {
         Plane { axis: Node::LEAF, at: 0.0 }
     } else {
         Plane {
-            axis: whole(f32::from_bits(found.at(AXES + border))),
+            axis: f32::from_bits(found.at(AXES + border)) as u32,
             at: f32::from_bits(found.at(PLACES + border)),
         }
     }

@@ -68,7 +68,7 @@ fn results(device: &Device) -> Result<Vec<u32>, Error> {
     let length = device.alloc("probe count", 4)?;
     device.write(&source, 0, bytemuck::cast_slice(&inputs))?;
     device.write(&length, 0, bytemuck::bytes_of(&INPUTS))?;
-    device.run(&[Step::over(&PROBE, INPUTS, vec![&source, &target, &length])], false)?;
+    device.dispatch(&[Step::over(&PROBE, INPUTS, vec![&source, &target, &length])], false)?;
     device.read(&target, 0, count as usize)
 }
 

@@ -24,7 +24,7 @@ impl File {
         // One word at a time, in the order of the header's fields.
         let mut fields = [*head].into_iter().chain(body.iter().copied());
         let mut word = || fields.next().ok_or("a truncated tree file");
-        let mut header = TreeHeader {
+        let header = TreeHeader {
             lo: [f32::from_bits(word()?), f32::from_bits(word()?), f32::from_bits(word()?)],
             nodes: word()?,
             hi: [f32::from_bits(word()?), f32::from_bits(word()?), f32::from_bits(word()?)],
@@ -34,11 +34,9 @@ impl File {
             scale: f32::from_bits(word()?),
             cost_step: f32::from_bits(word()?),
             cost_test: f32::from_bits(word()?),
-            reserved: [0; 3],
+            mesh: [word()?, word()?],
+            checksum: word()?,
         };
-        for reserved in &mut header.reserved {
-            *reserved = word()?;
-        }
         let nodes = (0..header.nodes).map(|_| Ok(Node::from_words(word()?, word()?)));
         let nodes = nodes.collect::<Result<_, _>>()?;
         let refs = (0..header.refs).map(|_| word()).collect::<Result<_, _>>()?;
