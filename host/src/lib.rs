@@ -36,6 +36,7 @@
 //! # Features
 //! * `gpu` (default): run kernels on Vulkan devices, by wgpu. Without it there is the CPU alone.
 //! * `cli` (default): the program `raykd`. Libraries turn it off with `default-features = false`.
+//! * `gltf`: read glTF files, `.gltf` and `.glb`. `cli` contains it.
 //! * `plan`: choose device, builder and traversal by costs measured once on each device.
 //! * `stress`: scenes in which ray tracers fail, and the exact judge of what happens there.
 //! * `traffic`: count the bytes that kernels move on the CPU, for profiles. Slower.
