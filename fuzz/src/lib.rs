@@ -1,7 +1,8 @@
 //! What must hold of any bytes: no panic, no hang, no memory beyond the input's order, and right answers.
 
 use raykd::{
-    BuildOptions, Builder, Device, Error, Hit, Intersector, KdTree, Mesh, Query, Ray, Scene, Traversal,
+    BuildOptions, Builder, Device, Error, Hit, Intersector, KdTree, Mesh, Query, Ray, Ray64, Scene,
+    Traversal,
     internals::Cpu,
     shared::{LAYOUT_VERSION, MISS, Node, TreeHeader, TreeView},
     stress::{SLACK, is_ray, settled},
@@ -43,7 +44,25 @@ fn around(mesh: &Mesh) -> Vec<Ray> {
 pub fn mesh(name: &str, bytes: &[u8]) {
     if let Ok(mesh) = Mesh::from_bytes(Path::new(name), bytes.to_vec()) {
         let scene = Scene::build(&CPU, &mesh, &BuildOptions::default()).expect("a CPU builds it");
-        trace(&mesh, &scene, &around(&mesh));
+        let by = mesh.translation();
+        let local = mesh.into_local();
+        let mut rays = around(&local);
+        if by != [0.0; 3] {
+            // The same rays, by way of the mesh's own coordinates, which round them.
+            let own = rays.iter().map(|ray| {
+                let origin = [0, 1, 2].map(|a| f64::from(ray.origin[a]) + by[a]);
+                Ray64::new(origin, ray.direction.map(f64::from))
+            });
+            let own: Vec<_> = own.collect();
+            for (ray, own) in rays.iter_mut().zip(&own) {
+                ray.origin = [0, 1, 2].map(|a| (own.origin[a] - by[a]) as f32);
+            }
+            let there = scene.closest(&own).expect("a CPU does it");
+            let scene = Scene::build(&CPU, &local, &BuildOptions::default()).expect("a CPU builds it");
+            assert_eq!(there, scene.closest(&rays).expect("a CPU does it"));
+            return trace(&local, &scene, &rays);
+        }
+        trace(&local, &scene, &rays);
     }
 }
 
@@ -138,7 +157,11 @@ pub fn api(bytes: &[u8]) {
         bits => options.budget = Some(f32::from_bits(bits)),
     }
     options.long = word();
-    let Ok(mut scene) = Scene::build(&CPU, &TEAPOT, &options) else { return };
+    let mut scene = match Scene::build(&CPU, &TEAPOT, &options) {
+        Ok(scene) => scene,
+        Err(Error::Options { .. }) => return,
+        Err(error) => panic!("{options:?}: {error}"),
+    };
     let tree = scene.tree().expect("a CPU gives it back");
     tree.validate().expect("builders make valid trees");
     let rays = around(&TEAPOT);

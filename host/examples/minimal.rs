@@ -1,6 +1,6 @@
 //! The smallest use of raykd: a mesh, its tree, some rays, their hits.
 //!
-//! `cargo run --release --example minimal` traces the teapot; name an OBJ or PLY file to trace that instead.
+//! `cargo run --release --example minimal` traces the teapot; name a mesh file to trace that instead.
 
 use raykd::{BuildOptions, Device, Mesh, Ray, Scene};
 use std::{error::Error, path::Path};

@@ -82,16 +82,16 @@ impl Builder {
 /// What a build may be told.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BuildOptions {
-    /// SAH cost of one traversal step.
+    /// SAH cost of one traversal step, from 0 to [`Self::MOST`].
     pub cost_step: f32,
-    /// SAH cost of one triangle test.
+    /// SAH cost of one triangle test, from 0 to [`Self::MOST`].
     pub cost_test: f32,
-    /// Price of a reference: how many tests a ray through the scene it has to save, times the number of triangles.
+    /// Price of a reference, from 0 to [`Self::MOST`]: how many tests a ray through the scene it has to save, times the number of triangles.
     /// 0 takes every split that saves anything; more makes trees smaller where that costs least.
     pub price: f32,
     /// In nodes of more references the price is a hundredth (2^-7): long leaves hold up the rays beside.
     pub long: u32,
-    /// Most references a triangle, on average: `price` and `long` are doubled until the tree keeps to it. A scene that
+    /// Most references a triangle, on average, at least 1: `price` and `long` are doubled until the tree keeps to it. A scene that
     /// needs more gets slow. [`Builder::Median`] weighs no costs, [`Builder::Zhou`] none in large nodes: they may not keep to it.
     pub budget: Option<f32>,
     /// Factor on the cost of planes that cut off empty space, from 0 to 1.
@@ -125,6 +125,24 @@ impl Default for BuildOptions {
 }
 
 impl BuildOptions {
+    /// The most that a cost or price may be.
+    pub const MOST: f32 = 1e9;
+
+    /// Refuses numbers that costs cannot be weighed by.
+    pub(crate) fn check(&self) -> Result<(), Error> {
+        let numbers = [
+            ("cost_step", self.cost_step, 0.0, Self::MOST),
+            ("cost_test", self.cost_test, 0.0, Self::MOST),
+            ("price", self.price, 0.0, Self::MOST),
+            ("empty", self.empty, 0.0, 1.0),
+            ("budget", self.budget.unwrap_or(1.0), 1.0, f32::INFINITY),
+        ];
+        match numbers.into_iter().find(|(_, value, least, most)| !(least..=most).contains(&value)) {
+            Some((name, value, least, most)) => Err(Error::Options { name, value, least, most }),
+            None => Ok(()),
+        }
+    }
+
     /// What the surface area heuristic weighs in the scaled mesh.
     pub(crate) fn costs(&self, mesh: &Mesh) -> Costs {
         let (lo, hi) = mesh.scaled_bounds();

@@ -77,6 +77,18 @@ pub enum Error {
         /// What is wrong with it.
         what: String,
     },
+    /// An option of a build is out of its range.
+    #[error("{name} is {value}, and must be from {least} to {most}")]
+    Options {
+        /// Field of [`crate::BuildOptions`].
+        name: &'static str,
+        /// What it is.
+        value: f32,
+        /// The least it may be.
+        least: f32,
+        /// The most it may be.
+        most: f32,
+    },
     /// A triangle test was asked for what only the default one does.
     #[error(
         "intersector {name} works with the traversals stack and brute, for closest and any hits; {asked} needs the default, exact"

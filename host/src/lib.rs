@@ -76,6 +76,7 @@ pub use mesh::Mesh;
 pub use raykd_kernels as kernels;
 pub use raykd_shared as shared;
 pub use raykd_shared::{Hit, Ray};
+pub use rays::Ray64;
 pub use scene::{AllHits, Query, RaySteps, Resident, Scene, Traced};
 pub use traversal::Traversal;
 #[cfg(feature = "cli")]

@@ -1,8 +1,14 @@
 //! Rays to trace: random lines through a scene, a camera's image, bounces and shadows from what it saw.
 //!
-//! All are made by `+ - * / sqrt` from a fixed seed, so they are the same on every machine.
+//! All are made by `+ - * / sqrt` from a fixed seed, so they are the same on every machine. They are made in `f32`, in
+//! the mesh's own coordinates; where those have more digits than that, make them for the mesh as
+//! [`Mesh::into_local`] gives it, and trace them there.
 
 pub mod sets;
+mod wide;
+
+pub(crate) use wide::below;
+pub use wide::{AnyRay, Ray64};
 
 use crate::{Hit, Mesh, Ray};
 use std::ops::Range;

@@ -29,6 +29,8 @@ pub struct Scene<'d> {
     mesh: MeshBuffers,
     corners: Buffer,
     kept: Vec<u32>,
+    /// What rays lose of their origins, as the mesh did.
+    translation: [f64; 3],
     times: BuildTimes,
     traversal: Traversal,
     intersector: Intersector,

@@ -307,6 +307,64 @@ fn one_device_has_nothing_to_compare() {
     assert!(rows[0]["kernels"].as_array().unwrap().iter().any(|kernel| kernel["name"] == "treelet"));
 }
 
+/// A mesh far off is moved: that is told, and rays, cameras and hits stay in its own coordinates.
+#[test]
+fn a_mesh_far_off_is_moved_and_that_is_told() {
+    let folder = folder();
+    let [mesh, rays, hits, picture] = ["far.obj", "rays", "hits", "far.png"].map(|name| path(&folder, name));
+    let far = [4_500_000.003, -5_700_000.0, 0.0];
+    let corner = |x: f64, y: f64| format!("v {} {} 0.1\n", far[0] + x, far[1] + y);
+    let corners = [corner(0.0, 0.0), corner(0.01, 0.0), corner(0.0, 0.01)].concat();
+    fs::write(&mesh, format!("{corners}f 1 2 3\n")).unwrap();
+    let told = json(&["build", &mesh, "--device", "cpu", "--json"]);
+    assert_eq!((&told["kept"], &told["repairs"]["zero_area"]), (&1.into(), &0.into()));
+    let by: Vec<f64> = serde_json::from_value(told["repairs"]["translation"].clone()).unwrap();
+    assert!((by[0] - far[0]).abs() < 0.02 && (by[1] - far[1]).abs() < 0.02 && by[2] != 0.0, "{by:?}");
+    assert!(told["repairs"]["rounded"].as_u64().unwrap() > 0);
+    let change = told["repairs"]["largest_change"].as_f64().unwrap();
+    assert!(change > 0.0 && change < 1e-9, "{change}");
+    has(
+        &good(&["build", &mesh, "--device", "cpu"]),
+        &["moved by -4500000.0", "coordinates rounded to 32-bit floats, by"],
+    );
+
+    // Rays in f64 down to a point inside, to one just outside, and past it all.
+    let wide = [(0.004, 0.004), (0.006, 0.006), (-0.5, 0.25)]
+        .map(|(x, y)| [far[0] + x, far[1] + y, 1.1, 0.0, 0.0, -1.0, 0.0, f64::INFINITY]);
+    fs::write(&rays, wide.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<_>>()).unwrap();
+    let line = ["trace", &mesh, "--rays", &rays, "--hits", &hits, "--device", "cpu", "--json"];
+    let told = json(&[&line[..], &["--f64"]].concat());
+    assert_eq!((&told["rays"], &told["hits"], &told["invalid"]), (&3.into(), &1.into(), &0.into()));
+    assert_eq!(told["repairs"]["translation"][0], by[0]);
+    let found = read_hits(&hits);
+    assert_eq!(found.iter().map(|hit| hit.0).collect::<Vec<_>>(), [0, u32::MAX, u32::MAX]);
+    assert!(found[0].1.iter().zip([1.0, 0.4, 0.4]).all(|(x, y)| (x - y).abs() < 1e-3), "{found:?}");
+    // A ray in f32 from where f32 reaches.
+    write_rays(&rays, &[[4.5e6, -5.7e6, 1.1, 0.005, 0.003, -1.0, 0.0, 9.0]]);
+    assert_eq!(json(&line)["hits"], 1);
+    has(
+        &bad(&[&line[..], &["--f64"]].concat(), 1),
+        &["32 bytes are no whole number of rays of 64 bytes", "8 little-endian f64"],
+    );
+
+    let [eye, target] = [1.0, 0.1].map(|z| format!("{},{},{z}", far[0] + 0.003, far[1] + 0.003));
+    let line = [
+        "render",
+        &mesh,
+        "-o",
+        &picture,
+        "--size",
+        "9x9",
+        "--samples",
+        "1",
+        "--eye",
+        &eye,
+        "--target",
+        &target,
+    ];
+    has(&good(&[&line[..], &["--fov", "0.2", "--device", "cpu"]].concat()), &["81 of 81 rays hit"]);
+}
+
 #[test]
 fn trace_gives_known_hits() {
     let folder = folder();
@@ -444,7 +502,17 @@ fn damaged_or_foreign_tree_is_refused() {
     write_rays(&rays, &known().0);
     good(&["build", "teapot", "-o", &tree, "--device", "cpu"]);
     let line = ["trace", &mesh, "--rays", &rays, "--hits", &hits, "--device", "cpu", "--tree", &tree];
-    has(&bad(&line, 1), &["another mesh"]);
+    has(&bad(&line, 1), &["another mesh", &tree, &mesh]);
+    // Of a mesh with as many triangles, in the same box, one of whose corners has moved since.
+    good(&["build", &mesh, "-o", &tree, "--device", "cpu"]);
+    good(&line);
+    fs::remove_file(&hits).unwrap();
+    let text = fs::read_to_string(&mesh).unwrap();
+    let edited = text.replacen("v 4 0 1", "v 3 0 1", 1);
+    assert_ne!(text, edited);
+    fs::write(&mesh, edited).unwrap();
+    has(&bad(&line, 1), &["another mesh", "not the same", &tree, &mesh]);
+    fs::write(&mesh, text).unwrap();
     let mut bytes = fs::read(&tree).unwrap();
     bytes[100] ^= 1;
     fs::write(&tree, bytes).unwrap();

@@ -191,7 +191,9 @@ fn polygons_become_fans() {
     let vertices: Vec<[f64; 3]> = p.iter().map(|p| p.map(f64::from)).collect();
     let ply = read("a.ply", binary_ply(PLAIN, &vertices, &[&[0, 1, 2, 3, 4, 5], &[2, 1, 0]])).unwrap();
     assert_eq!(corners(&ply), fan);
-    assert_eq!(ply.repairs(), obj.repairs());
+    assert_eq!(ply.repairs().polygons, 1);
+    // 0.9 is no f32, and was one when it was written to the binary file.
+    assert_eq!((ply.repairs().rounded, obj.repairs().rounded), (0, 4));
 }
 
 #[test]
@@ -260,7 +262,7 @@ fn text_ply_errors_name_the_line() {
         ),
         ("end_header\n", "", "bad.ply, line 9: Couldn't parse line"),
         ("1 1 .5", "1 NaN .5", "bad.ply, line 12: coordinate 'NaN' is not a finite 32-bit float"),
-        ("1 1 .5", "1 1e40 .5", "bad.ply, line 12: coordinate 'inf' is not a finite 32-bit float"),
+        ("1 1 .5", "1 1e40 .5", "bad.ply, line 12: coordinate '1e40' is not a finite 32-bit float"),
         ("1 1 .5", "1 1", "bad.ply, line 12: the line ends before all its properties"),
         ("1 1 .5", "1 one .5", "bad.ply, line 12: 'one' is not a coordinate"),
         (
@@ -305,7 +307,7 @@ fn binary_ply_errors_name_the_element() {
     assert!(
         refusal("b.ply", with(f64::NAN)).starts_with("b.ply, vertex 2: coordinate 'NaN' is not a finite")
     );
-    assert!(refusal("b.ply", with(1e39)).starts_with("b.ply, vertex 2: coordinate 'inf' is not a finite"));
+    assert!(refusal("b.ply", with(1e39)).starts_with("b.ply, vertex 2: coordinate '1e39' is not a finite"));
     let faces = |faces: &[&[i64]]| binary_ply(PLAIN, &vertices, faces);
     assert!(
         refusal("b.ply", faces(&[&[0, 1, 2], &[0, 1, 4]]))
@@ -356,8 +358,8 @@ fn other_refusals() {
     );
     assert!(refusal("a.ply.gz", QUAD_PLY).starts_with("a.ply.gz: the gzip data is damaged"));
     assert!(refusal("a.ply.gz", gzip(b"")).starts_with("a.ply.gz: there is nothing in it"));
-    assert!(refusal("a.stl", "solid teapot\n").starts_with("a.stl: neither OBJ nor PLY; convert it"));
-    assert!(refusal("a", [0u8, 1, 2, 255]).starts_with("a: neither OBJ nor PLY"));
+    assert!(refusal("a.fbx", "teapot\n").starts_with("a.fbx: neither OBJ, PLY, STL nor glTF; convert it"));
+    assert!(refusal("a", [0u8, 1, 2, 255]).starts_with("a: neither OBJ, PLY"));
 
     let missing = Mesh::load(Path::new("no/such/file.ply")).unwrap_err().to_string();
     assert!(missing.starts_with("cannot read no/such/file.ply: No such file"), "{missing}");
@@ -451,7 +453,7 @@ proptest! {
         prop_assert_eq!(ply.kept(), mesh.kept());
         prop_assert_eq!(ply.repairs(), mesh.repairs());
         let mut obj = String::new();
-        for p in &positions {
+        for p in &vertices {
             obj += &format!("v {} {} {}\n", p[0], p[1], p[2]);
         }
         for t in &triangles {

@@ -227,7 +227,7 @@ fn bench(
         sets_digest,
         hits: traced.hits.iter().filter(|hit| hit.is_hit()).count(),
         kept: mesh.kept().len(),
-        repairs: mesh.repairs().into(),
+        repairs: input.into(),
         identical: None,
         kernels: built.kernels,
     })

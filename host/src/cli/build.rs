@@ -119,7 +119,7 @@ fn build(device: &Device, input: &Input, options: &BuildOptions) -> Result<(Told
         scene: input.name.clone(),
         triangles: mesh.triangles().len(),
         kept: mesh.kept().len(),
-        repairs: mesh.repairs().into(),
+        repairs: input.into(),
         device: device.kind(),
         adapter: device.name().to_owned(),
         load_ms: ms(input.load),

@@ -6,6 +6,7 @@ use super::{
     machine::Machines,
     measure::{self, mrays},
     notes::Notes,
+    trace::Rays,
     write_json,
 };
 use crate::{
@@ -56,11 +57,13 @@ struct Sets {
 
 pub(super) fn run(
     args: &TraceArgs,
-    given: Option<&[Ray]>,
+    given: Option<&Rays>,
     notes: &Notes,
     out: &mut StdoutLock<'_>,
 ) -> anyhow::Result<ExitCode> {
     let input = Input::load(&args.mesh, notes)?;
+    let given = given.map(|rays| rays.local(input.translation));
+    let given = given.as_deref();
     let machines = Machines::choose(args.on.device.map(Which::from), &args.on.more, notes)?;
     let mut sets = None;
     let mut rows = Vec::new();

@@ -4,6 +4,7 @@ use super::notes::Notes;
 use crate::{
     Mesh,
     mesh::{Repairs, Scene},
+    report::three,
 };
 use std::time::{Duration, Instant};
 
@@ -12,7 +13,10 @@ use std::time::{Duration, Instant};
 pub(super) struct Input {
     /// The scene's name or the file's path.
     pub name: String,
+    /// Where its tree is: moved by `translation`, which it does not know of.
     pub mesh: Mesh,
+    /// What the mesh's own coordinates have more than those of `mesh`.
+    pub translation: [f64; 3],
     /// Time to read and check it.
     pub load: Duration,
 }
@@ -25,42 +29,80 @@ impl Input {
         notes.stage(format_args!("{name}: reading"));
         let start = Instant::now();
         let mesh = scene.load()?;
-        Ok(Self { name, mesh, load: start.elapsed() })
+        let load = start.elapsed();
+        Ok(Self { name, translation: mesh.translation(), mesh: mesh.into_local(), load })
     }
 }
 
 /// What was set aside or changed in a mesh, for JSON.
 #[derive(Clone, Copy, Debug, Default, serde::Serialize)]
 pub(super) struct RepairCounts {
+    /// What was subtracted from all coordinates, to save digits.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    translation: Option<[f64; 3]>,
     zero_area: u32,
     duplicates: u32,
     polygons: u32,
     ignored: u32,
     flushed: u32,
+    unposed: u32,
+    rounded: u32,
+    /// By rounding, in the mesh's units.
+    largest_change: f64,
+    collapsed: u32,
 }
 
-impl From<&Repairs> for RepairCounts {
-    fn from(r: &Repairs) -> Self {
-        let &Repairs { zero_area, duplicates, polygons, ignored, flushed } = r;
-        Self { zero_area, duplicates, polygons, ignored, flushed }
+impl From<&Input> for RepairCounts {
+    fn from(input: &Input) -> Self {
+        let &Repairs {
+            zero_area,
+            duplicates,
+            polygons,
+            ignored,
+            flushed,
+            unposed,
+            rounded,
+            largest_change,
+            collapsed,
+        } = input.mesh.repairs();
+        let translation = Some(input.translation).filter(|by| *by != [0.0; 3]);
+        Self {
+            translation,
+            zero_area,
+            duplicates,
+            polygons,
+            ignored,
+            flushed,
+            unposed,
+            rounded,
+            largest_change,
+            collapsed,
+        }
     }
 }
 
 impl RepairCounts {
     /// In words; nothing if there is nothing to tell.
     pub(super) fn told(&self) -> Option<String> {
+        let rounded =
+            format!("coordinates rounded to 32-bit floats, by {} at most", three(self.largest_change));
         let parts = [
             (self.zero_area, "zero-area triangles kept out of the tree"),
             (self.duplicates, "duplicate triangles (the lowest number wins)"),
             (self.polygons, "polygons cut into triangles"),
             (self.ignored, "points and lines ignored"),
             (self.flushed, "coordinates too small to matter taken as 0"),
+            (self.unposed, "meshes with skins or morph targets taken as they are stored"),
+            (self.rounded, &rounded),
+            (self.collapsed, "triangles that lost their area by rounding"),
         ];
-        let told: Vec<_> = parts
+        let moved =
+            self.translation.map(|[x, y, z]| format!("moved by {:?} {:?} {:?}", 0.0 - x, 0.0 - y, 0.0 - z));
+        let told = parts
             .iter()
             .filter(|(n, _)| *n > 0)
-            .map(|&(n, what)| format!("{} {what}", crate::report::count(n.into())))
-            .collect();
+            .map(|&(n, what)| format!("{} {what}", crate::report::count(n.into())));
+        let told: Vec<_> = moved.into_iter().chain(told).collect();
         (!told.is_empty()).then(|| told.join("; "))
     }
 }

@@ -8,7 +8,7 @@ use super::{
     notes::Notes,
 };
 use crate::{
-    Device, Error, Mesh, Scene, output,
+    Device, Error, Scene, output,
     rays::Camera,
     render::{Picture, Shading, corners, rays_of, render},
     report::count,
@@ -28,7 +28,7 @@ pub(super) fn run(args: &RenderArgs, out: &mut StdoutLock<'_>) -> anyhow::Result
     }
     output::check(&args.output)?;
     let input = Input::load(&args.mesh, &notes)?;
-    let camera = camera(args, &input.mesh)?;
+    let camera = camera(args, &input)?;
     let shading = match args.shading {
         Wish::Normal => Shading::Normal,
         Wish::Depth => Shading::Depth,
@@ -75,7 +75,9 @@ pub(super) fn run(args: &RenderArgs, out: &mut StdoutLock<'_>) -> anyhow::Result
 }
 
 /// The camera given, or one that sees the whole mesh.
-fn camera(args: &RenderArgs, mesh: &Mesh) -> anyhow::Result<Camera> {
+fn camera(args: &RenderArgs, input: &Input) -> anyhow::Result<Camera> {
+    let mesh = &input.mesh;
+    let local = |point: [f64; 3]| [0, 1, 2].map(|a| point[a] - input.translation[a]);
     let [width, height] = args.size;
     let framing = Camera::framing(mesh.bounds());
     let camera = match args.eye {
@@ -86,7 +88,7 @@ fn camera(args: &RenderArgs, mesh: &Mesh) -> anyhow::Result<Camera> {
         Some(eye) => {
             let (lo, hi) = mesh.bounds();
             let middle = [0, 1, 2].map(|a| f64::midpoint(f64::from(lo[a]), f64::from(hi[a])));
-            Camera { eye, target: args.target.unwrap_or(middle), up: args.up, fov: args.fov }
+            Camera { eye: local(eye), target: args.target.map_or(middle, local), up: args.up, fov: args.fov }
         }
     };
     (camera.eye != camera.target)

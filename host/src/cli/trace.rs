@@ -4,17 +4,20 @@ use super::{
     amount,
     args::{Ask, TraceArgs},
     compare,
-    input::Input,
+    input::{Input, RepairCounts},
     measure::{self, mrays, ms},
     notes::Notes,
     write_json,
 };
 use crate::{
-    AllHits, BuildOptions, Device, Error, KdTree, Query, Ray, Scene, Traced, Traversal, digest_of, output,
+    AllHits, BuildOptions, Device, Error, KdTree, Query, Ray, Ray64, Scene, Traced, Traversal, digest_of,
+    output,
+    rays::AnyRay,
     report::{count, three},
 };
 use anyhow::{Context as _, bail};
 use std::{
+    borrow::Cow,
     io::{StdoutLock, Write as _},
     path::Path,
     process::ExitCode,
@@ -29,6 +32,7 @@ const USUAL_LIMIT: u32 = 8;
 struct Told {
     scene: String,
     triangles: usize,
+    repairs: RepairCounts,
     device: &'static str,
     adapter: String,
     query: &'static str,
@@ -66,12 +70,13 @@ struct Told {
 
 pub(super) fn run(args: &TraceArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
     let notes = Notes::new(args.json);
-    let rays = args.rays.as_deref().map(read_rays).transpose()?;
+    let rays = args.rays.as_deref().map(|path| Rays::read(path, args.f64)).transpose()?;
     let (Some(rays), Some(hits)) = (&rays, &args.hits) else {
-        return compare::run(args, rays.as_deref(), &notes, out);
+        return compare::run(args, rays.as_ref(), &notes, out);
     };
     output::check(hits)?;
     let mut input = Input::load(&args.mesh, &notes)?;
+    let rays = &*rays.local(input.translation);
     let start = Instant::now();
     let tree = args.tree.as_deref().map(KdTree::load).transpose()?;
     if let (Some(tree), Some(file)) = (&tree, &args.tree) {
@@ -103,20 +108,42 @@ pub(super) fn run(args: &TraceArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
     Ok(ExitCode::SUCCESS)
 }
 
-/// Reads records of 8 little-endian `f32`.
-fn read_rays(path: &Path) -> anyhow::Result<Vec<Ray>> {
-    const _: () = assert!(cfg!(target_endian = "little"), "files are read and written as they lie in memory");
-    let bytes = std::fs::read(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
-    let (record, extra) = (size_of::<Ray>(), bytes.len() % size_of::<Ray>());
-    if extra != 0 {
-        bail!(
-            "{}: {} bytes are no whole number of rays of {record} bytes ({extra} left over); \
-             a ray is 8 little-endian f32: origin, direction, t_min, t_max",
-            path.display(),
-            bytes.len()
-        );
+/// The rays of a file, in the mesh's own coordinates.
+pub(super) enum Rays {
+    Narrow(Vec<Ray>),
+    Wide(Vec<Ray64>),
+}
+
+impl Rays {
+    /// Reads records of 8 little-endian `f32`, or `f64` if they are wide.
+    fn read(path: &Path, wide: bool) -> anyhow::Result<Self> {
+        const _: () =
+            assert!(cfg!(target_endian = "little"), "files are read and written as they lie in memory");
+        let bytes = std::fs::read(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
+        let (record, number) = if wide { (size_of::<Ray64>(), "f64") } else { (size_of::<Ray>(), "f32") };
+        let extra = bytes.len() % record;
+        if extra != 0 {
+            bail!(
+                "{}: {} bytes are no whole number of rays of {record} bytes ({extra} left over); \
+                 a ray is 8 little-endian {number}: origin, direction, t_min, t_max",
+                path.display(),
+                bytes.len()
+            );
+        }
+        Ok(if wide {
+            Self::Wide(bytemuck::pod_collect_to_vec(&bytes))
+        } else {
+            Self::Narrow(bytemuck::pod_collect_to_vec(&bytes))
+        })
     }
-    Ok(bytemuck::pod_collect_to_vec(&bytes))
+
+    /// The rays for a mesh that was moved.
+    pub(super) fn local(&self, translation: [f64; 3]) -> Cow<'_, [Ray]> {
+        match self {
+            Self::Narrow(rays) => AnyRay::local(rays, translation),
+            Self::Wide(rays) => AnyRay::local(rays, translation),
+        }
+    }
 }
 
 /// Traces, and says what that took and what to write.
@@ -149,6 +176,7 @@ fn trace(
     let told = Told {
         scene: input.name.clone(),
         triangles: mesh.triangles().len(),
+        repairs: input.into(),
         device: device.kind(),
         adapter: device.name().to_owned(),
         query: match ask {
@@ -228,6 +256,9 @@ fn answer(scene: &Scene<'_>, ask: Ask, limit: u32, rays: &[Ray]) -> Result<Answe
 fn print(t: &Told, hits: &Path, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
     let mut line = |name: &str, what: String| writeln!(out, "{name:<7} {what}");
     line("scene", format!("{}, {} triangles", t.scene, count(t.triangles as u64)))?;
+    if let Some(told) = t.repairs.told() {
+        line("repairs", told)?;
+    }
     line("device", format!("{}, {}", t.device.to_uppercase(), t.adapter))?;
     line(
         "times",

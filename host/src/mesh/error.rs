@@ -19,7 +19,7 @@ pub enum Spot {
     /// No place in particular.
     #[default]
     Whole,
-    /// The header of a PLY file.
+    /// The header of a file.
     Header,
     /// A line of a text file, counted from 1.
     Line(u64),
@@ -76,9 +76,25 @@ pub enum MeshError {
         /// What the decoder said.
         reason: String,
     },
-    /// The file is neither OBJ nor PLY.
-    #[error("{at}: neither OBJ nor PLY; convert it to one of them (.obj, .ply, each also .gz)")]
+    /// The file has none of the formats that are read.
+    #[error(
+        "{at}: neither OBJ, PLY, STL nor glTF; convert it to one of them (.obj, .ply, .stl, .gltf, .glb, each also .gz)"
+    )]
     UnknownFormat {
+        /// The file.
+        at: Place,
+    },
+    /// A glTF file has its triangles in an extension, or needs one that may change them.
+    #[error("{at}: it needs the glTF extension '{name}', which is not read; export the mesh without it")]
+    Extension {
+        /// Where.
+        at: Place,
+        /// The extension's name.
+        name: String,
+    },
+    /// The library was built without the format.
+    #[error("{at}: glTF is read only by a raykd that was built with the feature 'gltf'")]
+    NoGltf {
         /// The file.
         at: Place,
     },
@@ -184,6 +200,8 @@ impl MeshError {
         match &mut self {
             Self::Gzip { at, .. }
             | Self::UnknownFormat { at }
+            | Self::Extension { at, .. }
+            | Self::NoGltf { at }
             | Self::Malformed { at, .. }
             | Self::Truncated { at, .. }
             | Self::NonFinite { at, .. }

@@ -1,6 +1,8 @@
 //! From a path to a mesh: reading, unpacking, and telling the formats apart.
 
-use super::{Mesh, MeshError, Place, Repairs, obj, ply};
+#[cfg(feature = "gltf")]
+use super::gltf;
+use super::{Mesh, MeshError, Place, Repairs, obj, ply, stl};
 use flate2::read::MultiGzDecoder;
 use std::io::Read;
 use std::path::Path;
@@ -8,7 +10,7 @@ use std::path::Path;
 /// What a parser hands on: vertices, triangles in file order, and what it did on the way.
 #[derive(Debug, Default)]
 pub(super) struct Raw {
-    pub(super) positions: Vec<[f32; 3]>,
+    pub(super) positions: Vec<[f64; 3]>,
     pub(super) triangles: Vec<[u32; 3]>,
     /// Only `polygons` and `ignored` are filled in.
     pub(super) repairs: Repairs,
@@ -18,20 +20,23 @@ pub(super) struct Raw {
 enum Format {
     Obj,
     Ply,
+    Stl,
+    Gltf,
 }
 
 /// Reads a mesh from a file.
 pub(super) fn load(path: &Path) -> Result<Mesh, MeshError> {
     let bytes = std::fs::read(path).map_err(|source| MeshError::Read { path: path.to_owned(), source })?;
-    from_bytes(path, bytes)
+    parse(path, bytes, Some(path.parent().unwrap_or(path))).map_err(|e| e.in_file(path))
 }
 
 /// Makes a mesh of a file's bytes. The path serves to tell the format, and in messages.
 pub(super) fn from_bytes(path: &Path, bytes: Vec<u8>) -> Result<Mesh, MeshError> {
-    parse(path, bytes).map_err(|e| e.in_file(path))
+    parse(path, bytes, None).map_err(|e| e.in_file(path))
 }
 
-fn parse(path: &Path, bytes: Vec<u8>) -> Result<Mesh, MeshError> {
+/// Buffers that are files of their own are read from the folder, if there is one.
+fn parse(path: &Path, bytes: Vec<u8>, folder: Option<&Path>) -> Result<Mesh, MeshError> {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     let inner_name = name.strip_suffix(".gz");
     let bytes =
@@ -42,11 +47,21 @@ fn parse(path: &Path, bytes: Vec<u8>) -> Result<Mesh, MeshError> {
     let format = match inner_name.unwrap_or(&name).rsplit_once('.') {
         Some((_, "obj")) => Some(Format::Obj),
         Some((_, "ply")) => Some(Format::Ply),
+        Some((_, "stl")) => Some(Format::Stl),
+        Some((_, "gltf" | "glb")) => Some(Format::Gltf),
         _ => sniff(&bytes),
     };
     let raw = match format {
         Some(Format::Obj) => obj::parse(&bytes)?,
         Some(Format::Ply) => ply::parse(&bytes)?,
+        Some(Format::Stl) => stl::parse(&bytes)?,
+        #[cfg(feature = "gltf")]
+        Some(Format::Gltf) => gltf::parse(&bytes, folder)?,
+        #[cfg(not(feature = "gltf"))]
+        Some(Format::Gltf) => {
+            let _ = folder;
+            return Err(MeshError::NoGltf { at: Place::default() });
+        }
         None => return Err(MeshError::UnknownFormat { at: Place::default() }),
     };
     drop(bytes);
@@ -67,9 +82,32 @@ fn sniff(bytes: &[u8]) -> Option<Format> {
     if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
         return Some(Format::Ply);
     }
+    if bytes.starts_with(b"glTF") || bytes.trim_ascii_start().starts_with(b"{") {
+        return Some(Format::Gltf);
+    }
+    if stl::is_binary(bytes) || stl::is_text(bytes) {
+        return Some(Format::Stl);
+    }
     let words = bytes.split(|&b| b == b'\n').filter_map(|line| {
         line.trim_ascii().split(u8::is_ascii_whitespace).next().filter(|w| !w.is_empty() && w[0] != b'#')
     });
     let known: [&[u8]; 10] = [b"v", b"vn", b"vt", b"vp", b"f", b"o", b"g", b"s", b"mtllib", b"usemtl"];
     words.take(1).find(|word| known.contains(word)).map(|_| Format::Obj)
+}
+
+/// The nearest `f64` to a number in decimal, but none that lies halfway between two `f32` unless the number does: so
+/// that rounding it once more gives the `f32` nearest to the number.
+pub(super) fn decimal(text: &str) -> Option<f64> {
+    let x: f64 = text.parse().ok()?;
+    // The 29 digits that go are a one and zeros; below the normal numbers it is easier not to look.
+    let halfway = x.to_bits() << 35 == 1 << 63 || x.abs() < f64::from(f32::MIN_POSITIVE);
+    if !halfway || x == 0.0 {
+        return Some(x);
+    }
+    let nearest: f32 = text.parse().ok()?;
+    Some(match f64::from(nearest) {
+        _ if x as f32 == nearest => x,
+        above if above > x => x.next_up(),
+        _ => x.next_down(),
+    })
 }

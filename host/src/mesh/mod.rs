@@ -16,6 +16,28 @@
 //!   mesh without faces. Each names file and line or element. A mesh whose triangles all have no area is fine:
 //!   its tree is empty.
 //!
+//! # Formats
+//! Only positions are kept. To look up what else a file says of a point that was hit, take its triangle's corners `a`,
+//! `b` and `c` in the order of the file: normals, texture coordinates and colours there have the weights `1 - u - v`,
+//! `u` and `v`. Triangles are numbered
+//!
+//! - in **OBJ** and **PLY** in the order of the faces, a polygon's triangles one after the other;
+//! - in **STL** in the order of the facets; corner `k` of triangle `i` is vertex `3 i + k`, for vertices are not joined;
+//! - in **glTF** (with the feature `gltf`) node by node of the default scene, or else the first one, or else all nodes:
+//!   a node's mesh before its children, primitives in the order of their list. Nodes' transforms are applied in `f64`.
+//!   Strips and fans are cut into triangles, points and lines ignored. Skins and morph targets are not applied, but
+//!   counted. `KHR_mesh_quantization` is understood; other extensions that a file requires, or that hold or multiply its
+//!   triangles, are refused by name.
+//!
+//! # Numbers
+//! Positions are read as `f64` and rounded to `f32`. If some coordinate is not an `f32`, and larger than eight times
+//! the mesh's largest extent, the mesh is moved first: on each axis where that is so, the middle of its box, rounded
+//! to few binary digits, is subtracted from all coordinates ([`Mesh::translation`]). Triangles without area have no
+//! part in the box. Rays are given in the mesh's own coordinates and moved in the same way, in `f64`, before they are
+//! rounded ([`Ray64`](crate::Ray64)); hits have nothing that could be moved. [`Repairs`] tells how many coordinates
+//! were rounded, by how much at most, and how many triangles lost their area by that. In a tree and its file the mesh
+//! is where it was moved to.
+//!
 //! # Scale
 //! Kernels compute in 32-bit floats. If the largest extent of the triangles that take part lies outside
 //! 2⁻¹⁰ to 2²⁰, they get coordinates multiplied with a power of two ([`Mesh::scale`]) that brings it into
@@ -25,11 +47,15 @@
 
 mod digest;
 mod error;
+#[cfg(feature = "gltf")]
+mod gltf;
 mod load;
 mod obj;
 mod ply;
 mod repair;
+mod rounding;
 mod scenes;
+mod stl;
 mod teapot;
 
 pub(crate) use digest::digest;
@@ -38,6 +64,7 @@ pub use repair::Repairs;
 pub use scenes::{Scene, folder as scenes_folder, scene};
 pub use teapot::teapot_level_for;
 
+use crate::rays::below;
 use load::Raw;
 use raykd_shared::limits::MAX_TRIANGLES;
 use std::borrow::Cow;
@@ -54,6 +81,8 @@ pub struct Mesh {
     scale: f32,
     /// Coordinates of smaller magnitude are 0 for the kernels.
     dust: f64,
+    /// The mesh's own coordinates less `positions`.
+    translation: [f64; 3],
 }
 
 impl Mesh {
@@ -63,38 +92,61 @@ impl Mesh {
     /// If a coordinate is not finite, an index is out of range, there is no triangle or there are more than
     /// [`MAX_TRIANGLES`], or all of them together are smaller than 2⁻¹³⁷.
     pub fn new(positions: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Result<Self, MeshError> {
+        check(&positions, &triangles)?;
+        Self::checked(positions, triangles, Repairs::default(), [0.0; 3])
+    }
+
+    /// The same of vertices in `f64`. They are rounded to `f32`, after the mesh was moved if that saves digits: see
+    /// [the module](crate::mesh). [`Mesh::repairs`] tells what rounding changed.
+    ///
+    /// # Errors
+    /// Those of [`Mesh::new`]; a coordinate must be finite in `f32` too.
+    pub fn from_f64(positions: Vec<[f64; 3]>, triangles: Vec<[u32; 3]>) -> Result<Self, MeshError> {
         Self::with_repairs(Raw { positions, triangles, repairs: Repairs::default() })
     }
 
-    fn with_repairs(Raw { positions, triangles, mut repairs }: Raw) -> Result<Self, MeshError> {
-        if triangles.is_empty() {
-            return Err(MeshError::NoFaces { at: Place::default() });
+    fn with_repairs(Raw { positions: given, triangles, mut repairs }: Raw) -> Result<Self, MeshError> {
+        check(&given, &triangles)?;
+        let rounding::Rounded { positions, translation, coordinates, largest_change } =
+            rounding::round(&given, &triangles);
+        (repairs.rounded, repairs.largest_change) = (coordinates, largest_change);
+        let mut mesh = Self::checked(positions, triangles, repairs, translation)?;
+        if coordinates > 0 {
+            mesh.repairs.collapsed = mesh.collapsed(&given);
         }
-        if triangles.len() > MAX_TRIANGLES as usize {
-            return Err(MeshError::TooManyTriangles { at: Place::default(), limit: MAX_TRIANGLES });
-        }
-        if let Some(i) = positions.iter().position(|p| !p.iter().all(|x| x.is_finite())) {
-            let value = positions[i].iter().find(|x| !x.is_finite()).map(f32::to_string).unwrap_or_default();
-            return Err(MeshError::NonFinite { at: Place::element("vertex", i as u64), value });
-        }
-        let vertices = positions.len() as u64;
-        let outside = |t: &[u32; 3]| t.iter().copied().find(|&v| u64::from(v) >= vertices);
-        if let Some((i, index)) = triangles.iter().enumerate().find_map(|(i, t)| Some((i, outside(t)?))) {
-            let at = Place::element("triangle", i as u64);
-            return Err(MeshError::IndexOutOfRange { at, index: index.into(), first: 0, vertices });
-        }
+        Ok(mesh)
+    }
 
+    /// How many triangles have area in the positions given, but none as they were rounded.
+    fn collapsed(&self, given: &[[f64; 3]]) -> u32 {
+        let mut kept = self.kept.iter().copied().peekable();
+        let left_out = (0..self.triangles.len() as u32).filter(|t| kept.next_if_eq(t).is_none());
+        let corners = |t: u32| self.triangles[t as usize];
+        let lost = left_out.filter(|&t| {
+            !repair::has_area(corners(t).map(|v| self.positions[v as usize]))
+                && repair::has_area(corners(t).map(|v| given[v as usize]))
+        });
+        lost.count() as u32
+    }
+
+    fn checked(
+        positions: Vec<[f32; 3]>,
+        triangles: Vec<[u32; 3]>,
+        mut repairs: Repairs,
+        translation: [f64; 3],
+    ) -> Result<Self, MeshError> {
         let repair::Survey { kept, bounds, scale, dust } = repair::survey(&positions, &triangles)?;
         repairs.zero_area = (triangles.len() - kept.len()) as u32;
         repairs.duplicates = repair::count_duplicates(&positions, &triangles, &kept);
         let flushed =
             positions.as_flattened().iter().filter(|&&x| x != 0.0 && repair::settle(x, dust) == 0.0);
         repairs.flushed = flushed.count().try_into().unwrap_or(u32::MAX);
-        Ok(Self { positions, triangles, kept, repairs, bounds, scale, dust })
+        Ok(Self { positions, triangles, kept, repairs, bounds, scale, dust, translation })
     }
 
-    /// Reads an OBJ or PLY file, either of them also gzipped. The format is told by the extension (`.obj`,
-    /// `.ply`, `.obj.gz`, `.ply.gz`), or else by the first bytes.
+    /// Reads an OBJ, PLY, STL or glTF file, each of them also gzipped. The format is told by the extension (`.obj`,
+    /// `.ply`, `.stl`, `.gltf`, `.glb`, each also with `.gz`), or else by the first bytes. Buffers of a glTF file may be
+    /// files beside it.
     ///
     /// # Errors
     /// If the file cannot be read or used; the message names the line or element.
@@ -103,7 +155,7 @@ impl Mesh {
     }
 
     /// Like [`Mesh::load`], of a file that is in memory already. The path serves to tell the format, and in
-    /// messages.
+    /// messages; no other file is read.
     ///
     /// # Errors
     /// If the bytes cannot be used.
@@ -119,9 +171,36 @@ impl Mesh {
         Self::new(positions, triangles).expect("the teapot is a valid mesh at every level")
     }
 
-    /// Vertices as they were given.
+    /// Vertices as they were given, less [`Mesh::translation`], rounded to `f32`.
     pub fn positions(&self) -> &[[f32; 3]] {
         &self.positions
+    }
+
+    /// What [`Mesh::positions`] lack of the mesh's own coordinates: zeros, unless the mesh was moved to save digits
+    /// (see [the module](crate::mesh)).
+    pub fn translation(&self) -> [f64; 3] {
+        self.translation
+    }
+
+    /// A vertex in the mesh's own coordinates, as far as rounding left them: its position and [`Mesh::translation`].
+    ///
+    /// # Panics
+    /// There is no such vertex.
+    pub fn vertex(&self, number: u32) -> [f64; 3] {
+        let position = self.positions[number as usize];
+        [0, 1, 2].map(|a| f64::from(position[a]) + self.translation[a])
+    }
+
+    /// The mesh with its positions taken for its own coordinates: its translation is forgotten.
+    #[must_use]
+    pub fn into_local(self) -> Self {
+        Self { translation: [0.0; 3], ..self }
+    }
+
+    /// The same, or this mesh if it was not moved.
+    #[cfg(any(feature = "plan", feature = "stress"))]
+    pub(crate) fn local(&self) -> Cow<'_, Self> {
+        if self.translation == [0.0; 3] { Cow::Borrowed(self) } else { Cow::Owned(self.clone().into_local()) }
     }
 
     /// All triangles in file order, zero-area ones included.
@@ -140,9 +219,12 @@ impl Mesh {
     }
 
     /// Lower and upper corner of the box around the triangles that take part, as the kernels see them but
-    /// unscaled; zeros if there are none.
+    /// unscaled; zeros if there are none. In the mesh's own coordinates: of a mesh that was moved, rounded outward.
     pub fn bounds(&self) -> ([f32; 3], [f32; 3]) {
-        self.bounds
+        let (lo, hi) = self.bounds;
+        let moved = |p: [f32; 3], axis: usize| f64::from(p[axis]) + self.translation[axis];
+        let lo = [0, 1, 2].map(|a| below(moved(lo, a)));
+        (lo, [0, 1, 2].map(|a| -below(-moved(hi, a))))
     }
 
     /// The power of two that positions are multiplied with for the kernels, mostly 1.
@@ -150,7 +232,7 @@ impl Mesh {
         self.scale
     }
 
-    /// [`Mesh::bounds`] times [`Mesh::scale`]: the box the kernels see.
+    /// The box the kernels see: that of [`Mesh::bounds`], less [`Mesh::translation`], times [`Mesh::scale`].
     pub fn scaled_bounds(&self) -> ([f32; 3], [f32; 3]) {
         let scaled = |corner: [f32; 3]| corner.map(|x| self.scaled(x));
         (scaled(self.bounds.0), scaled(self.bounds.1))
@@ -177,4 +259,30 @@ impl Mesh {
         let x = f64::from(repair::settle(x, self.dust)) * f64::from(self.scale);
         if x.abs() <= f64::from(f32::MAX) { x as f32 } else { 0.0 }
     }
+}
+
+/// Makes sure of what the rest relies on: finite numbers in the range of `f32`, and indices of vertices that are there.
+fn check<T: Copy + Into<f64>>(positions: &[[T; 3]], triangles: &[[u32; 3]]) -> Result<(), MeshError> {
+    if triangles.is_empty() {
+        return Err(MeshError::NoFaces { at: Place::default() });
+    }
+    if triangles.len() > MAX_TRIANGLES as usize {
+        return Err(MeshError::TooManyTriangles { at: Place::default(), limit: MAX_TRIANGLES });
+    }
+    let bad = |p: &[T; 3]| p.iter().map(|&x| x.into()).find(|&x| !fits(x));
+    if let Some((i, x)) = positions.iter().enumerate().find_map(|(i, p)| Some((i, bad(p)?))) {
+        return Err(MeshError::NonFinite { at: Place::element("vertex", i as u64), value: format!("{x:?}") });
+    }
+    let vertices = positions.len() as u64;
+    let outside = |t: &[u32; 3]| t.iter().copied().find(|&v| u64::from(v) >= vertices);
+    if let Some((i, index)) = triangles.iter().enumerate().find_map(|(i, t)| Some((i, outside(t)?))) {
+        let at = Place::element("triangle", i as u64);
+        return Err(MeshError::IndexOutOfRange { at, index: index.into(), first: 0, vertices });
+    }
+    Ok(())
+}
+
+/// Whether a coordinate is finite in `f32`.
+fn fits(x: f64) -> bool {
+    (x as f32).is_finite()
 }

@@ -4,8 +4,8 @@
 //! passes over faces of two corners, and texture coordinates, normals and colours, which play no part here,
 //! can make it fail. So it is given a copy of the lines that make geometry, checked on the way.
 
-use super::load::Raw;
-use super::{MeshError, Place};
+use super::load::{Raw, decimal};
+use super::{MeshError, Place, fits};
 use raykd_shared::limits::MAX_TRIANGLES;
 use std::borrow::Cow;
 
@@ -71,7 +71,7 @@ fn check(bytes: &[u8], raw: &mut Raw) -> Result<String, MeshError> {
                         what: "a vertex needs three coordinates".to_owned(),
                     })?;
                     geometry.push(' ');
-                    geometry.push_str(coordinate(word, line)?);
+                    geometry.push_str(&coordinate(word, line)?);
                 }
                 geometry.push('\n');
             }
@@ -114,11 +114,12 @@ fn out_of_range(line: u64, index: i64, vertices: i64) -> MeshError {
     MeshError::IndexOutOfRange { at: Place::line(line), index, first: 1, vertices: vertices.unsigned_abs() }
 }
 
-/// A word that is a finite coordinate.
-fn coordinate(word: &[u8], line: u64) -> Result<&str, MeshError> {
-    let number = std::str::from_utf8(word).ok().and_then(|text| Some((text, text.parse::<f32>().ok()?)));
+/// A word that is a finite coordinate, written so that `tobj` reads [`decimal`].
+fn coordinate(word: &[u8], line: u64) -> Result<Cow<'_, str>, MeshError> {
+    let number = std::str::from_utf8(word).ok().and_then(|text| Some((text, decimal(text)?)));
     match number {
-        Some((text, x)) if x.is_finite() => Ok(text),
+        Some((text, x)) if fits(x) && text.parse() == Ok(x) => Ok(text.into()),
+        Some((_, x)) if fits(x) => Ok(format!("{x:?}").into()),
         Some((text, _)) => Err(MeshError::NonFinite { at: Place::line(line), value: text.to_owned() }),
         None => Err(not_a_number(word, "a coordinate", line)),
     }

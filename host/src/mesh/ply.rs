@@ -3,8 +3,8 @@
 //! `ply-rs-bw` reads the header and binary elements. Text elements are read here: version 4.0.1 refuses
 //! numbers such as `.5` and `1.`, and takes three times as long.
 
-use super::load::Raw;
-use super::{MeshError, Place};
+use super::load::{Raw, decimal};
+use super::{MeshError, Place, fits};
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{
     BeginList, ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult, PropertyType,
@@ -115,9 +115,9 @@ impl Sink {
         Ok(Self { raw: Raw::default(), vertices: vertices.count as u64 })
     }
 
-    fn vertex(&mut self, position: [f32; 3], at: impl Fn() -> Place) -> Result<(), MeshError> {
-        if let Some(x) = position.iter().find(|x| !x.is_finite()) {
-            return Err(MeshError::NonFinite { at: at(), value: x.to_string() });
+    fn vertex(&mut self, position: [f64; 3], at: impl Fn() -> Place) -> Result<(), MeshError> {
+        if let Some(x) = position.iter().find(|x| !fits(**x)) {
+            return Err(MeshError::NonFinite { at: at(), value: format!("{x:?}") });
         }
         self.raw.positions.push(position);
         Ok(())
@@ -206,11 +206,11 @@ struct Words<'a> {
 }
 
 impl Words<'_> {
-    fn vertex(&mut self, element: &ElementDef) -> Result<[f32; 3], MeshError> {
+    fn vertex(&mut self, element: &ElementDef) -> Result<[f64; 3], MeshError> {
         let mut position = [0.0; 3];
         for property in element.properties.values() {
             match (&property.data_type, axis(&property.name)) {
-                (PropertyType::Scalar(_), Some(axis)) => position[axis] = self.number("a coordinate")?,
+                (PropertyType::Scalar(_), Some(axis)) => position[axis] = self.coordinate()?,
                 (PropertyType::Scalar(_), None) => self.skip(1)?,
                 (PropertyType::List(..), _) => self.skip_list()?,
             }
@@ -248,14 +248,20 @@ impl Words<'_> {
         Ok(&start[..end])
     }
 
+    fn coordinate(&mut self) -> Result<f64, MeshError> {
+        self.read("a coordinate", decimal)
+    }
+
     fn number<T: std::str::FromStr>(&mut self, wanted: &str) -> Result<T, MeshError> {
+        self.read(wanted, |text| text.parse().ok())
+    }
+
+    fn read<T>(&mut self, wanted: &str, parse: impl Fn(&str) -> Option<T>) -> Result<T, MeshError> {
         let line = self.line;
         let word = self.word()?;
-        std::str::from_utf8(word).ok().and_then(|text| text.parse().ok()).ok_or_else(|| {
-            MeshError::Malformed {
-                at: Place::line(line),
-                what: format!("'{}' is not {wanted}", word.escape_ascii()),
-            }
+        std::str::from_utf8(word).ok().and_then(parse).ok_or_else(|| MeshError::Malformed {
+            at: Place::line(line),
+            what: format!("'{}' is not {wanted}", word.escape_ascii()),
         })
     }
 
@@ -326,28 +332,27 @@ fn end_of_file(element: &ElementDef, index: usize) -> MeshError {
 }
 
 /// A vertex of a binary file.
-struct Vertex([f32; 3]);
+struct Vertex([f64; 3]);
 
 impl PropertyAccess for Vertex {
     fn new() -> Self {
         Self([0.0; 3])
     }
 
-    fn set_float(&mut self, name: &str, value: f32) -> PropertyAccessResult {
-        match axis(name) {
-            Some(axis) => {
-                self.0[axis] = value;
-                PropertyAccessResult::Set
-            }
-            None => PropertyAccessResult::Ignored,
-        }
-    }
-
     fn set_property(&mut self, name: &str, value: Property) -> PropertyAccessResult {
-        match value.to_f32_lossy() {
-            Some(value) => self.set_float(name, value),
-            None => PropertyAccessResult::Ignored,
-        }
+        let Some(axis) = axis(name) else { return PropertyAccessResult::Ignored };
+        self.0[axis] = match value {
+            Property::Char(x) => x.into(),
+            Property::UChar(x) => x.into(),
+            Property::Short(x) => x.into(),
+            Property::UShort(x) => x.into(),
+            Property::Int(x) => x.into(),
+            Property::UInt(x) => x.into(),
+            Property::Float(x) => x.into(),
+            Property::Double(x) => x,
+            _ => return PropertyAccessResult::UnsupportedType,
+        };
+        PropertyAccessResult::Set
     }
 }
 

@@ -1,11 +1,13 @@
 //! The written rule: which triangles take part, and which numbers the kernels get to see.
 
+#[cfg(doc)]
+use super::Mesh;
 use super::{MeshError, Place};
 use rayon::prelude::*;
 use robust::{Coord, orient2d};
 
 /// What was set aside or changed on the way from the file to the kernels.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Repairs {
     /// Triangles without area: kept out of the tree, but they keep their number.
     pub zero_area: u32,
@@ -18,6 +20,14 @@ pub struct Repairs {
     pub ignored: u32,
     /// Coordinates too small to matter (see [`crate::mesh`]) that are 0 for the kernels.
     pub flushed: u32,
+    /// Meshes of a glTF file with a skin or morph targets, taken as they are stored.
+    pub unposed: u32,
+    /// Coordinates that no `f32` is equal to, after the mesh was moved if it was ([`Mesh::translation`]): rounded.
+    pub rounded: u32,
+    /// The largest change of a coordinate by that, in the mesh's units.
+    pub largest_change: f64,
+    /// Of the triangles without area, those that lost it by that.
+    pub collapsed: u32,
 }
 
 /// What [`survey`] found out about a mesh.
@@ -42,7 +52,7 @@ pub(super) const fn power_of_two(e: i32) -> f64 {
 }
 
 /// The largest `e` with `2^e <= x`, for normal positive `x`.
-fn exponent(x: f64) -> i32 {
+pub(super) fn exponent(x: f64) -> i32 {
     (x.to_bits() >> 52) as i32 - 1023
 }
 
@@ -55,9 +65,10 @@ pub(super) fn settle(x: f32, dust: f64) -> f32 {
 /// Whether a triangle has area, decided exactly: it has none if, and only if, its corners lie on one line,
 /// which is when all three projections along the axes are degenerate.
 #[inline]
-fn has_area([a, b, c]: [[f32; 3]; 3]) -> bool {
-    let at = |p: [f32; 3], i: usize, j: usize| Coord { x: f64::from(p[i]), y: f64::from(p[j]) };
-    // Differences and products of two f32 neither overflow nor underflow in f64, as the predicate requires.
+pub(super) fn has_area<T: Copy + Into<f64>>([a, b, c]: [[T; 3]; 3]) -> bool {
+    let at = |p: [T; 3], i: usize, j: usize| Coord { x: p[i].into(), y: p[j].into() };
+    // Differences and products of two f32 neither overflow nor underflow in f64, as the predicate requires. Those of
+    // two f64 do below 1e-150 of a unit, where only what is told of a mesh depends on them.
     [(0, 1), (1, 2), (2, 0)].iter().any(|&(i, j)| orient2d(at(a, i, j), at(b, i, j), at(c, i, j)) != 0.0)
 }
 

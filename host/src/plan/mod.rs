@@ -132,6 +132,7 @@ const SLACK: f64 = 1.05;
 /// # Panics
 /// There is no calibration.
 pub fn choose(mesh: &Mesh, rays: u64, calibrations: &[&Calibration]) -> Plan {
+    let mesh = &*mesh.local();
     let triangles = mesh.kept().len() as u32;
     let through = look::through(mesh);
     let mut plan = among(triangles, rays, through, None, calibrations);

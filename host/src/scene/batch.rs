@@ -4,12 +4,13 @@ use super::{Query, Scene, Traced};
 use crate::{
     Error,
     exec::{Buffer, Device, Step},
+    rays::AnyRay,
 };
 use raykd_kernels::{
     Kernel,
     trace::{JOB_WORDS, OUTCOME_INVALID, OUTCOME_STATUS, OUTCOME_WORDS},
 };
-use raykd_shared::{Hit, Ray, status};
+use raykd_shared::{Hit, status};
 use std::time::{Duration, Instant};
 
 impl Scene<'_> {
@@ -17,8 +18,8 @@ impl Scene<'_> {
     ///
     /// # Errors
     /// They do not fit the device, or it failed.
-    pub fn resident(&self, rays: &[Ray]) -> Result<Resident<'_>, Error> {
-        Ok(Resident { scene: self, batch: Batch::new(self.device, rays)? })
+    pub fn resident(&self, rays: &[impl AnyRay]) -> Result<Resident<'_>, Error> {
+        Ok(Resident { scene: self, batch: Batch::new(self, rays)? })
     }
 }
 
@@ -79,12 +80,13 @@ pub(super) struct Batch {
 }
 
 impl Batch {
-    pub(super) fn new(device: &Device, rays: &[Ray]) -> Result<Self, Error> {
-        Self::with_room(device, rays, 1)
+    pub(super) fn new(scene: &Scene<'_>, rays: &[impl AnyRay]) -> Result<Self, Error> {
+        Self::with_room(scene, rays, 1)
     }
 
-    /// With room for so many hits a ray.
-    pub(super) fn with_room(device: &Device, rays: &[Ray], room: u32) -> Result<Self, Error> {
+    /// With room for so many hits a ray. Rays come in the mesh's own coordinates; here they are moved.
+    pub(super) fn with_room(scene: &Scene<'_>, rays: &[impl AnyRay], room: u32) -> Result<Self, Error> {
+        let (device, rays) = (scene.device, &*AnyRay::local(rays, scene.translation));
         let batch = Self {
             count: u32::try_from(rays.len()).unwrap_or(u32::MAX),
             job: device.alloc("job", u64::from(JOB_WORDS) * 4)?,

@@ -15,8 +15,9 @@ impl<'d> Scene<'d> {
     /// Builds the tree of a mesh on a device.
     ///
     /// # Errors
-    /// The mesh does not fit the device, or the device failed.
+    /// An option is out of its range, the mesh does not fit the device, or the device failed.
     pub fn build(device: &'d Device, mesh: &Mesh, options: &BuildOptions) -> Result<Self, Error> {
+        options.check()?;
         let triangles = mesh.kept().len() as f32;
         let most = options.budget.map_or(u32::MAX, |b| (b.max(1.0) * triangles) as u32);
         let mut options = options.clone();
@@ -124,6 +125,7 @@ impl<'d> Scene<'d> {
             mesh: on_device,
             corners,
             kept: mesh.kept().to_vec(),
+            translation: mesh.translation(),
             times: built.times,
             traversal: Traversal::default(),
             intersector: Intersector::default(),

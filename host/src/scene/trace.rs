@@ -4,6 +4,7 @@ use super::{Scene, batch::Batch};
 use crate::{
     Error,
     exec::{Buffer, Step},
+    rays::AnyRay,
     traversal::Traversal,
 };
 use raykd_kernels::trace::{
@@ -73,12 +74,13 @@ pub struct Traced {
 /// Triangles per dispatch of the brute-force kernel.
 const BRUTE_SLICE: u32 = 4096;
 
+/// Rays are given in the mesh's own coordinates, in `f32` or `f64`; `t`, `u` and `v` are the same wherever a mesh is.
 impl Scene<'_> {
     /// The closest hit of every ray.
     ///
     /// # Errors
     /// The device failed.
-    pub fn closest(&self, rays: &[Ray]) -> Result<Vec<Hit>, Error> {
+    pub fn closest(&self, rays: &[impl AnyRay]) -> Result<Vec<Hit>, Error> {
         Ok(self.trace(Query::Closest, rays)?.hits)
     }
 
@@ -86,7 +88,7 @@ impl Scene<'_> {
     ///
     /// # Errors
     /// The device failed.
-    pub fn any(&self, rays: &[Ray]) -> Result<Vec<Hit>, Error> {
+    pub fn any(&self, rays: &[impl AnyRay]) -> Result<Vec<Hit>, Error> {
         Ok(self.trace(Query::Any, rays)?.hits)
     }
 
@@ -94,11 +96,11 @@ impl Scene<'_> {
     ///
     /// # Errors
     /// The device failed.
-    pub fn trace(&self, query: Query, rays: &[Ray]) -> Result<Traced, Error> {
+    pub fn trace(&self, query: Query, rays: &[impl AnyRay]) -> Result<Traced, Error> {
         let mut traced = Traced::default();
         for part in rays.chunks(self.batch_limit()) {
             let start = Instant::now();
-            let batch = Batch::new(self.device, part)?;
+            let batch = Batch::new(self, part)?;
             traced.upload += start.elapsed();
             traced.trace += self.run(&batch, self.traversal, query)?;
             batch.finish(self.device, &mut traced)?;
@@ -112,7 +114,12 @@ impl Scene<'_> {
     ///
     /// # Errors
     /// There are not as many excluded triangles as rays, the scene's triangle test is not the default, or the device failed.
-    pub fn trace_except(&self, query: Query, rays: &[Ray], excluded: &[u32]) -> Result<Traced, Error> {
+    pub fn trace_except(
+        &self,
+        query: Query,
+        rays: &[impl AnyRay],
+        excluded: &[u32],
+    ) -> Result<Traced, Error> {
         self.needs_default("leaving out a triangle")?;
         if rays.len() != excluded.len() {
             return Err(Error::Excluded { rays: rays.len(), excluded: excluded.len() });
@@ -121,7 +128,7 @@ impl Scene<'_> {
         let limit = self.batch_limit();
         for (part, excluded) in rays.chunks(limit).zip(excluded.chunks(limit)) {
             let start = Instant::now();
-            let batch = Batch::new(self.device, part)?;
+            let batch = Batch::new(self, part)?;
             let but = self.device.alloc("excluded", size_of_val(excluded) as u64)?;
             self.device.write(&but, 0, bytemuck::cast_slice(excluded))?;
             traced.upload += start.elapsed();
@@ -137,10 +144,10 @@ impl Scene<'_> {
     ///
     /// # Errors
     /// The device failed.
-    pub fn brute(&self, rays: &[Ray]) -> Result<Vec<Hit>, Error> {
+    pub fn brute(&self, rays: &[impl AnyRay]) -> Result<Vec<Hit>, Error> {
         let mut hits = Vec::with_capacity(rays.len());
         for part in rays.chunks(self.batch_limit()) {
-            let batch = Batch::new(self.device, part)?;
+            let batch = Batch::new(self, part)?;
             self.run(&batch, Traversal::Brute, Query::Closest)?;
             batch.outcome(self.device)?;
             hits.extend(batch.hits(self.device)?);
@@ -153,13 +160,13 @@ impl Scene<'_> {
     ///
     /// # Errors
     /// The device failed, the hits of one ray do not fit it, or the scene's triangle test is not the default.
-    pub fn all(&self, rays: &[Ray], limit: u32) -> Result<AllHits, Error> {
+    pub fn all(&self, rays: &[impl AnyRay], limit: u32) -> Result<AllHits, Error> {
         self.needs_default("a query for all hits")?;
         let mut all = AllHits::default();
         let room = (self.device.limit().bytes / 16 / u64::from(limit.max(1))) as usize;
         for part in rays.chunks(self.batch_limit().min(room).max(1)) {
             let start = Instant::now();
-            let batch = Batch::with_room(self.device, part, limit)?;
+            let batch = Batch::with_room(self, part, limit)?;
             let totals = self.device.alloc("totals", part.len() as u64 * 4)?;
             all.upload += start.elapsed();
             let mut buffers = batch.buffers(self);
@@ -179,7 +186,7 @@ impl Scene<'_> {
     ///
     /// # Errors
     /// The device failed, or the scene's triangle test is not the default and the traversal not `brute`.
-    pub fn steps(&self, rays: &[Ray]) -> Result<(Vec<Hit>, Vec<RaySteps>), Error> {
+    pub fn steps(&self, rays: &[impl AnyRay]) -> Result<(Vec<Hit>, Vec<RaySteps>), Error> {
         if self.traversal == Traversal::Brute {
             let tests = RaySteps { tests: self.kept.len() as u32, ..RaySteps::default() };
             return Ok((self.brute(rays)?, vec![tests; rays.len()]));
@@ -187,7 +194,7 @@ impl Scene<'_> {
         self.needs_default("counting steps")?;
         let (mut hits, mut steps) = (Vec::new(), Vec::new());
         for part in rays.chunks(self.batch_limit()) {
-            let batch = Batch::new(self.device, part)?;
+            let batch = Batch::new(self, part)?;
             let mut buffers = batch.buffers(self);
             buffers.push(&batch.counts);
             buffers.extend(self.more());

@@ -13,7 +13,9 @@ pub use method::{Method, Way};
 pub use textbook::Textbook;
 
 use crate::{
-    BuildOptions, Device, Error, Hit, Intersector, KdTree, Mesh, Ray, Scene, rays::Random, shared::MISS,
+    BuildOptions, Device, Error, Hit, Intersector, KdTree, Mesh, Ray, Scene,
+    rays::{AnyRay, Random},
+    shared::MISS,
 };
 use raykd_oracle::{
     Crossing, Oracle,
@@ -210,11 +212,14 @@ impl Case {
 }
 
 impl Trial {
-    /// A scene of one's own: a mesh, rays, and only rounding allowed for.
+    /// A scene of one's own: a mesh, rays in its own coordinates, and only rounding allowed for: that of `f32`, not what
+    /// was rounded when the mesh and its rays were moved ([`Mesh::translation`]).
     ///
     /// # Errors
     /// Its tree does not fit memory.
     pub fn of(name: String, mesh: Mesh, rays: Vec<Ray>) -> Result<Self, Error> {
+        let rays = AnyRay::local(&rays, mesh.translation()).into_owned();
+        let mesh = mesh.into_local();
         Self::new(name, &[], vec![Part { name: String::new(), mesh, rays, rule: Rule::Rounding }])
     }
 

@@ -38,8 +38,9 @@ Examples:
   raykd calibrate                        measure costs, for --quality auto
   raykd devices                          what raykd can run on
 
-A scene is a mesh file (.obj, .ply, either also .gz) or a name: teapot, teapot:LEVEL, dragon,
-dragon_res2, dragon_res3, dragon_res4, sponza (`cargo xtask scenes` gets all but the teapot).
+A scene is a mesh file (.obj, .ply, .stl, .gltf, .glb, each also .gz) or a name: teapot,
+teapot:LEVEL, dragon, dragon_res2, dragon_res3, dragon_res4, sponza (`cargo xtask scenes` gets all
+but the teapot).
 
 Exit code: 0 success, 1 an error or a difference between devices, 2 wrong usage.";
 

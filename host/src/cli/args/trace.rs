@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 const EXAMPLES: &str = "\
 Rays: records of 8 little-endian f32: origin x y z, direction x y z, t_min, t_max (may be
-infinite). Hits: records of u32 triangle (0xFFFFFFFF: none), f32 t, f32 u, f32 v, one a ray, in
+infinite), in the mesh's own coordinates; with --f64, of 8 f64. Hits: records of u32 triangle (0xFFFFFFFF: none), f32 t, f32 u, f32 v, one a ray, in
 the order of the rays. Triangles are numbered from 0 in file order. Rays that are none (NaN, zero
 direction) miss and are counted. --query all writes LIMIT records a ray, by rising t, the rest of
 them misses; --query count writes one u32 a ray.
@@ -31,6 +31,9 @@ pub(in crate::cli) struct TraceArgs {
     /// File of rays
     #[arg(long, value_name = "FILE", required_unless_present = "compare")]
     pub rays: Option<PathBuf>,
+    /// Rays are records of f64, for meshes whose coordinates have more digits than f32
+    #[arg(long, requires = "rays")]
+    pub f64: bool,
     /// File of hits to write
     #[arg(long, value_name = "FILE", required_unless_present = "compare")]
     pub hits: Option<PathBuf>,

@@ -115,7 +115,7 @@ pub(super) fn input(name: &str, notes: &Notes) -> anyhow::Result<Input> {
     };
     let trial = case.prepare(1)?;
     let mesh = trial.parts().first().context("a stress scene without parts")?.mesh.clone();
-    Ok(Input { name: name.to_owned(), mesh, load: std::time::Duration::ZERO })
+    Ok(Input { name: name.to_owned(), mesh, translation: [0.0; 3], load: std::time::Duration::ZERO })
 }
 
 impl Data {

@@ -1,0 +1,65 @@
+//! Everything that a CPU runs, on several threads: for sanitizers, which slow a program down too much for the tests.
+//!
+//! With a nightly that has `rust-src`, and the runtime of ThreadSanitizer (the same with `address`):
+//!
+//! ```text
+//! RUSTFLAGS=-Zsanitizer=thread cargo +nightly run -Zbuild-std --target x86_64-unknown-linux-gnu --example everything
+//! ```
+
+use raykd::{
+    BuildOptions, Builder, Device, Hit, Intersector, Mesh, Query, Scene, Traversal,
+    internals::{Cpu, exact_by_host},
+    rays,
+};
+use std::thread;
+
+/// Same bytes?
+fn same(what: &str, a: &[Hit], b: &[Hit]) {
+    assert!(bytemuck::cast_slice::<_, u8>(a) == bytemuck::cast_slice::<_, u8>(b), "{what}");
+}
+
+fn main() {
+    let device = &Device::Cpu(Cpu::with_threads(4).expect("threads"));
+    // Several chunks in the level loop, several workgroups of rays.
+    for mesh in [&Mesh::teapot(5), &Mesh::teapot(1)] {
+        let rays = &rays::random(mesh.bounds(), 1000, 1);
+        let mut expected = None;
+        for builder in Builder::ALL {
+            let options = BuildOptions { builder, ..BuildOptions::default() };
+            let mut scene = Scene::build(device, mesh, &options).expect("it builds");
+            let tree = scene.tree().expect("it is read");
+            tree.validate().expect("it is valid");
+            if builder == Builder::Exact {
+                let kernels = Scene::exact_by_kernels(device, mesh, &options, 5).expect("it builds");
+                assert_eq!(kernels.tree().expect("it is read"), exact_by_host(mesh, &options));
+            }
+            let expected = &*expected.get_or_insert_with(|| scene.brute(rays).expect("it traces"));
+            for traversal in Traversal::ALL {
+                scene.traverse_by(traversal).expect("it fits");
+                same(traversal.name(), &scene.closest(rays).expect("it traces"), expected);
+            }
+            scene.traverse_by(Traversal::Stack).expect("it fits");
+            scene.steps(rays).expect("it traces");
+            scene.all(rays, 3).expect("it traces");
+            scene.trace_except(Query::Any, rays, &vec![3; rays.len()]).expect("it traces");
+            for intersector in Intersector::ALL {
+                scene.intersect_by(intersector).expect("it fits");
+                same(
+                    intersector.name(),
+                    &scene.closest(rays).expect("it traces"),
+                    &scene.brute(rays).expect("it traces"),
+                );
+                scene.any(rays).expect("it traces");
+            }
+            scene.intersect_by(Intersector::Strict).expect("it fits");
+            // One scene, asked by several threads.
+            let scene = &scene;
+            thread::scope(|scope| {
+                for _ in 0..3 {
+                    scope.spawn(move || same("beside", &scene.closest(rays).expect("it traces"), expected));
+                }
+            });
+            println!("{} triangles, {builder:?}: done", mesh.kept().len());
+        }
+    }
+}

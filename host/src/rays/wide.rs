@@ -1,0 +1,117 @@
+//! Rays on their way from a mesh's own coordinates to where its tree is.
+
+use crate::Ray;
+use rayon::prelude::*;
+use std::borrow::Cow;
+
+/// One ray in `f64`, for meshes whose coordinates have more digits than `f32`: as [`Ray`] otherwise.
+///
+/// Its origin loses [`Mesh::translation`](crate::Mesh::translation) in `f64`; then all is rounded to the nearest
+/// `f32`, but `t_min` up and `t_max` down, so that no hit lies outside of what was asked for. A direction that is
+/// infinite or zero in `f32` hits nothing.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct Ray64 {
+    /// Start of the ray, in the mesh's own coordinates.
+    pub origin: [f64; 3],
+    /// Direction, any non-zero length.
+    pub direction: [f64; 3],
+    /// Smallest `t` that counts, inclusive.
+    pub t_min: f64,
+    /// Largest `t` that counts, inclusive; may be infinite.
+    pub t_max: f64,
+}
+
+impl Ray64 {
+    /// The half line from `origin` along `direction`: `0 <= t <= infinity`.
+    pub const fn new(origin: [f64; 3], direction: [f64; 3]) -> Self {
+        Self { origin, direction, t_min: 0.0, t_max: f64::INFINITY }
+    }
+}
+
+/// What a scene takes for rays, in its mesh's own coordinates: [`Ray`] and [`Ray64`].
+pub trait AnyRay: Copy + Send + Sync + sealed::Sealed {
+    /// The rays as the mesh's positions are: less its translation, in `f32`.
+    fn local(rays: &[Self], translation: [f64; 3]) -> Cow<'_, [Ray]>;
+}
+
+mod sealed {
+    /// Kernels know no other rays.
+    pub trait Sealed {}
+    impl Sealed for crate::Ray {}
+    impl Sealed for super::Ray64 {}
+}
+
+impl AnyRay for Ray {
+    fn local(rays: &[Self], translation: [f64; 3]) -> Cow<'_, [Ray]> {
+        if translation == [0.0; 3] {
+            return rays.into();
+        }
+        let origin = |from: [f32; 3]| moved(from.map(f64::from), translation);
+        let local: Vec<_> = rays.par_iter().map(|ray| Self { origin: origin(ray.origin), ..*ray }).collect();
+        local.into()
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is the purpose")]
+impl AnyRay for Ray64 {
+    fn local(rays: &[Self], translation: [f64; 3]) -> Cow<'_, [Ray]> {
+        let local = |ray: &Self| Ray {
+            origin: moved(ray.origin, translation),
+            direction: ray.direction.map(|x| x as f32),
+            t_min: -below(-ray.t_min),
+            t_max: below(ray.t_max),
+        };
+        rays.par_iter().map(local).collect::<Vec<_>>().into()
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is the purpose")]
+fn moved(origin: [f64; 3], translation: [f64; 3]) -> [f32; 3] {
+    [0, 1, 2].map(|axis| (origin[axis] - translation[axis]) as f32)
+}
+
+/// The largest `f32` that is not above a number.
+#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is the purpose")]
+pub(crate) fn below(x: f64) -> f32 {
+    let nearest = x as f32;
+    if f64::from(nearest) > x { nearest.next_down() } else { nearest }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranges_are_rounded_inward() {
+        let ray = |t_min, t_max| Ray64 { t_min, t_max, ..Ray64::new([0.0; 3], [1.0; 3]) };
+        let range = |t_min: f64, t_max: f64| {
+            let local = Ray64::local(&[ray(t_min, t_max)], [0.0; 3])[0];
+            (local.t_min, local.t_max)
+        };
+        assert_eq!(range(0.5, 2.0), (0.5, 2.0));
+        assert_eq!(range(0.0, f64::INFINITY), (0.0, f32::INFINITY));
+        assert_eq!(range(f64::NEG_INFINITY, 1e300), (f32::NEG_INFINITY, f32::MAX));
+        // The nearest f32 to 0.1 is above it, the nearest to 0.7 below.
+        assert_eq!(range(0.1, 0.1), (0.1, 0.1f32.next_down()));
+        assert_eq!(range(0.7, 0.7), (0.7f32.next_up(), 0.7));
+        let (t_min, t_max) = range(f64::NAN, f64::NAN);
+        assert!(t_min.is_nan() && t_max.is_nan());
+    }
+
+    #[test]
+    fn rays_of_meshes_that_stay_are_as_they_were() {
+        let rays = [Ray { t_min: f32::NAN, ..Ray::new([-0.0, 1e-40, f32::INFINITY], [0.1, 0.0, -0.0]) }];
+        let same = Ray::local(&rays, [0.0; 3]);
+        assert_eq!(bytemuck::cast_slice::<_, u8>(&rays), bytemuck::cast_slice::<_, u8>(&same));
+        let local = Ray::local(&rays, [0.0, -2.0, 0.0])[0];
+        assert_eq!(local.origin, [-0.0, 2.0, f32::INFINITY]);
+    }
+
+    #[test]
+    fn origins_are_moved_before_they_are_rounded() {
+        let ray = Ray64::new([4.5e6 + 0.003, 0.1, -4.5e6 - 0.25], [1.0, 2.0, 3.0]);
+        let local = Ray64::local(&[ray], [4.5e6, 0.0, -4.5e6])[0];
+        assert_eq!(local.origin, [(4.5e6f64 + 0.003 - 4.5e6) as f32, 0.1, -0.25]);
+    }
+}
