@@ -18,8 +18,7 @@ use raykd_kernels::{
 use std::fmt;
 
 /// How it is told whether a ray hits a triangle, and where. [`Intersector::Strict`] keeps raykd's promises, and
-/// [`Intersector::Exact`] more than those; the others are the literature's, with their failures, for comparison. See
-/// `docs/accuracy.md`.
+/// [`Intersector::Exact`] more than those; the others are the literature's, with their failures, for comparison.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Intersector {

@@ -1,4 +1,47 @@
-//! raykd: kd-trees for ray tracing triangle meshes, one kernel source for CPU and GPU, identical bytes.
+//! Ray tracing of triangle meshes with kd-trees, on a GPU or a CPU, with identical bytes on both.
+//!
+//! ```
+//! use raykd::{BuildOptions, Device, Mesh, Ray, Scene};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! // Or from a file, `Mesh::load(path)`, or from your own numbers, `Mesh::new(positions, triangles)`.
+//! let mesh = Mesh::teapot(4);
+//! let device = Device::best();
+//! let scene = Scene::build(&device, &mesh, &BuildOptions::default())?;
+//!
+//! let ray = Ray::new([0.0, 0.0, 50.0], [0.0, 0.0, -1.0]);
+//! let hit = scene.closest(&[ray])?[0];
+//! assert!(hit.is_hit() && hit.t > 30.0 && hit.t < 50.0);
+//!
+//! // The corners of the triangle that was hit. Look up normals of your own by the same number.
+//! let corners = mesh.triangles()[hit.triangle as usize].map(|vertex| mesh.positions()[vertex as usize]);
+//! assert!(corners.iter().all(|corner| corner[2] > 0.0));
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # What there is
+//! * [`Mesh`]: a checked triangle mesh, from a file or from memory. [`mesh`] lists what is repaired and refused.
+//! * [`Device`]: the CPU, or a GPU with Vulkan. A GPU that rounds differently from the CPU is refused.
+//! * [`Scene`]: a mesh and its tree on a device, ready for rays. [`BuildOptions`] choose the [`Builder`].
+//! * [`Traversal`] and [`Intersector`]: ways through the tree, and triangle tests.
+//! * [`KdTree`]: the tree as data, to save and to load.
+//!
+//! # What is promised
+//! Triangles are closed: no ray passes between two that share an edge or a vertex. Of hits with equal `t`, the
+//! triangle with the lowest number wins. `t_min` and `t_max` are inclusive. Hits are the same bytes for every
+//! device, builder and traversal, and those of testing every triangle. Triangles without area are never hit.
+//! Rays with NaN, infinite numbers or a zero direction miss, and are counted.
+//!
+//! # Features
+//! * `gpu` (default): run kernels on Vulkan devices, by wgpu. Without it there is the CPU alone.
+//! * `cli` (default): the program `raykd`. Libraries turn it off with `default-features = false`.
+//! * `gltf`: read glTF files, `.gltf` and `.glb`. `cli` contains it.
+//! * `plan`: choose device, builder and traversal by costs measured once on each device.
+//! * `stress`: scenes in which ray tracers fail, and the exact judge of what happens there.
+//! * `traffic`: count the bytes that kernels move on the CPU, for profiles. Slower.
+//!
+//! The minimum supported Rust version is 1.95.
 
 mod build;
 #[cfg(feature = "cli")]
@@ -39,6 +82,11 @@ pub use traversal::Traversal;
 #[cfg(feature = "cli")]
 use tree::digest_of;
 pub use tree::{KdTree, hits_digest};
+
+// The example in the README is compiled with the tests.
+#[cfg(doctest)]
+#[doc = include_str!("../../README.md")]
+struct Readme;
 
 /// What raykd's own tests look at: executors, buffers, steps. No version promises anything about it.
 #[doc(hidden)]

@@ -15,7 +15,7 @@ use raykd_kernels::{
 use raykd_shared::limits::MAX_DEPTH;
 use std::fmt;
 
-/// How rays find their way through the tree. All find the same hits, bit by bit; see `docs/traversals.md`.
+/// How rays find their way through the tree. All find the same hits, bit by bit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Traversal {

@@ -1,5 +1,21 @@
-//! The kernels of raykd: one body each, for both machines.
+//! The kernels of raykd: one body each, for CPU and GPU.
 //!
+//! The crate `raykd` dispatches them. Use this crate alone to run the compiled module with another Vulkan
+//! library, or to look into a kernel:
+//!
+//! ```
+//! use raykd_kernels::{ALL, SPIRV};
+//!
+//! assert_eq!(SPIRV[..4], 0x0723_0203u32.to_le_bytes(), "a SPIR-V module");
+//! for kernel in ALL {
+//!     println!("{}: {} lanes a workgroup", kernel.entry_point(), kernel.threads);
+//!     for slot in kernel.slots {
+//!         println!("    {}: {:?}, {} bytes an element", slot.name, slot.access, slot.stride);
+//!     }
+//! }
+//! ```
+//!
+//! # Bodies
 //! A kernel body is an ordinary function over buffers ([`mem::Buf`]). Two forms cover everything:
 //!
 //! * a **map** kernel is a function of one index: one invocation, one slot;
@@ -13,6 +29,9 @@
 //! `+ - *`, comparisons and exact conversions on `f32` only; quotients by [`math::div`]; no `min`/`max` methods;
 //! no float reduction whose order a scheduler decides; no atomic append: count, scan, scatter.
 //! `cargo xtask kernels` refuses SPIR-V that breaks the first three.
+//!
+//! # Features
+//! * `traffic`: count the bytes that kernels move on the CPU, which slows them.
 #![no_std]
 
 #[macro_use]

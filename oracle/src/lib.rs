@@ -1,5 +1,19 @@
 //! Which triangles a ray hits, in which order and where, without rounding: on the `f32` numbers as they were given.
 //!
+//! ```
+//! use raykd_oracle::Oracle;
+//! use raykd_shared::Ray;
+//!
+//! // Two triangles that share the edge from (1, 0, 0) to (0, 1, 0).
+//! let positions = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]];
+//! let oracle = Oracle::new(&positions, &[[0, 1, 2], [1, 3, 2]]);
+//!
+//! // A ray through the edge hits both, at the same t.
+//! let hits = oracle.crossings(&Ray::new([0.5, 0.5, 2.0], [0.0, 0.0, -1.0]));
+//! assert_eq!(hits.len(), 2);
+//! assert!(hits.iter().all(|hit| hit.t == 2.0 && hit.rank == 0));
+//! ```
+//!
 //! Nothing here is shared with raykd's kernels but the layout of a ray. Triangles are closed; a ray in a triangle's
 //! plane misses it, and so does every ray a triangle without area. Of `t` counts what it is rounded to 24 digits, the
 //! nearest number of an `f32` whose exponent has no bounds: from `t_min` to `t_max`, both inclusive; equal ones are ordered

@@ -11,6 +11,41 @@
 //!
 //! A tree is a header, `nodes: [Node]` with the root at 0, and `refs: [u32]`, the triangle list its leaves
 //! index. [`TreeView`] borrows the three and [`TreeView::validate`] checks them.
+//!
+//! ```
+//! use bytemuck::Zeroable;
+//! use raykd_shared::{Content, Node, TreeHeader, TreeView};
+//!
+//! // A box cut at x = 0.5: triangle 0 lies below the split plane, triangle 1 above.
+//! let nodes = [Node::inner(0, 0.5, 2), Node::PADDING, Node::leaf(0, 1), Node::leaf(1, 1)];
+//! let refs = [0, 1];
+//! let mut header = TreeHeader {
+//!     hi: [1.0; 3],
+//!     nodes: 4,
+//!     refs: 2,
+//!     triangles: 2,
+//!     depth: 1,
+//!     scale: 1.0,
+//!     ..TreeHeader::zeroed()
+//! };
+//! header.checksum = TreeView { header: &header, nodes: &nodes, refs: &refs }.checksum();
+//! let tree = TreeView { header: &header, nodes: &nodes, refs: &refs };
+//! assert_eq!(tree.validate().unwrap().leaves, 2);
+//!
+//! // The leaf around a point.
+//! let point = [0.7, 0.2, 0.2];
+//! let mut node = nodes[0];
+//! while let Content::Inner { axis, split, below } = node.content() {
+//!     let above = point[axis as usize] * header.scale > split;
+//!     node = nodes[below as usize + usize::from(above)];
+//! }
+//! assert_eq!(refs[node.first() as usize..][..node.count() as usize], [1]);
+//! ```
+//!
+//! The crate `raykd` builds such trees and traces rays through them.
+//!
+//! # Features
+//! * `alloc` (default): [`TreeView::validate`]. Without it there is [`TreeView::validate_in`].
 #![no_std]
 #![forbid(unsafe_code)]
 

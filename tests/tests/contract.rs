@@ -549,29 +549,3 @@ fn dust_of_a_mesh_is_zero_and_counted() {
         }
     }
 }
-
-/// Rows of the README's table name tests that there are.
-#[test]
-fn every_row_of_the_contract_has_its_test() {
-    let readme = include_str!("../../README.md");
-    let tests = concat!(
-        include_str!("contract.rs"),
-        include_str!("hits.rs"),
-        include_str!("oracle.rs"),
-        include_str!("unrounded.rs")
-    );
-    let table = readme.split_once("## The contract").unwrap().1;
-    let rows: Vec<&str> = table.lines().skip_while(|line| !line.starts_with("|---")).skip(1).collect();
-    let rows = rows.iter().take_while(|line| line.starts_with('|'));
-    let mut count = 0;
-    for row in rows {
-        let names = row.trim_end_matches('|').rsplit('|').next().unwrap();
-        let names: Vec<&str> = names.split('`').skip(1).step_by(2).collect();
-        assert!(!names.is_empty(), "no test: {row}");
-        for name in names {
-            assert!(tests.contains(&format!("fn {name}(")), "no test {name}: {row}");
-        }
-        count += 1;
-    }
-    assert!(count > 8);
-}

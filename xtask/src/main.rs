@@ -6,6 +6,7 @@ use std::path::Path;
 
 mod attack;
 mod kernels;
+mod results;
 mod scenes;
 mod test;
 mod toolchain;
@@ -22,6 +23,8 @@ struct Cli {
 enum Task {
     /// Compile the kernels to SPIR-V: kernels/spv/raykd.spv and its manifest.
     Kernels(kernels::Args),
+    /// Write docs/results.md from the measurements in docs/results.
+    Results(results::Args),
     /// Get the Stanford dragons and Sponza.
     Scenes(scenes::Args),
     /// Try to bring raykd down: hostile files, trees, places, limits and moments, each answer judged.
@@ -34,6 +37,7 @@ fn main() -> anyhow::Result<()> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().context("xtask lies in the repository")?;
     match Cli::parse().task {
         Task::Kernels(args) => kernels::run(&args, root),
+        Task::Results(args) => results::run(&args, root),
         Task::Scenes(args) => scenes::run(&args, root),
         Task::Attack(args) => attack::run(&args, root),
         Task::Test(args) => test::run(&args, root),

@@ -30,7 +30,7 @@ struct Row {
     rays: u64,
     failures: u64,
     failures_per_million: f64,
-    /// The method is known to fail there: docs/accuracy.md says why.
+    /// The method is known to fail there.
     expected: bool,
     /// No failure, or an expected one.
     ok: bool,

@@ -5,7 +5,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// Name and file of the scenes that are fetched; docs/scenes.md tells more.
+/// Name and file of the scenes that are fetched.
 const FETCHED: [(&str, &str); 5] = [
     ("dragon", "dragon.ply.gz"),
     ("dragon_res2", "dragon_res2.ply.gz"),

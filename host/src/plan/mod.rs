@@ -95,7 +95,7 @@ impl Choice {
         self.depth == Some(look::HALFWAY)
     }
 
-    /// How rays are traced: `stack` was the fastest way through a tree everywhere (`docs/traversals.md`), and through a
+    /// How rays are traced: `stack` was the fastest way through a tree everywhere, and through a
     /// single leaf too, but software drivers end its loop if that is long.
     pub const fn traversal(&self, triangles: usize) -> Traversal {
         if self.has_tree() || triangles <= LONG_LEAF { Traversal::Stack } else { Traversal::Brute }

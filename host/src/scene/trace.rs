@@ -110,7 +110,7 @@ impl Scene<'_> {
 
     /// The closest or any hit of every ray among the triangles other than the one given with it, for rays that leave a
     /// surface: `excluded` is the triangle that the ray starts on, [`MISS`](raykd_shared::MISS) for none. Uses the full stack.
-    /// What is left are neighbours of that triangle, see `docs/accuracy.md`.
+    /// At an edge the rounded origin may lie behind a neighbour of that triangle, which is then hit.
     ///
     /// # Errors
     /// There are not as many excluded triangles as rays, the scene's triangle test is not the default, or the device failed.

@@ -28,7 +28,7 @@ const FUSED: &[&str] = &["textbook/fma", "moeller", "plane", "baldwin"];
 /// Ways that compare `0 * inf`, or take +0 for upwards.
 const ZEROS: &[&str] = &["textbook/sign", "textbook/restart"];
 
-/// All scenes. Last stand methods, by the start of their name, that are known to fail there, see docs/accuracy.md; methods of the
+/// All scenes. Last stand methods, by the start of their name, that are known to fail there; methods of the
 /// textbooks run nowhere else.
 pub const CASES: [Case; 33] = [
     case("icosphere-edges", "from inside a sphere at its edges and vertices", CRACKS, edges::icosphere_edges),

@@ -38,7 +38,7 @@ pub struct Case {
     pub name: &'static str,
     /// What is in it.
     pub about: &'static str,
-    /// Methods, by the start of their name, that are known to fail there: `docs/accuracy.md` says why.
+    /// Methods, by the start of their name, that are known to fail there.
     pub known: &'static [&'static str],
     make: fn(&mut Random, usize) -> Vec<Part>,
 }

@@ -22,7 +22,7 @@ use raykd_shared::{MISS, Node, limits::MAX_DEPTH, status};
 
 /// A lane in an empty leaf takes the next entry at once while it has passed fewer nodes than this since lanes tested
 /// triangles together: two of three leaves on a ray's way are empty, but a lane that never stops makes the others wait. Found
-/// by trying on an H200 (`docs/figures.md`). On a CPU nobody waits.
+/// by trying on an H200. On a CPU nobody waits.
 const IN_A_ROW: u32 = 12;
 
 /// Whether a ray goes to the far child first, and whether it goes to both; by whether its interval is `past` the near child,

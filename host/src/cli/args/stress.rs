@@ -20,7 +20,7 @@ Examples:
 /// Each scene is traced by each method: a triangle test and a way to find triangles, or a form of the literature
 /// with its traps (textbook/..., on the CPU only). A failure is an answer that is not exact even for triangles moved
 /// by a few ULP of the distance, a miss where there is no gap, a difference from brute force with the same test or
-/// from the CPU's bytes. Exit code 1 if a method fails where it is not known to (docs/accuracy.md).
+/// from the CPU's bytes. Exit code 1 if a method fails where it is not known to.
 #[derive(Debug, Parser)]
 #[command(after_help = EXAMPLES)]
 pub(in crate::cli) struct StressArgs {

@@ -71,10 +71,10 @@ pub(in crate::cli) struct AmountArgs {
 /// How rays find triangles.
 #[derive(Clone, Debug, clap::Args)]
 pub(in crate::cli) struct WalkArgs {
-    /// The way through the tree, see docs/traversals.md; hits do not depend on it, steps do
+    /// The way through the tree; hits do not depend on it, steps do
     #[arg(long, value_enum, value_name = "NAME", default_value_t = Traversal::Stack, conflicts_with = "quality")]
     pub traversal: Traversal,
-    /// How triangles are tested, see docs/accuracy.md; the others lose hits
+    /// How triangles are tested; all but strict and exact lose hits
     #[arg(long, value_enum, value_name = "NAME", default_value_t = Intersector::Strict)]
     pub intersector: Intersector,
 }

@@ -54,7 +54,7 @@ pub(super) struct Accuracy {
     /// Of the stress scenes, on the CPU.
     pub rays: u64,
     pub failures: u64,
-    /// Of these, in scenes where the method is known to fail (`docs/accuracy.md`).
+    /// Of these, in scenes where the method is known to fail.
     pub known: u64,
     /// Millions of usual rays a second in the first scene, by device.
     pub mrays: Vec<(&'static str, f64)>,
