@@ -227,11 +227,11 @@ impl Room {
         }
     }
 
-    fn grown(self) -> Option<Self> {
+    fn grown(self, most: u32) -> Option<Self> {
         let double = |x: u32| x.checked_mul(2).filter(|&x| x < 1 << 30);
         Some(Self {
-            level_refs: double(self.level_refs)?,
-            treelet_refs: double(self.treelet_refs)?,
+            level_refs: double(self.level_refs)?.min(most),
+            treelet_refs: double(self.treelet_refs)?.min(most),
             active: double(self.active)?,
             treelets: double(self.treelets)?,
             levels: self.levels,
@@ -311,7 +311,7 @@ pub(crate) fn build(
             // The levels down to the greatest depth are always enough, and so is room for a single leaf.
             Outcome::MoreLevels if room.levels <= MAX_DEPTH => room.levels = MAX_DEPTH + 1,
             Outcome::MoreLevels => return Err(Error::Kernel(status::describe(status::LEVELS))),
-            Outcome::MoreRoom => match room.grown().filter(|r| r.treelet_refs <= most_refs) {
+            Outcome::MoreRoom => match room.grown((references as f32 * raykd_kernels::build::knob::get(2)) as u32 + 64).filter(|r| r.treelets <= most_refs) {
                 Some(grown) => room = grown,
                 // Splitting does not separate these triangles: fewer levels, longer leaves, bounded memory.
                 None if max_depth > 0 => max_depth /= 2,
@@ -379,7 +379,9 @@ fn attempt_build(
     let root_is_large = references > params.small;
     let root = |first: u32, extra: u32| {
         let bits = |v: [f32; 3]| [v[0].to_bits(), v[1].to_bits(), v[2].to_bits(), 0];
-        [[0, first, references, extra], bits(params.lo), bits(params.hi)]
+        let mut root = [[0, first, references, extra], bits(params.lo), bits(params.hi)];
+        root[1][3] = raykd_kernels::build::knob::get(2).to_bits();
+        root
     };
     let mut words = [0u32; STATE_WORDS as usize];
     // The root and the padding after it.

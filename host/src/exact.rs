@@ -17,7 +17,7 @@ pub(crate) mod levels;
 use crate::{BuildOptions, KdTree, build::most_refs, exec::cpu::has_usual_instructions, mesh::Mesh};
 use raykd_kernels::{
     build::{
-        Across, Costs, Sah,
+        Across, Costs, Sah, growth_left,
         bin::{ordered, unordered},
         clip::{Bounds, clip_plane},
         faces::{Flat, MOST, cheapest},
@@ -217,6 +217,8 @@ struct Plane {
 struct Cell {
     bounds: Bounds,
     depth: u32,
+    /// How many each of its references may become.
+    growth: f32,
 }
 
 impl Cell {
@@ -226,6 +228,13 @@ impl Cell {
         halves[0].bounds.hi[plane.axis] = plane.at;
         halves[1].bounds.lo[plane.axis] = plane.at;
         halves
+    }
+
+    /// The same, where `count` references became those of two sets.
+    fn cut_to(&self, plane: &Plane, count: usize, halves: &[Set; 2]) -> [Self; 2] {
+        let now: usize = halves.iter().map(|half| half.references.len).sum();
+        let growth = growth_left(self.growth, count as u32, now as u32);
+        self.cut(plane).map(|half| Self { growth, ..half })
     }
 }
 
@@ -620,7 +629,7 @@ impl Builder<'_> {
 
     /// What planes cost in a node of so many references, if any may pay.
     fn sah(&self, cell: &Cell, count: usize) -> Option<Sah> {
-        let sah = Sah::new(cell.bounds.lo, cell.bounds.hi, count as u32, self.costs);
+        let sah = Sah::new(cell.bounds.lo, cell.bounds.hi, count as u32, cell.growth, self.costs);
         (cell.depth < self.max_depth && sah.may_pay && !self.full.load(Relaxed)).then_some(sah)
     }
 
@@ -761,6 +770,7 @@ impl Builder<'_> {
         }
         let mut halves = std::mem::take(&mut spare.sets[depth]);
         self.split(set, &plane, &cells, &mut halves, &mut spare.shares, false);
+        let cells = cell.cut_to(&plane, references.len(), &halves);
         for (i, (half, cell)) in halves.iter().zip(&cells).enumerate() {
             tree.nodes[slot + i] = self.grow(half, cell, tree, spare);
         }
@@ -815,6 +825,7 @@ impl Builder<'_> {
             let cells = cell.cut(&plane);
             let mut halves = [(); 2].map(|()| locked(&self.pool.large).pop().unwrap_or_default());
             self.split(&set, &plane, &cells, &mut halves, &mut spare.shares, true);
+            let cells = cell.cut_to(&plane, set.references.len, &halves);
             locked(&self.pool.spares).push(spare);
             locked(&self.pool.large).push(set);
             let [low, high] = halves;
@@ -883,7 +894,7 @@ fn attempt(mesh: &Mesh, options: &BuildOptions) -> Option<(KdTree, u64)> {
         axis.events = List { len: axis.fresh.len(), room: std::mem::take(&mut axis.fresh) };
         axis.events.sort();
     });
-    let part = builder.branch(set, &Cell { bounds, depth: 0 });
+    let part = builder.branch(set, &Cell { bounds, depth: 0, growth: raykd_kernels::build::knob::get(2) });
     if builder.full.load(Relaxed) {
         return None;
     }

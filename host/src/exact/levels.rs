@@ -188,7 +188,8 @@ impl Attempt {
         record(&mut words, Level { cells: 1, refs: number, fresh: number, lists: LISTS, ..Level::default() });
         device.write(&attempt.levels[0], 0, bytemuck::cast_slice(&words))?;
         let bits = |v: [f32; 3]| [v[0].to_bits(), v[1].to_bits(), v[2].to_bits(), 0];
-        let root = [[0, number, 0, number], bits(given.lo), bits(given.hi)];
+        let mut root = [[0, number, 0, number], bits(given.lo), bits(given.hi)];
+        root[2][3] = raykd_kernels::build::knob::get(2).to_bits();
         device.write(&attempt.cells[0], 0, bytemuck::cast_slice(&root))?;
         let tell = |passes: &[Buffer], bits: u32, room: u32| {
             let mut numbered = passes.iter().zip(0..);

@@ -17,6 +17,11 @@ impl<'d> Scene<'d> {
     /// # Errors
     /// The mesh does not fit the device, or the device failed.
     pub fn build(device: &'d Device, mesh: &Mesh, options: &BuildOptions) -> Result<Self, Error> {
+        for (i, n) in ["RK", "RKL", "RG"].iter().enumerate() {
+            if let Some(v) = std::env::var(n).ok().and_then(|v| v.parse::<f32>().ok()) {
+                raykd_kernels::build::knob::K[i].store(v.to_bits(), std::sync::atomic::Ordering::Relaxed);
+            }
+        }
         let triangles = mesh.kept().len() as f32;
         let most = options.budget.map_or(u32::MAX, |b| (b.max(1.0) * triangles) as u32);
         let mut options = options.clone();

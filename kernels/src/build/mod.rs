@@ -31,10 +31,13 @@ pub mod treelet;
 
 use crate::{
     glam::{UVec2, UVec4, Vec3},
-    math::{Number, abs},
+    math::{Number, abs, div},
     mem::{Buf, Slots},
 };
-use raykd_shared::{BuildParams, limits::CHUNK};
+use raykd_shared::{
+    BuildParams,
+    limits::{CHUNK, TREELET},
+};
 
 /// Words of a level's record: active nodes, chunks, references, level number.
 pub const LEVEL_ACTIVE: u32 = 0;
@@ -96,6 +99,26 @@ const FLAT: f32 = crate::math::exp2(-60);
 /// are cut again and again, as deep as the tree may be.
 const LONG: f32 = crate::math::exp2(-7);
 
+/// What each reference of the root may become in nodes of more than [`TREELET`], on average: what is split further is left a leaf.
+pub const GROWTH: f32 = 8.0;
+
+/// What of that is left to each child's references where `count` became `now`.
+#[inline(always)]
+pub fn growth_left(growth: f32, count: u32, now: u32) -> f32 {
+    div(growth * count as f32, now as f32)
+}
+
+#[cfg(not(target_arch = "spirv"))]
+#[allow(missing_docs)]
+pub mod knob {
+    use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
+    pub static K: [AtomicU32; 3] = [AtomicU32::new(16f32.to_bits()), AtomicU32::new(16f32.to_bits()), AtomicU32::new(8f32.to_bits())];
+    #[inline(always)]
+    pub fn get(i: usize) -> f32 {
+        f32::from_bits(K[i].load(Relaxed))
+    }
+}
+
 /// A node or treelet in a list: three words of four.
 #[derive(Clone, Copy, Debug)]
 pub struct Item {
@@ -111,6 +134,8 @@ pub struct Item {
     pub lo: Vec3,
     /// Upper corner of its box.
     pub hi: Vec3,
+    /// How many each of its references may become: see [`GROWTH`].
+    pub growth: f32,
 }
 
 impl Item {
@@ -131,6 +156,7 @@ impl Item {
             extra: head.w,
             lo: from_bits(lo),
             hi: from_bits(hi),
+            growth: f32::from_bits(lo.w),
         }
     }
 
@@ -138,7 +164,7 @@ impl Item {
     #[inline(always)]
     pub fn store(&self, list: &mut Buf<UVec4>, i: u32) {
         list.put(3 * i, UVec4::new(self.node, self.first, self.count, self.extra));
-        list.put(3 * i + 1, to_bits(self.lo, 0));
+        list.put(3 * i + 1, to_bits(self.lo, self.growth.to_bits()));
         list.put(3 * i + 2, to_bits(self.hi, 0));
     }
 }
@@ -255,6 +281,8 @@ pub struct Sah {
     costs: Costs,
     /// Half the node's surface area.
     area: f32,
+    /// References that children may have.
+    pub most: f32,
     /// Cost of the node as a leaf.
     pub leaf: f32,
     /// Whether any plane may be cheaper: one costs a step, and no reference less.
@@ -268,20 +296,36 @@ fn flat(d: f32) -> f32 {
 }
 
 impl Sah {
-    /// For a node of `count` references.
+    /// For a node of `count` references, each of which may become `growth`.
     #[inline(always)]
-    pub fn new(lo: Vec3, hi: Vec3, count: u32, costs: Costs) -> Self {
+    pub fn new(lo: Vec3, hi: Vec3, count: u32, growth: f32, costs: Costs) -> Self {
         let d = hi - lo;
         let (x, y, z) = (flat(d.x), flat(d.y), flat(d.z));
         let area = x * y + y * z + z * x;
-        let price = if count > costs.long { costs.price * LONG } else { costs.price };
+        #[cfg(not(target_arch = "spirv"))]
+        let (k, kl) = (knob::get(0), knob::get(1));
+        #[cfg(target_arch = "spirv")]
+        let (k, kl) = (16.0, 16.0);
+        let is_long = count > costs.long;
+        let limit = area * costs.test * if is_long { kl } else { k };
+        let price = if costs.price < limit { costs.price } else { limit };
+        let price = if is_long { price * LONG } else { price };
         let costs = Costs { price, ..costs };
+        let grown = growth * count as f32;
+        let most = if count <= TREELET {
+            f32::INFINITY
+        } else if grown > count as f32 {
+            grown
+        } else {
+            count as f32
+        };
         let tests = area * count as f32 * costs.test;
         Self {
             lo,
             hi,
             costs,
             area,
+            most,
             leaf: tests + count as f32 * costs.price,
             may_pay: tests > area * costs.step,
         }
@@ -299,6 +343,7 @@ impl Sah {
             cap: b * c,
             step: self.costs.step * self.area,
             costs: self.costs,
+            most: self.most,
             leaf: self.leaf,
         }
     }
@@ -314,6 +359,7 @@ pub struct Across {
     cap: f32,
     step: f32,
     costs: Costs,
+    most: f32,
     leaf: f32,
 }
 
@@ -326,14 +372,16 @@ impl Across {
         at.exceeds(N::all(self.lo)) & N::all(hi).exceeds(at)
     }
 
-    /// Cost of a cut at `at` into children of so many references; infinite unless [`Across::holds`] it.
+    /// Cost of a cut at `at` into children of so many references; infinite unless [`Across::holds`] it and
+    /// they may be so many.
     #[inline(always)]
     pub fn cut<N: Number>(&self, at: N, below: N, above: N) -> N {
         let all = N::all;
         let cost = self.least(at, at, below, above);
         let pays = (below.is(all(0.0)) | above.is(all(0.0))) & all(self.leaf).exceeds(cost);
         let cost = cost * N::choose(pays, all(self.costs.empty), all(1.0));
-        N::choose(self.holds(at), cost, all(f32::INFINITY))
+        let may = self.holds(at) & !(below + above).exceeds(all(self.most));
+        N::choose(may, cost, all(f32::INFINITY))
     }
 
     /// What a cut between `from` and `to`, which leaves at least so many references below and above, costs at least if
