@@ -31,7 +31,7 @@ pub mod treelet;
 
 use crate::{
     glam::{UVec2, UVec4, Vec3},
-    math::{Number, abs, div},
+    math::{Number, abs, div, high, low},
     mem::{Buf, Slots},
 };
 use raykd_shared::{
@@ -99,24 +99,20 @@ const FLAT: f32 = crate::math::exp2(-60);
 /// are cut again and again, as deep as the tree may be.
 const LONG: f32 = crate::math::exp2(-7);
 
-/// What each reference of the root may become in nodes of more than [`TREELET`], on average: what is split further is left a leaf.
-pub const GROWTH: f32 = 8.0;
+/// No reference costs more tests of the rays through its own node than this in a long one, or in another one than it could save
+/// there. Without that limit nothing pays in an object that is a millionth of the scene: a price is for rays through the scene.
+const DEAREST: f32 = 0.5;
+/// The least that it is in others.
+const DEAREST_SHORT: u32 = 16;
 
-/// What of that is left to each child's references where `count` became `now`.
+/// Larger nodes are not split where they are thinner than this part of the scene, on every axis: traversal counts planes as
+/// thicker than a dozen such nodes, so a ray that enters one would visit all leaves in it.
+const THIN: f32 = crate::math::exp2(-24);
+
+/// Of what each reference of a node may become, what is left to its children's: its `count` became `now`.
 #[inline(always)]
 pub fn growth_left(growth: f32, count: u32, now: u32) -> f32 {
     div(growth * count as f32, now as f32)
-}
-
-#[cfg(not(target_arch = "spirv"))]
-#[allow(missing_docs)]
-pub mod knob {
-    use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
-    pub static K: [AtomicU32; 3] = [AtomicU32::new(16f32.to_bits()), AtomicU32::new(16f32.to_bits()), AtomicU32::new(8f32.to_bits())];
-    #[inline(always)]
-    pub fn get(i: usize) -> f32 {
-        f32::from_bits(K[i].load(Relaxed))
-    }
 }
 
 /// A node or treelet in a list: three words of four.
@@ -134,7 +130,7 @@ pub struct Item {
     pub lo: Vec3,
     /// Upper corner of its box.
     pub hi: Vec3,
-    /// How many each of its references may become: see [`GROWTH`].
+    /// How many each of its references may become: see [`Costs::most`].
     pub growth: f32,
 }
 
@@ -257,6 +253,14 @@ pub struct Costs {
     pub long: u32,
     /// Factor on planes that cut off empty space (Wald & Havran 2006, section 3.1), if they pay without it.
     pub empty: f32,
+    /// Extent under which large nodes are not split.
+    pub thin: f32,
+}
+
+/// The longest of three extents.
+#[inline(always)]
+fn longest(d: Vec3) -> f32 {
+    high(d.x, high(d.y, d.z))
 }
 
 impl Costs {
@@ -269,6 +273,21 @@ impl Costs {
             price: params.price,
             long: params.long,
             empty: params.empty,
+            thin: longest(Vec3::from_array(params.hi) - Vec3::from_array(params.lo)) * THIN,
+        }
+    }
+
+    /// How many references the children of a node may have together. Treelets need no such limit, as their memory is bounded. In
+    /// larger nodes each reference may become `growth`, of which [`growth_left`] tells what is left to the children's: so many of
+    /// the root's stay few, whatever the triangles, and what part of them cannot be parted does not take it from the rest.
+    #[inline(always)]
+    pub fn most(&self, lo: Vec3, hi: Vec3, count: u32, growth: f32) -> f32 {
+        if count <= TREELET {
+            f32::INFINITY
+        } else if longest(hi - lo) < self.thin {
+            -1.0
+        } else {
+            high(count as f32, growth * count as f32)
         }
     }
 }
@@ -282,7 +301,7 @@ pub struct Sah {
     /// Half the node's surface area.
     area: f32,
     /// References that children may have.
-    pub most: f32,
+    most: f32,
     /// Cost of the node as a leaf.
     pub leaf: f32,
     /// Whether any plane may be cheaper: one costs a step, and no reference less.
@@ -296,29 +315,20 @@ fn flat(d: f32) -> f32 {
 }
 
 impl Sah {
-    /// For a node of `count` references, each of which may become `growth`.
+    /// For a node of `count` references, whose children may have `most`.
     #[inline(always)]
-    pub fn new(lo: Vec3, hi: Vec3, count: u32, growth: f32, costs: Costs) -> Self {
+    pub fn new(lo: Vec3, hi: Vec3, count: u32, most: f32, costs: Costs) -> Self {
         let d = hi - lo;
         let (x, y, z) = (flat(d.x), flat(d.y), flat(d.z));
         let area = x * y + y * z + z * x;
-        #[cfg(not(target_arch = "spirv"))]
-        let (k, kl) = (knob::get(0), knob::get(1));
-        #[cfg(target_arch = "spirv")]
-        let (k, kl) = (16.0, 16.0);
-        let is_long = count > costs.long;
-        let limit = area * costs.test * if is_long { kl } else { k };
-        let price = if costs.price < limit { costs.price } else { limit };
-        let price = if is_long { price * LONG } else { price };
-        let costs = Costs { price, ..costs };
-        let grown = growth * count as f32;
-        let most = if count <= TREELET {
-            f32::INFINITY
-        } else if grown > count as f32 {
-            grown
+        let one = area * costs.test;
+        let price = if count > costs.long {
+            low(costs.price * LONG, one * DEAREST)
         } else {
-            count as f32
+            let most = if costs.long > DEAREST_SHORT { costs.long } else { DEAREST_SHORT };
+            low(costs.price, one * most as f32)
         };
+        let costs = Costs { price, ..costs };
         let tests = area * count as f32 * costs.test;
         Self {
             lo,
@@ -327,7 +337,7 @@ impl Sah {
             area,
             most,
             leaf: tests + count as f32 * costs.price,
-            may_pay: tests > area * costs.step,
+            may_pay: (tests > area * costs.step) & (most >= 0.0),
         }
     }
 
@@ -372,7 +382,7 @@ impl Across {
         at.exceeds(N::all(self.lo)) & N::all(hi).exceeds(at)
     }
 
-    /// Cost of a cut at `at` into children of so many references; infinite unless [`Across::holds`] it and
+    /// Cost of a cut at `at` into children of so many references; infinite unless [`Across::holds`] it, and
     /// they may be so many.
     #[inline(always)]
     pub fn cut<N: Number>(&self, at: N, below: N, above: N) -> N {

@@ -152,7 +152,7 @@ pub struct Cell {
     pub parent: u32,
     /// Its box.
     pub bounds: Bounds,
-    /// How many each of its references may become: see [`super::GROWTH`].
+    /// How many each of its references may become: see [`Costs::most`].
     pub growth: f32,
 }
 
@@ -175,7 +175,8 @@ impl Cell {
     /// What planes cost in it.
     #[inline(always)]
     fn sah(&self, params: &BuildParams) -> Sah {
-        Sah::new(self.bounds.lo, self.bounds.hi, self.count, self.growth, Costs::of(params))
+        let (costs, Bounds { lo, hi }) = (Costs::of(params), self.bounds);
+        Sah::new(lo, hi, self.count, costs.most(lo, hi, self.count, self.growth), costs)
     }
 
     /// Writes cell `i` of a level.
