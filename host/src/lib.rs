@@ -12,6 +12,7 @@ pub mod output;
 #[cfg(feature = "plan")]
 pub mod plan;
 pub mod rays;
+mod read;
 #[cfg(feature = "cli")]
 mod render;
 #[cfg(feature = "cli")]
@@ -30,6 +31,7 @@ pub use mesh::Mesh;
 pub use raykd_kernels as kernels;
 pub use raykd_shared as shared;
 pub use raykd_shared::{Hit, Ray};
+pub use read::usual_max_bytes;
 pub use scene::{AllHits, Query, RaySteps, Resident, Scene, Traced};
 pub use traversal::Traversal;
 #[cfg(feature = "cli")]

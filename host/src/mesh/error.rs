@@ -56,6 +56,25 @@ impl fmt::Display for Place {
     }
 }
 
+/// What a message quotes of a file: at most 200 characters of it, those that cannot be seen escaped.
+pub(crate) fn quoted(text: &[u8]) -> String {
+    const MOST: usize = 200;
+    // No character takes more than four bytes.
+    let text = String::from_utf8_lossy(&text[..text.len().min(4 * MOST + 4)]);
+    let mut quote = String::new();
+    for c in text.chars() {
+        if quote.chars().count() >= MOST {
+            quote.push('…');
+            break;
+        }
+        match c {
+            '\'' | '"' | '\\' => quote.push(c),
+            _ => quote.extend(c.escape_debug()),
+        }
+    }
+    quote
+}
+
 /// Why a mesh cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -67,6 +86,17 @@ pub enum MeshError {
         path: PathBuf,
         /// What the system said.
         source: std::io::Error,
+    },
+    /// The file, unpacked, is larger than what is read of one.
+    #[error(
+        "{at}: this is more than {limit} bytes, unpacked, and no more are read; if all is as it should be, \
+         allow more (--max-bytes, Mesh::load_up_to)"
+    )]
+    TooLong {
+        /// The file.
+        at: Place,
+        /// The most that is read.
+        limit: u64,
     },
     /// The file's gzip layer is broken.
     #[error("{at}: the gzip data is damaged or ends early ({reason}); fetch or pack the file again")]
@@ -127,9 +157,7 @@ pub enum MeshError {
         corners: u64,
     },
     /// There are no faces at all.
-    #[error(
-        "{at}: there are no faces; export the mesh with polygons (points, lines and strips do not count)"
-    )]
+    #[error("{at}: there are no faces; export the mesh with polygons (points and lines do not count)")]
     NoFaces {
         /// The file.
         at: Place,
@@ -182,7 +210,8 @@ impl MeshError {
     /// Names the file in an error that does not name one yet.
     pub(crate) fn in_file(mut self, path: &Path) -> Self {
         match &mut self {
-            Self::Gzip { at, .. }
+            Self::TooLong { at, .. }
+            | Self::Gzip { at, .. }
             | Self::UnknownFormat { at }
             | Self::Malformed { at, .. }
             | Self::Truncated { at, .. }

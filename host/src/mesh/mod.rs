@@ -94,10 +94,21 @@ impl Mesh {
     /// Reads an OBJ or PLY file, either of them also gzipped. The format is told by the extension (`.obj`,
     /// `.ply`, `.obj.gz`, `.ply.gz`), or else by the first bytes.
     ///
+    /// No more than [`usual_max_bytes`](crate::usual_max_bytes) are read, after unpacking too; of a gzipped file
+    /// no more than a hundred times its size, or 256 MiB if that is more.
+    ///
     /// # Errors
-    /// If the file cannot be read or used; the message names the line or element.
+    /// If the file cannot be read or used, or is larger than that; the message names the line or element.
     pub fn load(path: &Path) -> Result<Self, MeshError> {
-        load::load(path)
+        load::load(path, None)
+    }
+
+    /// Like [`Mesh::load`], but so many bytes are read, packed or unpacked, before it is an error.
+    ///
+    /// # Errors
+    /// If the file cannot be read or used, or is larger.
+    pub fn load_up_to(path: &Path, max_bytes: u64) -> Result<Self, MeshError> {
+        load::load(path, Some(max_bytes))
     }
 
     /// Like [`Mesh::load`], of a file that is in memory already. The path serves to tell the format, and in
@@ -106,7 +117,7 @@ impl Mesh {
     /// # Errors
     /// If the bytes cannot be used.
     pub fn from_bytes(path: &Path, bytes: Vec<u8>) -> Result<Self, MeshError> {
-        load::from_bytes(path, bytes)
+        load::from_bytes(path, bytes, None)
     }
 
     /// The Utah teapot, each of its 32 patches cut into `level` by `level` quads of two triangles (1 to 1000).
