@@ -1,5 +1,6 @@
 //! Reading files, but not without end.
 
+use crate::Error;
 use raykd_shared::limits::MAX_TRIANGLES;
 use std::{
     fs::{self, File},
@@ -46,4 +47,13 @@ pub(crate) fn file(path: &Path, limit: u64) -> io::Result<Option<Vec<u8>>> {
     let about = file.metadata()?;
     // What is no plain file, as a pipe or `/dev/stdin`, does not know how long it is.
     if about.is_file() && about.len() > limit { Ok(None) } else { up_to(file, limit, about.len()) }
+}
+
+/// A file's bytes.
+///
+/// # Errors
+/// It cannot be read, or there are more than the limit.
+pub(crate) fn all_of(path: &Path, limit: u64) -> Result<Vec<u8>, Error> {
+    let bytes = file(path, limit).map_err(|source| Error::Io { path: path.to_owned(), source })?;
+    bytes.ok_or_else(|| Error::TooLong { path: path.to_owned(), limit })
 }

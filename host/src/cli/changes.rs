@@ -1,10 +1,7 @@
 //! `raykd bench --compare-with`: what changed since another version, and how sure that is.
 
 use super::write_json;
-use crate::{
-    Error,
-    report::{Table, three},
-};
+use crate::report::{Table, three};
 use anyhow::{Context as _, bail};
 use serde_json::Value;
 use std::{
@@ -51,7 +48,7 @@ struct Change {
 
 /// Rows of `raykd bench --json`; several runs may stand one after the other in one array.
 pub(super) fn read(path: &Path) -> anyhow::Result<Vec<Value>> {
-    let bytes = std::fs::read(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
+    let bytes = crate::read::all_of(path, crate::usual_max_bytes())?;
     let rows: Vec<Value> = serde_json::from_slice(&bytes)
         .with_context(|| format!("{}: not what raykd bench --json writes", path.display()))?;
     if rows.iter().any(|row| key(row).is_none()) {

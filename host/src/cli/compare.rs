@@ -60,7 +60,7 @@ pub(super) fn run(
     notes: &Notes,
     out: &mut StdoutLock<'_>,
 ) -> anyhow::Result<ExitCode> {
-    let input = Input::load(&args.mesh, notes)?;
+    let input = Input::load(&args.mesh, args.read, notes)?;
     let machines = Machines::choose(args.on.device.map(Which::from), &args.on.more, notes)?;
     let mut sets = None;
     let mut rows = Vec::new();

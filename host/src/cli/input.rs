@@ -1,11 +1,14 @@
 //! Meshes, as every command reads them.
 
-use super::notes::Notes;
+use super::{args::ReadArgs, notes::Notes};
 use crate::{
     Mesh,
-    mesh::{Repairs, Scene},
+    mesh::{Repairs, Scene, Spot},
 };
-use std::time::{Duration, Instant};
+use std::{
+    ffi::OsStr,
+    time::{Duration, Instant},
+};
 
 /// A mesh with its name.
 #[derive(Debug)]
@@ -19,47 +22,73 @@ pub(super) struct Input {
 
 impl Input {
     /// Reads a file, or fetches a scene by its name.
-    pub(super) fn load(text: &str, notes: &Notes) -> anyhow::Result<Self> {
-        let scene: Scene = text.parse()?;
+    pub(super) fn load(name: &OsStr, read: ReadArgs, notes: &Notes) -> anyhow::Result<Self> {
+        let scene = Scene::try_from(name)?;
         let name = scene.to_string();
         notes.stage(format_args!("{name}: reading"));
         let start = Instant::now();
-        let mesh = scene.load()?;
+        let mesh = match read.max_bytes {
+            Some(most) => scene.load_up_to(most)?,
+            None => scene.load()?,
+        };
         Ok(Self { name, mesh, load: start.elapsed() })
     }
 }
 
 /// What was set aside or changed in a mesh, for JSON.
-#[derive(Clone, Copy, Debug, Default, serde::Serialize)]
+#[derive(Clone, Debug, Default, serde::Serialize)]
 pub(super) struct RepairCounts {
     zero_area: u32,
     duplicates: u32,
     polygons: u32,
+    concave: u32,
+    crossed: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    crossed_at: Option<String>,
+    bent: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bent_at: Option<String>,
     ignored: u32,
     flushed: u32,
 }
 
 impl From<&Repairs> for RepairCounts {
     fn from(r: &Repairs) -> Self {
-        let &Repairs { zero_area, duplicates, polygons, ignored, flushed } = r;
-        Self { zero_area, duplicates, polygons, ignored, flushed }
+        let &Repairs { zero_area, duplicates, polygons, concave, crossed, bent, ignored, flushed, .. } = r;
+        let [crossed_at, bent_at] = [&r.crossed_at, &r.bent_at].map(|at| at.as_ref().map(Spot::to_string));
+        Self {
+            zero_area,
+            duplicates,
+            polygons,
+            concave,
+            crossed,
+            crossed_at,
+            bent,
+            bent_at,
+            ignored,
+            flushed,
+        }
     }
 }
 
 impl RepairCounts {
     /// In words; nothing if there is nothing to tell.
     pub(super) fn told(&self) -> Option<String> {
+        let first = |at: &Option<String>| at.as_ref().map(|at| format!(" (first: {at})")).unwrap_or_default();
         let parts = [
-            (self.zero_area, "zero-area triangles kept out of the tree"),
-            (self.duplicates, "duplicate triangles (the lowest number wins)"),
-            (self.polygons, "polygons cut into triangles"),
-            (self.ignored, "points and lines ignored"),
-            (self.flushed, "coordinates too small to matter taken as 0"),
+            (self.zero_area, "zero-area triangles kept out of the tree".to_owned()),
+            (self.duplicates, "duplicate triangles (the lowest number wins)".to_owned()),
+            (self.polygons, "polygons cut into triangles".to_owned()),
+            (self.concave, "of them concave".to_owned()),
+            (self.crossed, format!("crossed by their own edges, left as fans{}", first(&self.crossed_at))),
+            (self.bent, format!("not flat{}", first(&self.bent_at))),
+            (self.ignored, "points, lines and curves ignored".to_owned()),
+            (self.flushed, "coordinates too small to matter taken as 0".to_owned()),
         ];
         let told: Vec<_> = parts
             .iter()
             .filter(|(n, _)| *n > 0)
-            .map(|&(n, what)| format!("{} {what}", crate::report::count(n.into())))
+            .map(|(n, what)| format!("{} {what}", crate::report::count((*n).into())))
             .collect();
         (!told.is_empty()).then(|| told.join("; "))
     }

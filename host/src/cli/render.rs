@@ -27,7 +27,7 @@ pub(super) fn run(args: &RenderArgs, out: &mut StdoutLock<'_>) -> anyhow::Result
         bail!("{}: pictures are PNG files; name it like {0}.png", args.output.display());
     }
     output::check(&args.output)?;
-    let input = Input::load(&args.mesh, &notes)?;
+    let input = Input::load(&args.mesh, args.read, &notes)?;
     let camera = camera(args, &input.mesh)?;
     let shading = match args.shading {
         Wish::Normal => Shading::Normal,

@@ -66,14 +66,14 @@ struct Told {
 
 pub(super) fn run(args: &TraceArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
     let notes = Notes::new(args.json);
-    let rays = args.rays.as_deref().map(read_rays).transpose()?;
+    let rays = args.rays.as_deref().map(|path| read_rays(path, args.read.limit())).transpose()?;
     let (Some(rays), Some(hits)) = (&rays, &args.hits) else {
         return compare::run(args, rays.as_deref(), &notes, out);
     };
     output::check(hits)?;
-    let mut input = Input::load(&args.mesh, &notes)?;
+    let mut input = Input::load(&args.mesh, args.read, &notes)?;
     let start = Instant::now();
-    let tree = args.tree.as_deref().map(KdTree::load).transpose()?;
+    let tree = args.tree.as_deref().map(|path| KdTree::load_up_to(path, args.read.limit())).transpose()?;
     input.load += start.elapsed();
     let job = (&input.mesh, rays.len() as u64);
     let device = &args.on;
@@ -101,9 +101,9 @@ pub(super) fn run(args: &TraceArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
 }
 
 /// Reads records of 8 little-endian `f32`.
-fn read_rays(path: &Path) -> anyhow::Result<Vec<Ray>> {
+fn read_rays(path: &Path, max_bytes: u64) -> anyhow::Result<Vec<Ray>> {
     const _: () = assert!(cfg!(target_endian = "little"), "files are read and written as they lie in memory");
-    let bytes = std::fs::read(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
+    let bytes = crate::read::all_of(path, max_bytes)?;
     let (record, extra) = (size_of::<Ray>(), bytes.len() % size_of::<Ray>());
     if extra != 0 {
         bail!(

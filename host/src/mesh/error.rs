@@ -49,9 +49,18 @@ impl fmt::Display for Place {
         }
         match &self.spot {
             Spot::Whole => Ok(()),
-            Spot::Header => f.write_str(", header"),
-            Spot::Line(line) => write!(f, ", line {line}"),
-            Spot::Element(kind, index) => write!(f, ", {kind} {index}"),
+            spot => write!(f, ", {spot}"),
+        }
+    }
+}
+
+impl fmt::Display for Spot {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Whole => f.write_str("whole"),
+            Self::Header => f.write_str("header"),
+            Self::Line(line) => write!(f, "line {line}"),
+            Self::Element(kind, index) => write!(f, "{} {index}", quoted(kind.as_bytes())),
         }
     }
 }

@@ -1,5 +1,6 @@
 //! From a path to a mesh: reading, unpacking, and telling the formats apart.
 
+use super::polygon::{self, Polygon};
 use super::{Mesh, MeshError, Place, Repairs, obj, ply};
 use crate::read;
 use flate2::read::MultiGzDecoder;
@@ -10,8 +11,12 @@ use std::path::Path;
 pub(super) struct Raw {
     pub(super) positions: Vec<[f32; 3]>,
     pub(super) triangles: Vec<[u32; 3]>,
-    /// Only `polygons` and `ignored` are filled in.
+    /// What is known of the file's faces only is filled in.
     pub(super) repairs: Repairs,
+    /// Faces of more than three corners, in file order; fans until [`polygon::cut`] has seen them.
+    pub(super) polygons: Vec<Polygon>,
+    /// Whether polygons are found by their numbers, rather than by lines.
+    pub(super) binary: bool,
 }
 
 #[derive(Clone, Copy)]
@@ -47,12 +52,13 @@ fn parse(path: &Path, bytes: Vec<u8>, most: Option<u64>) -> Result<Mesh, MeshErr
         Some((_, "ply")) => Some(Format::Ply),
         _ => sniff(&bytes),
     };
-    let raw = match format {
+    let mut raw = match format {
         Some(Format::Obj) => obj::parse(&bytes)?,
         Some(Format::Ply) => ply::parse(&bytes)?,
         None => return Err(MeshError::UnknownFormat { at: Place::default() }),
     };
     drop(bytes);
+    polygon::cut(&mut raw)?;
     Mesh::with_repairs(raw)
 }
 

@@ -3,8 +3,12 @@
 //! # Which triangles take part
 //! Triangles are numbered in file order, before anything else happens to them, and keep that number.
 //!
-//! - **Polygons** are cut into fans from their first corner, and counted. A face with fewer than three corners
-//!   is an error. Point and line elements are ignored, and counted.
+//! - **Polygons** are cut into triangles, and counted: one of n corners takes n - 2 numbers. Where the fan from the
+//!   first corner covers it, it is that fan, as always if it is convex; a concave one is cut so that no ray beside it
+//!   hits, and counted. One whose edges cross, or that a corner touches from within, stays a fan; that, and one thicker
+//!   than a thousandth of its extent, so that nothing says what surface it is, is counted and named. All of that is
+//!   decided where the axis looks from which most of the face is seen. A face with fewer than three corners is an
+//!   error. Points, lines and curves are ignored, and counted.
 //! - **Zero-area** triangles, whose corners lie exactly on one line or coincide, are kept out of the tree, and
 //!   counted. The test is exact, not a threshold.
 //! - **Duplicates**, with the same three positions in the same order as an earlier triangle, stay in the tree,
@@ -27,6 +31,7 @@ mod error;
 mod load;
 mod obj;
 mod ply;
+mod polygon;
 mod repair;
 mod scenes;
 mod teapot;
@@ -61,10 +66,10 @@ impl Mesh {
     /// If a coordinate is not finite, an index is out of range, there is no triangle or there are more than
     /// [`MAX_TRIANGLES`], or all of them together are smaller than 2⁻¹³⁷.
     pub fn new(positions: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Result<Self, MeshError> {
-        Self::with_repairs(Raw { positions, triangles, repairs: Repairs::default() })
+        Self::with_repairs(Raw { positions, triangles, ..Raw::default() })
     }
 
-    fn with_repairs(Raw { positions, triangles, mut repairs }: Raw) -> Result<Self, MeshError> {
+    fn with_repairs(Raw { positions, triangles, mut repairs, .. }: Raw) -> Result<Self, MeshError> {
         if triangles.is_empty() {
             return Err(MeshError::NoFaces { at: Place::default() });
         }

@@ -7,6 +7,7 @@
 
 use super::error::quoted;
 use super::load::{Raw, split_line, unmarked};
+use super::polygon::Polygon;
 use super::{MeshError, Place};
 use raykd_shared::limits::MAX_TRIANGLES;
 use std::borrow::Cow;
@@ -180,10 +181,14 @@ fn check(bytes: &[u8], raw: &mut Raw) -> Result<String, MeshError> {
                 if corners < 3 {
                     return Err(MeshError::TooFewCorners { at: Place::line(line), corners });
                 }
-                raw.repairs.polygons += u32::from(corners > 3);
+                let first = triangles as u32;
                 triangles += corners - 2;
                 if triangles > u64::from(MAX_TRIANGLES) {
                     return Err(MeshError::TooManyTriangles { at: Place::default(), limit: MAX_TRIANGLES });
+                }
+                if corners > 3 {
+                    raw.repairs.polygons += 1;
+                    raw.polygons.push(Polygon { first, triangles: corners as u32 - 2, at: line });
                 }
             }
             Some(b"p" | b"l" | b"curv" | b"cdc") => {

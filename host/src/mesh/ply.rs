@@ -5,7 +5,8 @@
 
 use super::error::quoted;
 use super::load::{Raw, split_line, unmarked};
-use super::{MeshError, Place};
+use super::polygon::Polygon;
+use super::{MeshError, Place, Spot};
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{
     BeginList, ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult, PropertyType,
@@ -161,6 +162,7 @@ impl Sink {
             return Err(MeshError::TooManyTriangles { at: Place::default(), limit: MAX_TRIANGLES });
         }
         let mut raw = Raw::default();
+        raw.binary = header.encoding != Encoding::Ascii;
         raw.repairs.ignored = edges.try_into().unwrap_or(u32::MAX);
         Ok(Self { raw, vertices: vertices.count as u64 })
     }
@@ -235,7 +237,13 @@ impl Sink {
             self.raw.triangles.push([first, previous, corner]);
             previous = corner;
         }
-        self.raw.repairs.polygons += u32::from(others.len() > 1);
+        if others.len() > 1 {
+            self.raw.repairs.polygons += 1;
+            let (Spot::Line(at) | Spot::Element(_, at)) = at().spot else { return Ok(()) };
+            let triangles = others.len() as u32;
+            let first = self.raw.triangles.len() as u32 - triangles;
+            self.raw.polygons.push(Polygon { first, triangles, at });
+        }
         Ok(())
     }
 }

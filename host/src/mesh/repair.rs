@@ -1,20 +1,30 @@
 //! The written rule: which triangles take part, and which numbers the kernels get to see.
 
-use super::{MeshError, Place};
+use super::{MeshError, Place, Spot};
 use rayon::prelude::*;
 use robust::{Coord, orient2d};
 
 /// What was set aside or changed on the way from the file to the kernels.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Repairs {
     /// Triangles without area: kept out of the tree, but they keep their number.
     pub zero_area: u32,
     /// Triangles with the same three positions in the same order as one of a lower number: they stay in the
     /// tree, where the lowest number wins.
     pub duplicates: u32,
-    /// Faces with more than three corners, cut into fans.
+    /// Faces with more than three corners, cut into triangles.
     pub polygons: u32,
-    /// Point and line elements of the file, ignored.
+    /// Of these, concave ones that the fan from their first corner does not cover: cut otherwise.
+    pub concave: u32,
+    /// Of these, ones that are crossed by their own edges, or touched from within by a corner: left as fans.
+    pub crossed: u32,
+    /// The first such face.
+    pub crossed_at: Option<Spot>,
+    /// Of these, ones thicker than a thousandth of their extent.
+    pub bent: u32,
+    /// The first such face.
+    pub bent_at: Option<Spot>,
+    /// Points, lines and curves of the file, ignored.
     pub ignored: u32,
     /// Coordinates too small to matter (see [`crate::mesh`]) that are 0 for the kernels.
     pub flushed: u32,
@@ -42,7 +52,7 @@ pub(super) const fn power_of_two(e: i32) -> f64 {
 }
 
 /// The largest `e` with `2^e <= x`, for normal positive `x`.
-fn exponent(x: f64) -> i32 {
+pub(super) fn exponent(x: f64) -> i32 {
     (x.to_bits() >> 52) as i32 - 1023
 }
 
