@@ -15,6 +15,7 @@ use spade::{
     ConstrainedDelaunayTriangulation, HierarchyHintGenerator, Intersection, LineIntersectionIterator, Point2,
     Triangulation, mitigate_underflow,
 };
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 /// A face of the file that stands in [`Raw`] as a fan from its first corner.
 #[derive(Clone, Copy, Debug)]
@@ -32,7 +33,7 @@ enum Cut {
     Fan,
     /// It has other triangles, as many.
     Other(Vec<[u32; 3]>),
-    /// Its edges cross, so that nothing says what is inside.
+    /// Its edges cross, or a corner touches one from outside.
     Crossed,
     /// It would take too long.
     TooMuch,
@@ -41,15 +42,21 @@ enum Cut {
 /// A face is bent if it is thicker than this part of its extent.
 const FLAT: f64 = 1.0e-3;
 
+/// Steps that the edges of a file's concave faces may take to be found, which grows as the square of the edges of other
+/// triangles that are in the way of one: half a minute. Only faces of long thin teeth, tens of thousands of them, take
+/// so many.
+const MOST_STEPS: u64 = 1 << 32;
+
 /// Cuts the faces that their fans do not cover, counts them, and those that are crossed or bent.
 pub(super) fn cut(raw: &mut Raw) -> Result<(), MeshError> {
     let polygons = std::mem::take(&mut raw.polygons);
     let Raw { positions, triangles, .. } = &*raw;
+    let work = AtomicU64::new(0);
     let looked_at = |polygon: &Polygon| {
         let fan = &triangles[polygon.first as usize..][..polygon.triangles as usize];
         let corners: Vec<u32> = fan[0][..2].iter().copied().chain(fan.iter().map(|t| t[2])).collect();
         let points: Vec<[f64; 3]> = corners.iter().map(|&v| positions[v as usize].map(f64::from)).collect();
-        let (cut, bent) = judge(&corners, &points);
+        let (cut, bent) = judge(&corners, &points, &work);
         (bent || !matches!(cut, Cut::Fan)).then_some((*polygon, cut, bent))
     };
     let odd: Vec<_> = polygons.par_iter().filter_map(looked_at).collect();
@@ -82,7 +89,7 @@ pub(super) fn cut(raw: &mut Raw) -> Result<(), MeshError> {
 }
 
 /// How a face is cut, and whether it is bent.
-fn judge(corners: &[u32], points: &[[f64; 3]]) -> (Cut, bool) {
+fn judge(corners: &[u32], points: &[[f64; 3]], work: &AtomicU64) -> (Cut, bool) {
     let apex = points[0];
     let cross = |a: [f64; 3], b: [f64; 3]| {
         [0, 1, 2].map(|i| {
@@ -104,7 +111,7 @@ fn judge(corners: &[u32], points: &[[f64; 3]]) -> (Cut, bool) {
         return (Cut::Fan, false);
     }
     let flat: Vec<[f64; 2]> = points.iter().map(|p| [p[(axis + 1) % 3], p[(axis + 2) % 3]]).collect();
-    let cut = if fan_covers(&flat) { Cut::Fan } else { others(corners, &flat) };
+    let cut = if fan_covers(&flat) { Cut::Fan } else { others(corners, &flat, work) };
     let bent = !matches!(cut, Cut::Crossed) && is_bent(points, normal);
     (cut, bent)
 }
@@ -184,9 +191,7 @@ fn rounds(points: &[[f64; 2]]) -> Vec<usize> {
 }
 
 /// Triangles of a face that its fan does not cover, as many as the fan has.
-fn others(corners: &[u32], points: &[[f64; 2]]) -> Cut {
-    /// Steps that finding a face's edges may take: some seconds.
-    const MOST: u64 = 1 << 30;
+fn others(corners: &[u32], points: &[[f64; 2]], work: &AtomicU64) -> Cut {
     // Powers of two change no decision, and bring the numbers to where the predicates are exact.
     let scale = [0, 1].map(|axis| {
         let largest = points.iter().fold(0.0f64, |most, p| most.max(p[axis].abs()));
@@ -211,7 +216,6 @@ fn others(corners: &[u32], points: &[[f64; 2]]) -> Cut {
     }
     let mut odd = vec![false; cdt.num_undirected_edges()];
     let mut some_edge = Vec::new();
-    let mut work = 0;
     for &i in &order {
         let (from, to) = (vertices[i], vertices[(i + 1) % points.len()]);
         if from == to {
@@ -220,8 +224,8 @@ fn others(corners: &[u32], points: &[[f64; 2]]) -> Cut {
         let in_the_way = LineIntersectionIterator::new_from_handles(&cdt, from, to)
             .filter(|it| matches!(it, Intersection::EdgeIntersection(_)))
             .count() as u64;
-        work += in_the_way * in_the_way;
-        if work > MOST {
+        let steps = in_the_way * in_the_way;
+        if work.fetch_add(steps, Relaxed).saturating_add(steps) > MOST_STEPS {
             return Cut::TooMuch;
         }
         let edges = cdt.try_add_constraint(from, to);
@@ -259,7 +263,7 @@ fn others(corners: &[u32], points: &[[f64; 2]]) -> Cut {
         triangle.rotate_left(lowest);
         found.push(triangle);
     }
-    // A corner on another edge makes one more than there are numbers for.
+    // A corner that touches another edge from outside makes one more than there are numbers for.
     if found.len() > points.len() - 2 {
         return Cut::Crossed;
     }
@@ -267,4 +271,25 @@ fn others(corners: &[u32], points: &[[f64; 2]]) -> Cut {
     // Where corners coincide there are fewer: the rest have no area.
     found.resize(points.len() - 2, [0; 3]);
     Cut::Other(found.into_iter().map(|t| t.map(|corner| corners[corner as usize])).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_are_limited_over_all_faces() {
+        let mut random = crate::rays::Random::new(1);
+        let teeth =
+            (0..500).map(|i| [f64::from(i), if i % 2 == 0 { 1.0 } else { 2.0 + 500.0 * random.unit() }]);
+        let points: Vec<[f64; 2]> = teeth.chain([[499.0, 0.0], [0.0, 0.0]]).collect();
+        let corners: Vec<u32> = (0..points.len() as u32).collect();
+        let work = AtomicU64::new(0);
+        assert!(matches!(others(&corners, &points, &work), Cut::Other(_)));
+        let one = work.load(Relaxed);
+        assert!(one > 0);
+        let nearly = AtomicU64::new(MOST_STEPS - one);
+        assert!(matches!(others(&corners, &points, &nearly), Cut::Other(_)));
+        assert!(matches!(others(&corners, &points, &nearly), Cut::TooMuch));
+    }
 }

@@ -16,7 +16,7 @@ pub struct Repairs {
     pub polygons: u32,
     /// Of these, concave ones that the fan from their first corner does not cover: cut otherwise.
     pub concave: u32,
-    /// Of these, ones that are crossed by their own edges, or touched from within by a corner: left as fans.
+    /// Of these, ones that are crossed by their own edges, or touched from outside by a corner: left as fans.
     pub crossed: u32,
     /// The first such face.
     pub crossed_at: Option<Spot>,
