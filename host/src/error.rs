@@ -43,6 +43,17 @@ pub enum Error {
         /// What it would harm.
         other: String,
     },
+    /// A file is larger than what is read of one.
+    #[error(
+        "{}: this is more than {limit} bytes, and no more are read; if all is as it should be, allow more (--max-bytes, load_up_to)",
+        path.display()
+    )]
+    TooLong {
+        /// The file.
+        path: PathBuf,
+        /// The most that is read.
+        limit: u64,
+    },
     /// A buffer would be larger than the device allows.
     #[error(
         "buffer '{buffer}' needs {bytes} bytes, but {limit_name} allows {limit}; use a smaller mesh, or another device (--device cpu)"

@@ -56,6 +56,7 @@ mod output;
 #[cfg(feature = "plan")]
 pub mod plan;
 pub mod rays;
+mod read;
 #[cfg(feature = "cli")]
 mod render;
 #[cfg(feature = "cli")]
@@ -77,6 +78,7 @@ pub use raykd_kernels as kernels;
 pub use raykd_shared as shared;
 pub use raykd_shared::{Hit, Ray};
 pub use rays::Ray64;
+pub use read::usual_max_bytes;
 pub use scene::{AllHits, Query, RaySteps, Resident, Scene, Traced};
 pub use traversal::Traversal;
 #[cfg(feature = "cli")]

@@ -3,10 +3,7 @@
 use crate::{BuildOptions, Error, Mesh, error::quoted};
 use raykd_shared::{LAYOUT_VERSION, Node, Report, TreeHeader, TreeView};
 use sha2::{Digest, Sha256};
-use std::{
-    io::{Read, Write},
-    path::Path,
-};
+use std::{io::Write, path::Path};
 
 /// A tree, owned: header, nodes and references as `raykd-shared` lays them out.
 #[derive(Clone, Debug, PartialEq)]
@@ -127,14 +124,21 @@ impl KdTree {
         })
     }
 
-    /// Reads a tree that [`KdTree::save`] wrote, and checks every node.
+    /// Reads a tree that [`KdTree::save`] wrote, and checks every node. No more than
+    /// [`usual_max_bytes`](crate::usual_max_bytes) are read.
     ///
     /// # Errors
-    /// The file cannot be read, is no tree file, has another version, or is damaged.
+    /// The file cannot be read, is larger than that, is no tree file, has another version, or is damaged.
     pub fn load(path: &Path) -> Result<Self, Error> {
-        let io = |source| Error::Io { path: path.to_owned(), source };
-        let mut bytes = Vec::new();
-        std::fs::File::open(path).and_then(|mut f| f.read_to_end(&mut bytes)).map_err(io)?;
+        Self::load_up_to(path, crate::usual_max_bytes())
+    }
+
+    /// Like [`KdTree::load`], but so many bytes are read before it is an error.
+    ///
+    /// # Errors
+    /// The file cannot be read, is larger, is no tree file, has another version, or is damaged.
+    pub fn load_up_to(path: &Path, max_bytes: u64) -> Result<Self, Error> {
+        let bytes = crate::read::all_of(path, max_bytes)?;
         Self::from_bytes(&bytes).map_err(|e| match e {
             Error::Tree(what) => Error::Tree(format!("{}: {what}", quoted(path.display()))),
             other => other,

@@ -629,3 +629,132 @@ fn results_and_remarks_do_not_mix() {
 fn ray_records_are_32_bytes() {
     assert_eq!(size_of::<Ray>(), 32);
 }
+
+/// No file is read without end: meshes, rays and trees, as much as --max-bytes allows.
+#[test]
+fn files_are_read_up_to_a_limit() {
+    let folder = folder();
+    let [mesh, rays, hits, tree] = ["two.obj", "rays", "hits", "two.kd"].map(|name| path(&folder, name));
+    write_rays(&rays, &[[1.0, 1.0, 5.0, 0.0, 0.0, -1.0, 0.0, 100.0]; 4]);
+    good(&["build", &mesh, "--device", "cpu", "-o", &tree]);
+    let size = |path: &str| fs::metadata(path).unwrap().len();
+    let most = [&mesh, &rays, &tree].map(|path| size(path)).into_iter().max().unwrap();
+    let trace = |max: &str| -> Vec<String> {
+        [
+            "trace",
+            &mesh,
+            "--rays",
+            &rays,
+            "--hits",
+            &hits,
+            "--tree",
+            &tree,
+            "--device",
+            "cpu",
+            "--max-bytes",
+            max,
+        ]
+        .map(str::to_owned)
+        .to_vec()
+    };
+    let line = trace(&most.to_string());
+    good(&line.iter().map(String::as_str).collect::<Vec<_>>());
+    for file in [&mesh, &rays, &tree] {
+        // So small a limit that this file is the only one beyond it.
+        let limit = size(file) - 1;
+        let others = [&mesh, &rays, &tree].into_iter().filter(|other| *other != file);
+        for other in others.filter(|other| size(other) > limit) {
+            assert!(size(other) >= size(file));
+        }
+        let limit = limit.to_string();
+        let message = match file {
+            _ if file == &mesh => bad(&["build", file, "--max-bytes", &limit], 1),
+            _ if file == &rays => {
+                bad(&["trace", "teapot:1", "--rays", file, "--hits", &hits, "--max-bytes", &limit], 1)
+            }
+            _ => bad(
+                &[
+                    "trace",
+                    "teapot:1",
+                    "--rays",
+                    &rays,
+                    "--hits",
+                    &hits,
+                    "--tree",
+                    file,
+                    "--max-bytes",
+                    &limit,
+                ],
+                1,
+            ),
+        };
+        has(&message, &[file, &format!("more than {limit} bytes"), "--max-bytes"]);
+    }
+    #[cfg(unix)]
+    {
+        has(
+            &bad(&["trace", &mesh, "--rays", "/dev/zero", "--hits", &hits, "--max-bytes", "1M"], 1),
+            &["1048576 bytes"],
+        );
+        has(&bad(&["build", "/dev/zero", "--max-bytes", "1M"], 1), &["/dev/zero: ", "1048576 bytes"]);
+    }
+    has(&bad(&["build", &mesh, "--max-bytes", "1X"], 2), &["write it like 5000000000, 500M or 5G"]);
+}
+
+/// What a gzipped file of ten megabytes may take is a part of the ten gigabytes it holds.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_bomb_takes_little_memory() {
+    use std::io::Write as _;
+    let folder = folder();
+    let file = path(&folder, "bomb.obj.gz");
+    let mut part = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+    part.write_all(&vec![b'\n'; 64 << 20]).unwrap();
+    fs::write(&file, part.finish().unwrap().repeat(160)).unwrap();
+    let line = format!("ulimit -v 4000000; exec {} build {file} --device cpu", env!("CARGO_BIN_EXE_raykd"));
+    let start = std::time::Instant::now();
+    let output = Command::new("sh").args(["-c", &line]).stdin(Stdio::null()).output().unwrap();
+    println!("{:?}", start.elapsed());
+    assert_eq!(output.status.code(), Some(1));
+    has(
+        &text(&output.stderr),
+        &["bomb.obj.gz: this is more than ", " bytes, unpacked, and no more are read"],
+    );
+}
+
+/// A mesh's name that is no UTF-8, and what is told of faces that had to be looked at.
+#[cfg(unix)]
+#[test]
+fn any_name_names_a_mesh() {
+    use std::{ffi::OsStr, os::unix::ffi::OsStrExt as _};
+    let folder = folder();
+    let name = folder.path().join(OsStr::from_bytes(b"gr\xfc\xdfe.obj"));
+    let faces = "v 0 0 0\nv 4 0 0\nv 1 1 0\nv 0 4 0\nv 4 4 1\nf 2 3 4 1\nf 1 2 5 4\nf 1 3 2 4\nf 3 2 1 4\n";
+    fs::write(&name, faces).unwrap();
+    let run = |line: &[&OsStr]| {
+        let output =
+            Command::new(env!("CARGO_BIN_EXE_raykd")).args(line).stdin(Stdio::null()).output().unwrap();
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        text(&output.stdout)
+    };
+    let (device, cpu) = ("--device".as_ref(), "cpu".as_ref());
+    let told = run(&["build".as_ref(), name.as_ref(), device, cpu]);
+    has(&told, &["gr\u{fffd}\u{fffd}e.obj", "4 polygons cut into triangles", "not flat (first: line 7)"]);
+    has(&told, &["2 of them concave", "1 crossed by their own edges, left as fans (first: line 8)"]);
+    let picture = path(&folder, "p.png");
+    let small = [device, cpu, "--size".as_ref(), "8x8".as_ref()];
+    run(&[&["render".as_ref(), name.as_ref(), "-o".as_ref(), picture.as_ref()], &small[..]].concat());
+    assert!(Path::new(&picture).exists());
+    run(&["bench".as_ref(), name.as_ref(), device, cpu, "--rays".as_ref(), "10".as_ref(), "--json".as_ref()]);
+    run(&[
+        "stress".as_ref(),
+        "--scene".as_ref(),
+        name.as_ref(),
+        "--method".as_ref(),
+        "exact/stack".as_ref(),
+        device,
+        cpu,
+        "--rays".as_ref(),
+        "10".as_ref(),
+    ]);
+}

@@ -157,7 +157,7 @@ fn text_ply_skips_what_it_need_not_know() {
         element face 2\nproperty uchar flags\nproperty list uchar uint vertex_index\n\
         property list uchar float texcoord\nelement vertex 4\nproperty list uchar int bones\n\
         property double z\nproperty double x\nproperty float nx\nproperty double y\nend_header\n\
-        1 5\n0\n\n9 3 0 1 2 2 .5 .5\n9 3 0 2 3 0\n2 7 7 0 0 nan 0\n0 0 1 0 0\n0 0.5 1 0 1\n  0 0.25 0 0 1  \nmore";
+        1 5\n0\n\n9 3 0 1 2 2 .5 .5\n9 3 0 2 3 0\n2 7 7 0 0 nan 0\n0 0 1 0 0\n0 0.5 1 0 1\n  0 0.25 0 0 1  \n\n";
     let mesh = read("a.ply", text).unwrap();
     assert_eq!(corners(&mesh), [[A, B, C], [A, C, D]]);
 }
@@ -174,7 +174,7 @@ fn obj_keeps_the_order_of_faces() {
     );
     let mesh = read("a.obj", text).unwrap();
     assert_eq!(corners(&mesh), [[A, B, C], [A, C, D], [C, B, A], [D, C, B]]);
-    assert_eq!(mesh.repairs().ignored, 2);
+    assert_eq!(mesh.repairs().ignored, 3);
     assert_eq!(mesh.repairs().polygons, 0);
 }
 
@@ -194,6 +194,180 @@ fn polygons_become_fans() {
     assert_eq!(ply.repairs().polygons, 1);
     // 0.9 is no f32, and was one when it was written to the binary file.
     assert_eq!((ply.repairs().rounded, obj.repairs().rounded), (0, 4));
+}
+
+/// Ends of lines, blanks and comments that differ from program to program: the same mesh, not a vertex less.
+#[test]
+fn obj_loses_no_line() {
+    for (from, to) in [
+        // A mark of UTF-8 before the first vertex.
+        ("v 0 0 0\nv 1", "\u{feff}v 0 0 0\nv 1"),
+        // A comment's backslash joins nothing.
+        ("v 1 0 0\n", "# a comment \\\nv 1 0 0 # another \\\n"),
+        ("v 1 0 0\n", "# c:\\\r\nv 1 0 0\r\n"),
+        ("v 1 0 0\nv 1 1 .5\n", "v 1 0 0\rv 1 1 .5\n"),
+        ("v 1 0 0\nv 1 1 .5\n", "v 1 0 0#\rv 1 1 .5\r\r\n"),
+        ("v 1 0 0\n", "v\x0b1 0\x0b0\x0c\n"),
+        ("v 1 0 0\n", "\tv\t1 \\\r\n0 \\\n0\n"),
+        ("f 1 2 3 4\n", "fo 1 2 3 4#5\n"),
+        ("f 1 2 3 4\n", "f 1 2 \\\r 3 4"),
+        // Weights, colours, both.
+        ("v 1 0 0\n", "v 1 0 0 1\n"),
+        ("v 1 0 0\n", "v 1 0 0 .5 .5 1 1 1\n"),
+    ] {
+        assert!(QUAD_OBJ.contains(from));
+        let text = QUAD_OBJ.replacen(from, to, 1);
+        is_the_quad(&read("a.obj", &text).unwrap_or_else(|e| panic!("{text:?}: {e}")));
+        is_the_quad(&read("unnamed", &text).unwrap_or_else(|e| panic!("{text:?}: {e}")));
+    }
+    // All statements of the format that make no surface.
+    let others = "vt 0\nvn 0\nvp 0\ng\ns off\nmg 1\no a\\ \nbevel on\nc_interp on\nd_interp on\nlod 1\nusemtl a#b\nmtllib m\n\
+        usemap off\nmaplib m\nshadow_obj s\ntrace_obj t\nctech t\nstech t\ncstype bezier\ndeg 3\nbmat u 1\nstep 1\n\
+        curv2 1 2\nparm u 0 1\ntrim 0 1 1\nhole 0 1 1\nscrv 0 1 1\nsp 1\nend\ncon 1 0 1 1 2 0 1 1\nres 1\ncsh ls\n\n\t\n";
+    let mesh = read("a.obj", format!("{others}{QUAD_OBJ}")).unwrap();
+    is_the_quad(&mesh);
+    assert_eq!(mesh.repairs().ignored, 0);
+    let lines = read("a.obj", format!("{QUAD_OBJ}l 1 2\np 1\ncurv 0 1 1 2\ncdc 1 2\n")).unwrap();
+    assert_eq!(lines.repairs().ignored, 4);
+}
+
+/// What is not understood and could be geometry is refused, by its line.
+#[test]
+fn obj_passes_over_nothing() {
+    let long = "x".repeat(5000);
+    for (line, message) in [
+        ("v\u{a0}0 0 0", r"line 6: 'v\u{a0}0' is no statement of OBJ (a # before it makes it a comment)"),
+        ("V 0 0 0", "line 6: 'V' is no statement of OBJ"),
+        ("F 1 2 3", "line 6: 'F' is no statement of OBJ"),
+        ("\u{feff}v 0 0 0", r"line 6: '\u{feff}v' is no statement of OBJ"),
+        ("\0v 0 0 0", r"line 6: '\0v' is no statement"),
+        ("f1 2 3", "line 6: 'f1' is no statement"),
+        ("v 0 0 0 v 1 1 1", "line 6: 'v' is not a weight or a colour"),
+        ("v 0 0 0 1 2 3 4 5 6", "line 6: '6' is not a weight or a colour"),
+        ("v 0 0\u{a0}0", r"line 6: '0\u{a0}0' is not a coordinate"),
+        (
+            "o name\\\nv 0 0 0",
+            "line 7: the backslash at the end of the line before makes this a part of that one",
+        ),
+        ("v 0 0 0 \\\nv 0 0 0", "line 7: the backslash"),
+        ("vn 0 0 1\\\r\nf 1 2 3", "line 7: the backslash"),
+        ("surf 0 1 0 1 1 2 3 4", "line 6: 'surf' is a curved surface"),
+        ("bzp 1 2 3", "line 6: 'bzp' is a curved surface"),
+        ("call more.obj", "line 6: 'call' takes in another file"),
+        (&long, &format!("line 6: '{}…' is no statement", "x".repeat(200))),
+        (&format!("v 0 0 {long}"), &format!("line 6: '{}…' is not a coordinate; ", "x".repeat(200))),
+        (
+            &format!("v 0 0 1{}e9", "0".repeat(999)),
+            &format!("line 6: coordinate '1{}…' is not", "0".repeat(199)),
+        ),
+        (&format!("f 1 2 {long}"), &format!("line 6: '{}…' is not a vertex index;", "x".repeat(200))),
+    ] {
+        let refusal = refusal("bad.obj", format!("{QUAD_OBJ}{line}\n"));
+        assert!(
+            refusal.starts_with(&format!("bad.obj, {message}")),
+            "{line:?}\ngives {refusal:?}\nwanted {message:?}"
+        );
+        assert!(refusal.chars().count() < 400, "{refusal}");
+    }
+    let utf16: Vec<u8> = [0xff, 0xfe].into_iter().chain(QUAD_OBJ.bytes().flat_map(|b| [b, 0])).collect();
+    assert!(refusal("bad.obj", utf16).starts_with("bad.obj, line 1: the text is UTF-16; save it as UTF-8;"));
+}
+
+/// A strip is what its triangles are.
+#[test]
+fn ply_reads_strips() {
+    let strips = |body: &str| {
+        QUAD_PLY
+            .replace("element face", "element tristrips")
+            .replace("uchar int vertex_indices", "int int vertex_indices")
+            .replace("4 0 1 2 3\n", body)
+    };
+    for body in ["4 0 1 2 3\n", "6 -1 0 1 2 3 -1\n"] {
+        let mesh = read("a.ply", strips(body)).unwrap();
+        assert_eq!(corners(&mesh), [[A, B, C], [C, B, D]]);
+        assert_eq!(mesh.repairs().polygons, 0);
+    }
+    let mesh = read("a.ply", strips("9 0 1 2 3 0 -1 2 1 0\n")).unwrap();
+    assert_eq!(corners(&mesh), [[A, B, C], [C, B, D], [C, D, A], [C, B, A]]);
+    let vertices = [A, B, C, D].map(|p| p.map(f64::from));
+    for big_endian in [false, true] {
+        let types = Types { count: "int", big_endian, ..PLAIN };
+        let both = binary_ply(types, &vertices, &[&[0, 1, 2, 3, -1, 0, 2, 3]]);
+        let at = both.windows(12).position(|w| w == b"element face").unwrap();
+        let strips = [&both[..at], b"element tristrips", &both[at + 12..]].concat();
+        assert_eq!(corners(&read("a.ply", strips).unwrap()), [[A, B, C], [C, B, D], [A, C, D]]);
+    }
+    for (body, message) in [
+        ("2 0 1\n", "bad.ply, line 14: a face needs at least 3 corners, this one has 2"),
+        ("5 0 1 2 -1 3\n", "bad.ply, line 14: a face needs at least 3 corners, this one has 1"),
+        ("3 0 1 -2\n", "bad.ply, line 14: vertex index -2 is out of range"),
+        ("3 0 1 4\n", "bad.ply, line 14: vertex index 4 is out of range"),
+    ] {
+        let refusal = refusal("bad.ply", strips(body));
+        assert!(refusal.starts_with(message), "{refusal}");
+    }
+}
+
+/// What a header or a body says twice, or more than the header promises, is refused, by its line.
+#[test]
+fn ply_passes_over_nothing() {
+    let long = "x".repeat(5000);
+    for (from, to, message) in [
+        (
+            "end_header",
+            "element face 1\nproperty list uchar int vertex_index\nend_header",
+            "line 9: the name 'face' is taken by an earlier element or property",
+        ),
+        ("property float z", "property float z\nproperty double x", "line 7: the name 'x' is taken"),
+        ("property float z", "property float z\nproperty\tint  x ", "line 7: the name 'x' is taken"),
+        ("0 0 0\n", "0 0 0 0\n", "line 10: '0' follows the last property"),
+        ("4 0 1 2 3", "3 0 1 2 3", "line 14: '3' follows the last property"),
+        ("4 0 1 2 3\n", "4 0 1 2 3\n3 0 1 2\n", "line 15: there is more here than the header promises"),
+        ("4 0 1 2 3\n", &format!("4 0 1 2 3 {long}\n"), &format!("line 14: '{}…' follows", "x".repeat(200))),
+        ("1 1 .5", &format!("1 1 {long}"), &format!("line 12: '{}…' is not a coordinate", "x".repeat(200))),
+        ("element face", "element edge 1\nproperty int vertex1\nelement face", "line 16: '0 1 2 3' follows"),
+        (
+            "element face",
+            "element range_grid",
+            "header: element 'range_grid' lists vertices, but only 'face' and",
+        ),
+        (
+            "element face",
+            "element tristrips 1\nproperty int a\nelement face",
+            "header: element 'tristrips' needs one list",
+        ),
+        (
+            "element face",
+            &format!("element {long}"),
+            &format!("header: element '{}…' lists vertices", "x".repeat(200)),
+        ),
+        ("format ascii", &format!("comment\n{long}\nformat ascii"), "line 3: Couldn't parse line"),
+    ] {
+        assert!(QUAD_PLY.contains(from), "{from}");
+        let refusal = refusal("bad.ply", QUAD_PLY.replacen(from, to, 1));
+        assert!(
+            refusal.starts_with(&format!("bad.ply, {message}")),
+            "{to:?}\ngives {refusal:?}\nwanted {message:?}"
+        );
+        assert!(refusal.chars().count() < 500, "{refusal}");
+    }
+    let whole = quad_binary(PLAIN);
+    assert!(
+        refusal("b.ply", [&whole[..], b"\x03\0"].concat())
+            .starts_with("b.ply: 2 bytes more than the header promises")
+    );
+    is_the_quad(&read("b.ply", [&whole[..], b"\r\n\0\0"].concat()).unwrap());
+    // Lines that end with CR, a mark of UTF-8, numbers as people write them, lines between vertices.
+    let (header, body) = QUAD_PLY.split_at(QUAD_PLY.find("0 0 0").unwrap());
+    is_the_quad(&read("a.ply", format!("{header}{}", body.replace('\n', "\r"))).unwrap());
+    is_the_quad(&read("a.ply", format!("\u{feff}{QUAD_PLY}")).unwrap());
+    is_the_quad(&read("a", format!("\u{feff}{QUAD_PLY}")).unwrap());
+    is_the_quad(&read("a.ply", QUAD_PLY.replace("1 0 0\n", "+1. -.0 .0e5\n")).unwrap());
+    let edges = QUAD_PLY
+        .replace("element face", "element edge 2\nproperty int vertex1\nproperty int vertex2\nelement face");
+    let mesh = read("a.ply", edges.replace("4 0 1 2 3", "0 1\n1 2\n4 0 1 2 3")).unwrap();
+    is_the_quad(&mesh);
+    assert_eq!(mesh.repairs().ignored, 2);
 }
 
 #[test]
@@ -251,7 +425,11 @@ fn text_ply_errors_name_the_line() {
         ),
         ("element vertex", "element point", "bad.ply, header: there is no element 'vertex'"),
         ("element vertex 4", "element vertex 4294967296", "bad.ply, header: 4294967296 vertices are more"),
-        ("element face", "element tristrips", "bad.ply: there are no faces"),
+        (
+            "element face",
+            "element tetrahedra",
+            "bad.ply, header: element 'tetrahedra' lists vertices, but only",
+        ),
         ("element face 1", "element face 0", "bad.ply: there are no faces"),
         ("element face 1", "element face 999999999", "bad.ply: more than 268435455 triangles"),
         ("vertex_indices", "corners", "bad.ply, header: element 'face' needs one list 'vertex_indices'"),
@@ -370,6 +548,66 @@ fn other_refusals() {
     std::fs::write(&path, "f 1 2\n").unwrap();
     let named = Mesh::load(&path).unwrap_err().to_string();
     assert!(named.starts_with(&format!("{}, line 1: a face needs", path.display())), "{named}");
+}
+
+/// Ten gigabytes in ten megabytes, and a file without end.
+#[test]
+fn what_is_read_has_a_limit() {
+    let part = gzip(&vec![b' '; 64 << 20]);
+    let bomb = part.repeat(160);
+    let start = std::time::Instant::now();
+    let limit = raykd::usual_max_bytes().min(100 * bomb.len() as u64);
+    let message = refusal("bomb.obj.gz", &bomb);
+    assert!(
+        message.starts_with(&format!(
+            "bomb.obj.gz: this is more than {limit} bytes, unpacked, and no more are read;"
+        )),
+        "{message}"
+    );
+    assert!(message.ends_with("allow more (--max-bytes, Mesh::load_up_to)"), "{message}");
+    // 256 MiB are always unpacked.
+    assert!(refusal("small.obj.gz", part.repeat(3)).starts_with("small.obj.gz: there are no faces"));
+    assert!(refusal("small.obj.gz", part.repeat(5)).contains("more than 268435456 bytes"));
+    println!("{:?}", start.elapsed());
+
+    let folder = tempfile::tempdir().unwrap();
+    for (name, bytes) in
+        [("quad.obj", QUAD_OBJ.as_bytes().to_vec()), ("quad.obj.gz", gzip(QUAD_OBJ.as_bytes()))]
+    {
+        let path = folder.path().join(name);
+        std::fs::write(&path, &bytes).unwrap();
+        let enough = QUAD_OBJ.len().max(bytes.len()) as u64;
+        is_the_quad(&Mesh::load_up_to(&path, enough).unwrap());
+        let message = Mesh::load_up_to(&path, enough - 1).unwrap_err().to_string();
+        assert!(
+            message.starts_with(&format!("{}: this is more than {} bytes", path.display(), enough - 1)),
+            "{message}"
+        );
+    }
+    #[cfg(unix)]
+    {
+        let endless = Mesh::load_up_to(Path::new("/dev/zero"), 1 << 20).unwrap_err().to_string();
+        assert!(endless.starts_with("/dev/zero: this is more than 1048576 bytes"), "{endless}");
+    }
+    // A plain file's length is known before it is read.
+    let path = folder.path().join("sparse.ply");
+    std::fs::File::create(&path).unwrap().set_len(1 << 40).unwrap();
+    assert!(Mesh::load(&path).unwrap_err().to_string().contains("this is more than"));
+}
+
+#[cfg(unix)]
+#[test]
+fn names_need_not_be_utf8() {
+    use std::{ffi::OsStr, os::unix::ffi::OsStrExt};
+    let folder = tempfile::tempdir().unwrap();
+    for name in [&b"gr\xfc\xdfe.obj"[..], b"\xff.OBJ.gz", b"\xfe"] {
+        let path = folder.path().join(OsStr::from_bytes(name));
+        let bytes = if name.ends_with(b"gz") { gzip(QUAD_OBJ.as_bytes()) } else { QUAD_OBJ.into() };
+        std::fs::write(&path, bytes).unwrap();
+        is_the_quad(&Mesh::load(&path).unwrap());
+        let scene = raykd::mesh::Scene::try_from(path.as_os_str()).unwrap();
+        is_the_quad(&scene.load().unwrap());
+    }
 }
 
 /// Every file that the tests of damage start from.

@@ -190,7 +190,7 @@ fn meshes_of_f32_stay_where_they_are() {
     let narrow = Mesh::new(positions.iter().map(|p| p.map(|x| x as f32)).collect(), SIDES.to_vec()).unwrap();
     assert_eq!((wide.translation(), narrow.translation()), ([0.0; 3], [0.0; 3]));
     assert_eq!((wide.positions(), wide.bounds()), (narrow.positions(), narrow.bounds()));
-    assert_eq!((wide.repairs(), *wide.repairs()), (narrow.repairs(), Repairs::default()));
+    assert_eq!((wide.repairs(), wide.repairs().clone()), (narrow.repairs(), Repairs::default()));
     // Near enough: up to eight sizes away it is not worth it.
     for (away, moved) in [(0.0, false), (6.9, false), (7.1, true)] {
         let mesh = Mesh::from_f64(cube([0.1 * away, 0.0, 0.0], 0.1), SIDES.to_vec()).unwrap();

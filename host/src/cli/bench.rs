@@ -113,10 +113,10 @@ pub(super) fn run(args: &BenchArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
 /// Measures all scenes on all devices.
 fn rows(args: &BenchArgs, notes: &Notes) -> anyhow::Result<(Vec<Row>, Machines)> {
     let mut machines = Machines::choose(args.on.device, &args.on.more, notes)?;
-    let names = if args.scenes.is_empty() { &["teapot".to_owned()] } else { args.scenes.as_slice() };
+    let names = if args.scenes.is_empty() { &["teapot".into()] } else { args.scenes.as_slice() };
     let mut rows = Vec::new();
     for name in names {
-        let input = Input::load(name, notes)?;
+        let input = Input::load(name, args.read, notes)?;
         let random = rays::random(input.mesh.bounds(), args.rays as usize, SEED);
         let picture = rays::Camera::framing(input.mesh.bounds()).rays(PICTURE, PICTURE);
         let first = rows.len();

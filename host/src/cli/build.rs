@@ -79,7 +79,7 @@ pub(super) fn run(args: &BuildArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
     if args.scaling {
         return builders::scaling(args, &notes, out);
     }
-    let input = Input::load(args.mesh.as_deref().unwrap_or_default(), &notes)?;
+    let input = Input::load(args.mesh.as_deref().unwrap_or_default(), args.read, &notes)?;
     let job = (&input.mesh, args.rays.unwrap_or(USUAL_RAYS));
     let device = &args.on;
     let (machine, amount) = amount::decide(&args.how, Traversal::default(), device, job, &notes)?;

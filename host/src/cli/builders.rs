@@ -62,7 +62,7 @@ fn machines(args: &BuildArgs, notes: &Notes) -> anyhow::Result<Machines> {
 }
 
 pub(super) fn compare(args: &BuildArgs, notes: &Notes, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
-    let input = Input::load(args.mesh.as_deref().unwrap_or_default(), notes)?;
+    let input = Input::load(args.mesh.as_deref().unwrap_or_default(), args.read, notes)?;
     let machines = machines(args, notes)?;
     let mut sets = None;
     let mut rows = Vec::new();

@@ -2,7 +2,6 @@
 
 use super::write_json;
 use crate::{
-    Error,
     error::quoted,
     report::{Table, three},
 };
@@ -52,7 +51,7 @@ struct Change {
 
 /// Rows of `raykd bench --json`; several runs may stand one after the other in one array.
 pub(super) fn read(path: &Path) -> anyhow::Result<Vec<Value>> {
-    let bytes = std::fs::read(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
+    let bytes = crate::read::all_of(path, crate::usual_max_bytes())?;
     let rows: Vec<Value> = serde_json::from_slice(&bytes)
         .with_context(|| format!("{}: not what raykd bench --json writes", quoted(path.display())))?;
     if rows.iter().any(|row| key(row).is_none()) {

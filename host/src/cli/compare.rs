@@ -61,7 +61,7 @@ pub(super) fn run(
     notes: &Notes,
     out: &mut StdoutLock<'_>,
 ) -> anyhow::Result<ExitCode> {
-    let input = Input::load(&args.mesh, notes)?;
+    let input = Input::load(&args.mesh, args.read, notes)?;
     let given = given.map(|rays| rays.local(input.translation));
     let given = given.as_deref();
     let machines = Machines::choose(args.on.device.map(Which::from), &args.on.more, notes)?;

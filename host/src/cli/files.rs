@@ -9,6 +9,7 @@ use crate::{
 };
 use same_file::Handle;
 use std::{
+    ffi::OsStr,
     iter,
     path::{Path, PathBuf},
 };
@@ -26,8 +27,9 @@ pub(super) fn check(command: &Command) -> Result<(), Error> {
 }
 
 fn inputs_and_outputs(command: &Command) -> (Vec<PathBuf>, Vec<PathBuf>) {
-    let scenes =
-        |names: &[String]| -> Vec<PathBuf> { names.iter().filter_map(|name| file_of(name)).collect() };
+    fn scenes(names: &[impl AsRef<OsStr>]) -> Vec<PathBuf> {
+        names.iter().filter_map(|name| file_of(name.as_ref())).collect()
+    }
     let and = |scenes: Vec<PathBuf>, more: &[&Option<PathBuf>]| -> Vec<PathBuf> {
         scenes.into_iter().chain(more.iter().copied().flatten().cloned()).collect()
     };
@@ -50,8 +52,8 @@ fn inputs_and_outputs(command: &Command) -> (Vec<PathBuf>, Vec<PathBuf>) {
 }
 
 /// The file of a scene, if it has one.
-fn file_of(scene: &str) -> Option<PathBuf> {
-    match scene.parse().ok()? {
+fn file_of(scene: &OsStr) -> Option<PathBuf> {
+    match Scene::try_from(scene).ok()? {
         Scene::Teapot(_) => None,
         Scene::Fetched { file, .. } => Some(scenes_folder().join(file)),
         Scene::File(path) => Some(path),

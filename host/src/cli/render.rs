@@ -28,7 +28,7 @@ pub(super) fn run(args: &RenderArgs, out: &mut StdoutLock<'_>) -> anyhow::Result
     if extension.is_none_or(|e| e != "png") {
         bail!("{}: pictures are PNG files; name it like {0}.png", quoted(args.output.display()));
     }
-    let input = Input::load(&args.mesh, &notes)?;
+    let input = Input::load(&args.mesh, args.read, &notes)?;
     let camera = camera(args, &input)?;
     let shading = match args.shading {
         Wish::Normal => Shading::Normal,

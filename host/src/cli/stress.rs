@@ -1,6 +1,12 @@
 //! `raykd stress`: scenes in which ray tracers fail, by every method, judged exactly.
 
-use super::{args::StressArgs, input::Input, machine::Machines, notes::Notes, write_json};
+use super::{
+    args::{ReadArgs, StressArgs},
+    input::Input,
+    machine::Machines,
+    notes::Notes,
+    write_json,
+};
 use crate::{
     Device, Error, Hit, Ray,
     error::quoted,
@@ -12,6 +18,7 @@ use crate::{
 use anyhow::{Context as _, bail};
 use std::{
     collections::BTreeMap,
+    ffi::OsStr,
     io::{StdoutLock, Write as _},
     path::Path,
     process::ExitCode,
@@ -100,7 +107,7 @@ pub(super) fn run(args: &StressArgs, out: &mut StdoutLock<'_>) -> anyhow::Result
     let failed = args.replay.as_deref().map(read).transpose()?;
     let machines = Machines::choose(args.on.device, &args.on.more, &notes)?;
     let rows = match failed {
-        Some(failed) => replay(&failed, &machines, &notes)?,
+        Some(failed) => replay(&failed, args.read, &machines, &notes)?,
         None => stress(args, &methods, &machines, &notes)?,
     };
     notes.clear();
@@ -140,13 +147,14 @@ fn methods(wishes: &[String]) -> anyhow::Result<Vec<Method>> {
 }
 
 /// The scene of this name, or one of the rays by which other commands look at a mesh.
-fn trial(name: &str, rays: u64, notes: &Notes) -> anyhow::Result<Trial> {
+fn trial(wish: &OsStr, rays: u64, read: ReadArgs, notes: &Notes) -> anyhow::Result<Trial> {
+    let name = &*wish.to_string_lossy();
     notes.stage(format_args!("{name}: making it"));
     let rays = usize::try_from(rays.min(1 << 28)).expect("it fits 28 bits");
     if let Some(case) = CASES.iter().find(|case: &&Case| case.name == name) {
         return Ok(case.prepare(rays)?);
     }
-    let mesh = Input::load(name, notes)
+    let mesh = Input::load(wish, read, notes)
         .with_context(|| {
             format!("{} is neither a stress scene (`raykd stress --list`) nor a mesh", quoted(name))
         })?
@@ -164,21 +172,22 @@ fn stress(
     machines: &Machines,
     notes: &Notes,
 ) -> anyhow::Result<Vec<Row>> {
-    let all = CASES.iter().map(|case| case.name.to_owned()).collect();
+    let all = CASES.iter().map(|case| case.name.into()).collect();
     let scenes = if args.scenes.is_empty() { all } else { args.scenes.clone() };
     let mut rows = Vec::new();
-    for name in scenes {
-        if name == LEAKS {
+    for wish in scenes {
+        if wish == LEAKS {
             leaks(args, methods, machines, notes, &mut rows)?;
             continue;
         }
-        let mut trial = trial(&name, args.rays, notes)?;
+        let mut trial = trial(&wish, args.rays, args.read, notes)?;
         // The CPU's answers first: others are compared with them.
         for device in machines.iter() {
             let methods: Vec<_> = methods.iter().filter(|method| trial.runs(method, device)).collect();
             for method in methods {
                 notes.stage(format_args!(
-                    "{name}: {} on the {}",
+                    "{}: {} on the {}",
+                    wish.display(),
                     method.name(),
                     device.kind().to_uppercase()
                 ));
@@ -299,14 +308,14 @@ fn leaks(
 
 /// Rows of an earlier run that have a ray to trace again.
 fn read(path: &Path) -> anyhow::Result<Vec<Row>> {
-    let bytes = std::fs::read(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
+    let bytes = crate::read::all_of(path, crate::usual_max_bytes())?;
     let rows: Vec<Row> = serde_json::from_slice(&bytes)
         .with_context(|| format!("{}: not what raykd stress --json writes", quoted(path.display())))?;
     Ok(rows.into_iter().filter(|row| row.example.is_some()).collect())
 }
 
 /// Traces one ray each again, on the device it failed on.
-fn replay(failed: &[Row], machines: &Machines, notes: &Notes) -> anyhow::Result<Vec<Row>> {
+fn replay(failed: &[Row], read: ReadArgs, machines: &Machines, notes: &Notes) -> anyhow::Result<Vec<Row>> {
     let mut rows = Vec::new();
     for old in failed {
         let Some(example) = &old.example else { continue };
@@ -328,7 +337,7 @@ fn replay(failed: &[Row], machines: &Machines, notes: &Notes) -> anyhow::Result<
             let hit = method.scene(device, &surface.mesh, None)?.closest(&[ray])?[0];
             row = row.counted(1, u64::from(!hit.is_hit()), old.expected);
         } else {
-            let mut trial = trial(&old.scene, example.rays, notes)?;
+            let mut trial = trial(old.scene.as_ref(), example.rays, read, notes)?;
             let at = (example.part, example.number);
             let same = trial.parts().get(at.0).and_then(|part| part.rays.get(at.1));
             if same.is_none_or(|same| bytemuck::bytes_of(same) != bytemuck::bytes_of(&ray)) {

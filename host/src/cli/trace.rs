@@ -72,16 +72,18 @@ struct Told {
 
 pub(super) fn run(args: &TraceArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
     let notes = Notes::new(args.json);
-    let rays = args.rays.as_deref().map(|path| Rays::read(path, args.f64)).transpose()?;
+    let limit = args.read.limit();
+    let rays = args.rays.as_deref().map(|path| Rays::read(path, args.f64, limit)).transpose()?;
     let (Some(rays), Some(hits)) = (&rays, &args.hits) else {
         return compare::run(args, rays.as_ref(), &notes, out);
     };
-    let mut input = Input::load(&args.mesh, &notes)?;
+    let mut input = Input::load(&args.mesh, args.read, &notes)?;
     let rays = &*rays.local(input.translation);
     let start = Instant::now();
-    let tree = args.tree.as_deref().map(KdTree::load).transpose()?;
+    let tree = args.tree.as_deref().map(|path| KdTree::load_up_to(path, limit)).transpose()?;
     if let (Some(tree), Some(file)) = (&tree, &args.tree) {
-        tree.check_mesh(&input.mesh).with_context(|| format!("{} and {}", file.display(), args.mesh))?;
+        tree.check_mesh(&input.mesh)
+            .with_context(|| format!("{} and {}", quoted(file.display()), quoted(args.mesh.display())))?;
     }
     input.load += start.elapsed();
     let job = (&input.mesh, rays.len() as u64);
@@ -117,10 +119,10 @@ pub(super) enum Rays {
 
 impl Rays {
     /// Reads records of 8 little-endian `f32`, or `f64` if they are wide.
-    fn read(path: &Path, wide: bool) -> anyhow::Result<Self> {
+    fn read(path: &Path, wide: bool, max_bytes: u64) -> anyhow::Result<Self> {
         const _: () =
             assert!(cfg!(target_endian = "little"), "files are read and written as they lie in memory");
-        let bytes = std::fs::read(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
+        let bytes = crate::read::all_of(path, max_bytes)?;
         let (record, number) = if wide { (size_of::<Ray64>(), "f64") } else { (size_of::<Ray>(), "f32") };
         let extra = bytes.len() % record;
         if extra != 0 {

@@ -50,11 +50,25 @@ impl fmt::Display for Place {
         }
         match &self.spot {
             Spot::Whole => Ok(()),
-            Spot::Header => f.write_str(", header"),
-            Spot::Line(line) => write!(f, ", line {line}"),
-            Spot::Element(kind, index) => write!(f, ", {kind} {index}"),
+            spot => write!(f, ", {spot}"),
         }
     }
+}
+
+impl fmt::Display for Spot {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Whole => f.write_str("whole"),
+            Self::Header => f.write_str("header"),
+            Self::Line(line) => write!(f, "line {line}"),
+            Self::Element(kind, index) => write!(f, "{} {index}", quoted(kind)),
+        }
+    }
+}
+
+/// What a message quotes of a file's bytes.
+pub(crate) fn quoted_bytes(text: &[u8]) -> String {
+    quoted(String::from_utf8_lossy(text))
 }
 
 /// Why a mesh cannot be used.
@@ -68,6 +82,17 @@ pub enum MeshError {
         path: PathBuf,
         /// What the system said.
         source: std::io::Error,
+    },
+    /// The file, unpacked, is larger than what is read of one.
+    #[error(
+        "{at}: this is more than {limit} bytes, unpacked, and no more are read; if all is as it should be, \
+         allow more (--max-bytes, Mesh::load_up_to)"
+    )]
+    TooLong {
+        /// The file.
+        at: Place,
+        /// The most that is read.
+        limit: u64,
     },
     /// The file's gzip layer is broken.
     #[error("{at}: the gzip data is damaged or ends early ({reason}); fetch or pack the file again")]
@@ -144,9 +169,7 @@ pub enum MeshError {
         corners: u64,
     },
     /// There are no faces at all.
-    #[error(
-        "{at}: there are no faces; export the mesh with polygons (points, lines and strips do not count)"
-    )]
+    #[error("{at}: there are no faces; export the mesh with polygons (points and lines do not count)")]
     NoFaces {
         /// The file.
         at: Place,
@@ -200,7 +223,8 @@ impl MeshError {
     /// Names the file in an error that does not name one yet.
     pub(crate) fn in_file(mut self, path: &Path) -> Self {
         match &mut self {
-            Self::Gzip { at, .. }
+            Self::TooLong { at, .. }
+            | Self::Gzip { at, .. }
             | Self::UnknownFormat { at }
             | Self::Extension { at, .. }
             | Self::NoGltf { at }

@@ -2,9 +2,10 @@
 
 #[cfg(feature = "gltf")]
 use super::gltf;
+use super::polygon::{self, Polygon};
 use super::{Mesh, MeshError, Place, Repairs, obj, ply, stl};
+use crate::read;
 use flate2::read::MultiGzDecoder;
-use std::io::Read;
 use std::path::Path;
 
 /// What a parser hands on: vertices, triangles in file order, and what it did on the way.
@@ -12,8 +13,12 @@ use std::path::Path;
 pub(super) struct Raw {
     pub(super) positions: Vec<[f64; 3]>,
     pub(super) triangles: Vec<[u32; 3]>,
-    /// Only `polygons` and `ignored` are filled in.
+    /// What is known of the file's faces only is filled in.
     pub(super) repairs: Repairs,
+    /// Faces of more than three corners, in file order; fans until [`polygon::cut`] has seen them.
+    pub(super) polygons: Vec<Polygon>,
+    /// Whether polygons are found by their numbers, rather than by lines.
+    pub(super) binary: bool,
 }
 
 #[derive(Clone, Copy)]
@@ -24,23 +29,26 @@ enum Format {
     Gltf,
 }
 
-/// Reads a mesh from a file.
-pub(super) fn load(path: &Path) -> Result<Mesh, MeshError> {
-    let bytes = std::fs::read(path).map_err(|source| MeshError::Read { path: path.to_owned(), source })?;
-    parse(path, bytes, Some(path.parent().unwrap_or(path))).map_err(|e| e.in_file(path))
+/// Reads a mesh from a file, of so many bytes at most, or as many as is usual.
+pub(super) fn load(path: &Path, most: Option<u64>) -> Result<Mesh, MeshError> {
+    let limit = most.unwrap_or_else(read::usual_max_bytes);
+    let bytes = read::file(path, limit)
+        .map_err(|source| MeshError::Read { path: path.to_owned(), source })?
+        .ok_or_else(|| MeshError::TooLong { at: Place::default(), limit }.in_file(path))?;
+    parse(path, bytes, Some(path.parent().unwrap_or(path)), most).map_err(|e| e.in_file(path))
 }
 
 /// Makes a mesh of a file's bytes. The path serves to tell the format, and in messages.
-pub(super) fn from_bytes(path: &Path, bytes: Vec<u8>) -> Result<Mesh, MeshError> {
-    parse(path, bytes, None).map_err(|e| e.in_file(path))
+pub(super) fn from_bytes(path: &Path, bytes: Vec<u8>, most: Option<u64>) -> Result<Mesh, MeshError> {
+    parse(path, bytes, None, most).map_err(|e| e.in_file(path))
 }
 
 /// Buffers that are files of their own are read from the folder, if there is one.
-fn parse(path: &Path, bytes: Vec<u8>, folder: Option<&Path>) -> Result<Mesh, MeshError> {
+fn parse(path: &Path, bytes: Vec<u8>, folder: Option<&Path>, most: Option<u64>) -> Result<Mesh, MeshError> {
     let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
     let inner_name = name.strip_suffix(".gz");
     let bytes =
-        if inner_name.is_some() || bytes.starts_with(&[0x1f, 0x8b]) { unpack(&bytes)? } else { bytes };
+        if inner_name.is_some() || bytes.starts_with(&[0x1f, 0x8b]) { unpack(&bytes, most)? } else { bytes };
     if bytes.is_empty() {
         return Err(MeshError::Truncated { at: Place::default(), what: "there is nothing in it".to_owned() });
     }
@@ -51,7 +59,7 @@ fn parse(path: &Path, bytes: Vec<u8>, folder: Option<&Path>) -> Result<Mesh, Mes
         Some((_, "gltf" | "glb")) => Some(Format::Gltf),
         _ => sniff(&bytes),
     };
-    let raw = match format {
+    let mut raw = match format {
         Some(Format::Obj) => obj::parse(&bytes)?,
         Some(Format::Ply) => ply::parse(&bytes)?,
         Some(Format::Stl) => stl::parse(&bytes)?,
@@ -65,34 +73,60 @@ fn parse(path: &Path, bytes: Vec<u8>, folder: Option<&Path>) -> Result<Mesh, Mes
         None => return Err(MeshError::UnknownFormat { at: Place::default() }),
     };
     drop(bytes);
+    polygon::cut(&mut raw)?;
     Mesh::with_repairs(raw)
 }
 
 /// Undoes gzip, all members.
-fn unpack(packed: &[u8]) -> Result<Vec<u8>, MeshError> {
-    let mut bytes = Vec::new();
-    match MultiGzDecoder::new(packed).read_to_end(&mut bytes) {
-        Ok(_) => Ok(bytes),
-        Err(e) => Err(MeshError::Gzip { at: Place::default(), reason: e.to_string() }),
+fn unpack(packed: &[u8], most: Option<u64>) -> Result<Vec<u8>, MeshError> {
+    // Meshes pack to a fifth or a tenth; what unpacks to a hundred times its size and is not small, is none.
+    let usual = || read::usual_max_bytes().min((packed.len() as u64 * 100).max(256 << 20));
+    let limit = most.unwrap_or_else(usual);
+    read::up_to(MultiGzDecoder::new(packed), limit, 0)
+        .map_err(|e| MeshError::Gzip { at: Place::default(), reason: e.to_string() })?
+        .ok_or(MeshError::TooLong { at: Place::default(), limit })
+}
+
+/// The mark that some programs put before UTF-8.
+const MARK: &[u8] = b"\xef\xbb\xbf";
+
+/// Text without the mark of UTF-8.
+pub(super) fn unmarked(bytes: &[u8]) -> &[u8] {
+    bytes.strip_prefix(MARK).unwrap_or(bytes)
+}
+
+/// The first line of some text, and the rest: lines end with LF, CR LF, or CR alone.
+pub(super) fn split_line(text: &[u8]) -> (&[u8], &[u8]) {
+    match text.iter().position(|b| matches!(b, b'\n' | b'\r')) {
+        Some(end) => {
+            let rest = &text[end + 1..];
+            let both = text[end] == b'\r' && rest.first() == Some(&b'\n');
+            (&text[..end], &rest[usize::from(both)..])
+        }
+        None => (text, &[]),
     }
 }
 
 /// Tells the format by the first words.
 fn sniff(bytes: &[u8]) -> Option<Format> {
-    if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
+    let mut rest = unmarked(bytes);
+    if rest.starts_with(b"ply\n") || rest.starts_with(b"ply\r") {
         return Some(Format::Ply);
     }
-    if bytes.starts_with(b"glTF") || bytes.trim_ascii_start().starts_with(b"{") {
+    if rest.starts_with(b"glTF") || rest.trim_ascii_start().starts_with(b"{") {
         return Some(Format::Gltf);
     }
-    if stl::is_binary(bytes) || stl::is_text(bytes) {
+    if stl::is_binary(bytes) || stl::is_text(rest) {
         return Some(Format::Stl);
     }
-    let words = bytes.split(|&b| b == b'\n').filter_map(|line| {
-        line.trim_ascii().split(u8::is_ascii_whitespace).next().filter(|w| !w.is_empty() && w[0] != b'#')
-    });
-    let known: [&[u8]; 10] = [b"v", b"vn", b"vt", b"vp", b"f", b"o", b"g", b"s", b"mtllib", b"usemtl"];
-    words.take(1).find(|word| known.contains(word)).map(|_| Format::Obj)
+    while !rest.is_empty() {
+        let (line, next) = split_line(rest);
+        if let Some(word) = obj::words(line).next() {
+            return obj::is_statement(word).then_some(Format::Obj);
+        }
+        rest = next;
+    }
+    None
 }
 
 /// The nearest `f64` to a number in decimal, but none that lies halfway between two `f32` unless the number does: so

@@ -3,8 +3,12 @@
 //! # Which triangles take part
 //! Triangles are numbered in file order, before anything else happens to them, and keep that number.
 //!
-//! - **Polygons** are cut into fans from their first corner, and counted. A face with fewer than three corners
-//!   is an error. Point and line elements are ignored, and counted.
+//! - **Polygons** are cut into triangles, and counted: one of n corners takes n - 2 numbers. Where the fan from the
+//!   first corner covers it, it is that fan, as always if it is convex; a concave one is cut so that no ray beside it
+//!   hits, and counted. One whose edges cross, or that a corner touches from outside, stays a fan; that, and one thicker
+//!   than a thousandth of its extent, so that nothing says what surface it is, is counted and named. All of that is
+//!   decided where the axis looks from which most of the face is seen. A face with fewer than three corners is an
+//!   error. Points, lines and curves are ignored, and counted.
 //! - **Zero-area** triangles, whose corners lie exactly on one line or coincide, are kept out of the tree, and
 //!   counted. The test is exact, not a threshold.
 //! - **Duplicates**, with the same three positions in the same order as an earlier triangle, stay in the tree,
@@ -52,6 +56,7 @@ mod gltf;
 mod load;
 mod obj;
 mod ply;
+mod polygon;
 mod repair;
 mod rounding;
 mod scenes;
@@ -102,10 +107,10 @@ impl Mesh {
     /// # Errors
     /// Those of [`Mesh::new`]; a coordinate must be finite in `f32` too.
     pub fn from_f64(positions: Vec<[f64; 3]>, triangles: Vec<[u32; 3]>) -> Result<Self, MeshError> {
-        Self::with_repairs(Raw { positions, triangles, repairs: Repairs::default() })
+        Self::with_repairs(Raw { positions, triangles, ..Raw::default() })
     }
 
-    fn with_repairs(Raw { positions: given, triangles, mut repairs }: Raw) -> Result<Self, MeshError> {
+    fn with_repairs(Raw { positions: given, triangles, mut repairs, .. }: Raw) -> Result<Self, MeshError> {
         check(&given, &triangles)?;
         let rounding::Rounded { positions, translation, coordinates, largest_change } =
             rounding::round(&given, &triangles);
@@ -148,10 +153,21 @@ impl Mesh {
     /// `.ply`, `.stl`, `.gltf`, `.glb`, each also with `.gz`), or else by the first bytes. Buffers of a glTF file may be
     /// files beside it.
     ///
+    /// No more than [`usual_max_bytes`](crate::usual_max_bytes) are read, after unpacking too; of a gzipped file
+    /// no more than a hundred times its size, or 256 MiB if that is more.
+    ///
     /// # Errors
-    /// If the file cannot be read or used; the message names the line or element.
+    /// If the file cannot be read or used, or is larger than that; the message names the line or element.
     pub fn load(path: &Path) -> Result<Self, MeshError> {
-        load::load(path)
+        load::load(path, None)
+    }
+
+    /// Like [`Mesh::load`], but so many bytes are read, packed or unpacked, before it is an error.
+    ///
+    /// # Errors
+    /// If the file cannot be read or used, or is larger.
+    pub fn load_up_to(path: &Path, max_bytes: u64) -> Result<Self, MeshError> {
+        load::load(path, Some(max_bytes))
     }
 
     /// Like [`Mesh::load`], of a file that is in memory already. The path serves to tell the format, and in
@@ -160,7 +176,7 @@ impl Mesh {
     /// # Errors
     /// If the bytes cannot be used.
     pub fn from_bytes(path: &Path, bytes: Vec<u8>) -> Result<Self, MeshError> {
-        load::from_bytes(path, bytes)
+        load::from_bytes(path, bytes, None)
     }
 
     /// The Utah teapot, each of its 32 patches cut into `level` by `level` quads of two triangles (1 to 1000).

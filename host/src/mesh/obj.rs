@@ -1,18 +1,24 @@
 //! Wavefront OBJ.
 //!
 //! `tobj` does the reading, but its errors name no line, it takes a line element of four points for a quad, it
-//! passes over faces of two corners, and texture coordinates, normals and colours, which play no part here,
-//! can make it fail. So it is given a copy of the lines that make geometry, checked on the way.
+//! passes over faces of two corners and words it does not know, and texture coordinates, normals and colours,
+//! which play no part here, can make it fail. So it is given a copy of the lines that make geometry, checked on the
+//! way.
 
-use super::load::{Raw, decimal};
+use super::error::quoted_bytes;
+use super::load::{Raw, decimal, split_line, unmarked};
+use super::polygon::Polygon;
 use super::{MeshError, Place, fits};
 use raykd_shared::limits::MAX_TRIANGLES;
 use std::borrow::Cow;
 
 /// The geometry of an OBJ file, its triangles numbered in the order of the faces.
 pub(super) fn parse(bytes: &[u8]) -> Result<Raw, MeshError> {
+    if bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {
+        return Err(malformed(1, "the text is UTF-16; save it as UTF-8".to_owned()));
+    }
     let mut raw = Raw::default();
-    let geometry = check(bytes, &mut raw)?;
+    let geometry = check(unmarked(bytes), &mut raw)?;
     let options = tobj::LoadOptions {
         triangulate: true,
         ignore_points: true,
@@ -30,55 +36,136 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Raw, MeshError> {
     Ok(raw)
 }
 
-/// The file's logical lines with their numbers: a backslash at the end joins a line with the next.
-fn lines(bytes: &[u8]) -> impl Iterator<Item = (u64, Cow<'_, [u8]>)> {
-    let mut rest = (1..).zip(bytes.split(|&b| b == b'\n').map(|l| l.strip_suffix(b"\r").unwrap_or(l)));
-    std::iter::from_fn(move || {
-        let (number, mut part) = rest.next()?;
+/// Statements that make geometry, or would if they were read.
+const GEOMETRY: [&[u8]; 13] =
+    [b"v", b"f", b"fo", b"p", b"l", b"curv", b"cdc", b"surf", b"bsp", b"bzp", b"cdp", b"call", b"vp"];
+
+/// Statements that play no part: appearance, names, and the fine print of curves and surfaces.
+const OTHERS: [&[u8]; 34] = [
+    b"vt",
+    b"vn",
+    b"g",
+    b"s",
+    b"mg",
+    b"o",
+    b"bevel",
+    b"c_interp",
+    b"d_interp",
+    b"lod",
+    b"usemtl",
+    b"mtllib",
+    b"usemap",
+    b"maplib",
+    b"shadow_obj",
+    b"trace_obj",
+    b"ctech",
+    b"stech",
+    b"cstype",
+    b"deg",
+    b"bmat",
+    b"step",
+    b"curv2",
+    b"parm",
+    b"trim",
+    b"hole",
+    b"scrv",
+    b"sp",
+    b"end",
+    b"con",
+    b"res",
+    b"csh",
+    b"vc",
+    b"refl",
+];
+
+/// Whether a line of an OBJ file may begin with this word.
+pub(super) fn is_statement(word: &[u8]) -> bool {
+    GEOMETRY.contains(&word) || OTHERS.contains(&word)
+}
+
+/// The words of a line, up to a comment.
+pub(super) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
+    let line = line.split(|&b| b == b'#').next().unwrap_or_default();
+    line.split(|b| b.is_ascii_whitespace() || *b == b'\x0b').filter(|w| !w.is_empty())
+}
+
+/// The file's logical lines.
+struct Lines<'a> {
+    rest: &'a [u8],
+    /// Lines so far.
+    number: u64,
+}
+
+impl<'a> Lines<'a> {
+    /// The next line as it stands in the file.
+    fn physical(&mut self) -> Option<&'a [u8]> {
+        if self.rest.is_empty() {
+            return None;
+        }
+        let (line, rest) = split_line(self.rest);
+        self.rest = rest;
+        self.number += 1;
+        Some(line)
+    }
+
+    /// The next line and its number: a backslash at the end, but not of a comment, joins it with the one that follows.
+    fn next(&mut self) -> Result<Option<(u64, Cow<'a, [u8]>)>, MeshError> {
+        let Some(mut part) = self.physical() else { return Ok(None) };
+        let number = self.number;
         let mut joined = Vec::new();
-        while let Some(start) = part.strip_suffix(b"\\") {
+        while let Some(start) = part.strip_suffix(b"\\").filter(|start| !start.contains(&b'#')) {
             joined.extend_from_slice(start);
             joined.push(b' ');
-            match rest.next() {
-                Some((_, next)) => part = next,
-                None => return Some((number, joined.into())),
+            part = self.physical().unwrap_or_default();
+            // Neither a name nor a number looks like that: somebody did not mean to join anything.
+            if words(part).next().is_some_and(|word| GEOMETRY.contains(&word)) {
+                let what = "the backslash at the end of the line before makes this a part of that one";
+                return Err(malformed(self.number, what.to_owned()));
             }
         }
         if joined.is_empty() {
-            return Some((number, part.into()));
+            return Ok(Some((number, part.into())));
         }
         joined.extend_from_slice(part);
-        Some((number, joined.into()))
-    })
+        Ok(Some((number, joined.into())))
+    }
 }
 
-/// Copies positions and faces, without textures and normals, once everything about them is in order.
+/// Copies positions and faces, without textures and normals, once everything about them is in order. No line that is
+/// not understood is passed over.
 fn check(bytes: &[u8], raw: &mut Raw) -> Result<String, MeshError> {
     let mut geometry = String::with_capacity(bytes.len());
     let mut vertices = 0i64;
     let mut triangles = 0u64;
     // A face may name a vertex that follows; remember the one that reaches farthest.
     let mut farthest = (0i64, 0u64);
-    for (line, text) in lines(bytes) {
-        let mut words = text.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty());
+    let mut lines = Lines { rest: bytes, number: 0 };
+    while let Some((line, text)) = lines.next()? {
+        let mut words = words(&text);
         match words.next() {
             Some(b"v") => {
                 vertices += 1;
                 geometry.push('v');
                 for _ in 0..3 {
-                    let word = words.next().ok_or_else(|| MeshError::Malformed {
-                        at: Place::line(line),
-                        what: "a vertex needs three coordinates".to_owned(),
-                    })?;
+                    let word = words
+                        .next()
+                        .ok_or_else(|| malformed(line, "a vertex needs three coordinates".to_owned()))?;
                     geometry.push(' ');
                     geometry.push_str(&coordinate(word, line)?);
                 }
                 geometry.push('\n');
+                // A weight, a colour, or both: numbers, or something is wrong with this line.
+                for (i, word) in words.enumerate() {
+                    if i == 5 || number::<f32>(word).is_none() {
+                        return Err(not_a_number(word, "a weight or a colour", line));
+                    }
+                }
             }
-            Some(b"f") => {
+            // `fo` is an old word for the same.
+            Some(b"f" | b"fo") => {
                 let mut corners = 0u64;
                 geometry.push('f');
-                for word in words.take_while(|w| w[0] != b'#') {
+                for word in words {
                     let (text, index) = corner(word, line)?;
                     if index == 0 || index < -vertices {
                         return Err(out_of_range(line, index, vertices));
@@ -94,13 +181,37 @@ fn check(bytes: &[u8], raw: &mut Raw) -> Result<String, MeshError> {
                 if corners < 3 {
                     return Err(MeshError::TooFewCorners { at: Place::line(line), corners });
                 }
-                raw.repairs.polygons += u32::from(corners > 3);
+                let first = triangles as u32;
                 triangles += corners - 2;
                 if triangles > u64::from(MAX_TRIANGLES) {
                     return Err(MeshError::TooManyTriangles { at: Place::default(), limit: MAX_TRIANGLES });
                 }
+                if corners > 3 {
+                    raw.repairs.polygons += 1;
+                    raw.polygons.push(Polygon { first, triangles: corners as u32 - 2, at: line });
+                }
             }
-            Some(b"p" | b"l") => raw.repairs.ignored = raw.repairs.ignored.saturating_add(1),
+            Some(b"p" | b"l" | b"curv" | b"cdc") => {
+                raw.repairs.ignored = raw.repairs.ignored.saturating_add(1);
+            }
+            Some(word @ (b"surf" | b"bsp" | b"bzp" | b"cdp")) => {
+                let what = format!(
+                    "'{}' is a curved surface, which only polygons can stand for here",
+                    quoted_bytes(word)
+                );
+                return Err(malformed(line, what));
+            }
+            Some(b"call") => {
+                let what = "'call' takes in another file, which is not done here";
+                return Err(malformed(line, what.to_owned()));
+            }
+            Some(word) if !is_statement(word) => {
+                let what = format!(
+                    "'{}' is no statement of OBJ (a # before it makes it a comment)",
+                    quoted_bytes(word)
+                );
+                return Err(malformed(line, what));
+            }
             _ => {}
         }
     }
@@ -108,6 +219,10 @@ fn check(bytes: &[u8], raw: &mut Raw) -> Result<String, MeshError> {
         return Err(out_of_range(farthest.1, farthest.0, vertices));
     }
     Ok(geometry)
+}
+
+fn malformed(line: u64, what: String) -> MeshError {
+    MeshError::Malformed { at: Place::line(line), what }
 }
 
 fn out_of_range(line: u64, index: i64, vertices: i64) -> MeshError {
@@ -120,20 +235,25 @@ fn coordinate(word: &[u8], line: u64) -> Result<Cow<'_, str>, MeshError> {
     match number {
         Some((text, x)) if fits(x) && text.parse() == Ok(x) => Ok(text.into()),
         Some((_, x)) if fits(x) => Ok(format!("{x:?}").into()),
-        Some((text, _)) => Err(MeshError::NonFinite { at: Place::line(line), value: text.to_owned() }),
+        Some((text, _)) => {
+            Err(MeshError::NonFinite { at: Place::line(line), value: quoted_bytes(text.as_bytes()) })
+        }
         None => Err(not_a_number(word, "a coordinate", line)),
     }
+}
+
+/// A word and the number that it is.
+fn number<T: std::str::FromStr>(word: &[u8]) -> Option<(&str, T)> {
+    let text = std::str::from_utf8(word).ok()?;
+    Some((text, text.parse().ok()?))
 }
 
 /// The vertex index of a corner written `v`, `v/vt`, `v//vn` or `v/vt/vn`.
 fn corner(word: &[u8], line: u64) -> Result<(&str, i64), MeshError> {
     let index = word.split(|&b| b == b'/').next().unwrap_or_default();
-    std::str::from_utf8(index)
-        .ok()
-        .and_then(|text| Some((text, text.parse().ok()?)))
-        .ok_or_else(|| not_a_number(word, "a vertex index", line))
+    number(index).ok_or_else(|| not_a_number(word, "a vertex index", line))
 }
 
 fn not_a_number(word: &[u8], wanted: &str, line: u64) -> MeshError {
-    MeshError::Malformed { at: Place::line(line), what: format!("'{}' is not {wanted}", word.escape_ascii()) }
+    malformed(line, format!("'{}' is not {wanted}", quoted_bytes(word)))
 }

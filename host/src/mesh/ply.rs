@@ -3,8 +3,10 @@
 //! `ply-rs-bw` reads the header and binary elements. Text elements are read here: version 4.0.1 refuses
 //! numbers such as `.5` and `1.`, and takes three times as long.
 
-use super::load::{Raw, decimal};
-use super::{MeshError, Place, fits};
+use super::error::quoted_bytes;
+use super::load::{Raw, decimal, split_line, unmarked};
+use super::polygon::Polygon;
+use super::{MeshError, Place, Spot, fits};
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{
     BeginList, ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult, PropertyType,
@@ -15,10 +17,12 @@ use std::io::ErrorKind;
 
 /// The mesh of a PLY file, its triangles numbered in the order of the faces.
 pub(super) fn parse(bytes: &[u8]) -> Result<Raw, MeshError> {
+    let bytes = unmarked(bytes);
     let mut reader = Reader::new(bytes);
     let header = Parser::<Vertex>::new().read_header(&mut reader).map_err(|e| header_error(&e))?;
     let line = reader.line() as u64;
     let body = reader.into_inner();
+    no_name_twice(&bytes[..bytes.len() - body.len()])?;
     let mut sink = Sink::new(&header)?;
     match header.encoding {
         Encoding::Ascii => Text { rest: body, line }.read(&header, &mut sink)?,
@@ -34,7 +38,7 @@ fn header_error(e: &ParseError) -> MeshError {
     // `Line 3: what happened`, followed by lines of detail.
     let what = text.lines().next().unwrap_or_default();
     let what = what.split_once(": ").filter(|_| e.line().is_some()).map_or(what, |(_, what)| what);
-    let what = what.trim_end_matches('.').to_owned();
+    let what = quoted_bytes(what.trim_end_matches('.').as_bytes());
     if e.kind() == ErrorKind::UnexpectedEof {
         MeshError::Truncated { at, what }
     } else {
@@ -42,11 +46,38 @@ fn header_error(e: &ParseError) -> MeshError {
     }
 }
 
+/// Refuses two elements, or two properties of an element, of one name: of those `ply-rs-bw` tells the last only.
+fn no_name_twice(header: &[u8]) -> Result<(), MeshError> {
+    let (mut elements, mut properties) = (Vec::new(), Vec::new());
+    for (line, text) in (1..).zip(header.split(|&b| b == b'\n')) {
+        let mut words = text.trim_ascii().split(u8::is_ascii_whitespace);
+        let (names, name) = match words.next() {
+            Some(b"element") => {
+                properties.clear();
+                (&mut elements, words.find(|word| !word.is_empty()))
+            }
+            Some(b"property") => (&mut properties, words.last()),
+            _ => continue,
+        };
+        if names.contains(&name) {
+            let name = quoted_bytes(name.unwrap_or_default());
+            let what = format!("the name '{name}' is taken by an earlier element or property");
+            return Err(MeshError::Malformed { at: Place::line(line), what });
+        }
+        names.push(name);
+    }
+    Ok(())
+}
+
 /// What an element is to us.
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
     Vertex,
     Face,
+    /// Strips of triangles: each next corner makes one with the two before it, and -1 ends a strip.
+    Strips,
+    /// Lines between vertices.
+    Edge,
     Other,
 }
 
@@ -54,6 +85,8 @@ fn kind(element: &ElementDef) -> Kind {
     match element.name.as_str() {
         "vertex" => Kind::Vertex,
         "face" => Kind::Face,
+        "tristrips" => Kind::Strips,
+        "edge" => Kind::Edge,
         _ => Kind::Other,
     }
 }
@@ -93,26 +126,45 @@ impl Sink {
                 return Err(malformed(&format!("element 'vertex' has no coordinate '{name}'")));
             }
         }
-        let faces = header.elements.get("face").filter(|faces| faces.count > 0);
-        let faces = faces.ok_or(MeshError::NoFaces { at: Place::default() })?;
-        let mut lists = faces.properties.values().filter(|p| is_corners(&p.name));
-        match (lists.next().map(|p| &p.data_type), lists.next()) {
-            (
-                Some(PropertyType::List(_, ScalarType::Float | ScalarType::Double) | PropertyType::Scalar(_)),
-                _,
-            ) => {
-                return Err(malformed("the corners of 'face' are not a list of integers"));
+        let (mut faces, mut edges) = (0, 0);
+        for element in header.elements.values().filter(|e| e.count > 0) {
+            let name = quoted_bytes(element.name.as_bytes());
+            let mut lists = element.properties.values().filter(|p| is_corners(&p.name)).map(|p| &p.data_type);
+            match (kind(element), lists.next(), lists.next()) {
+                (
+                    Kind::Face | Kind::Strips,
+                    Some(
+                        PropertyType::List(_, ScalarType::Float | ScalarType::Double)
+                        | PropertyType::Scalar(_),
+                    ),
+                    _,
+                ) => return Err(malformed(&format!("the corners of '{name}' are not a list of integers"))),
+                (Kind::Face | Kind::Strips, Some(PropertyType::List(..)), None) => faces += element.count,
+                (Kind::Face | Kind::Strips, ..) => {
+                    let what = format!("element '{name}' needs one list 'vertex_indices' or 'vertex_index'");
+                    return Err(malformed(&what));
+                }
+                (Kind::Edge, ..) => edges = element.count,
+                (Kind::Other, Some(_), _) => {
+                    let what = "lists vertices, but only 'face' and 'tristrips' are understood";
+                    return Err(malformed(&format!("element '{name}' {what}")));
+                }
+                _ => {}
             }
-            (Some(PropertyType::List(..)), None) => {}
-            _ => return Err(malformed("element 'face' needs one list 'vertex_indices' or 'vertex_index'")),
+        }
+        if faces == 0 {
+            return Err(MeshError::NoFaces { at: Place::default() });
         }
         if u32::try_from(vertices.count).is_err() {
             return Err(malformed(&format!("{} vertices are more than 32 bits can number", vertices.count)));
         }
-        if faces.count > MAX_TRIANGLES as usize {
+        if header.elements.get("face").is_some_and(|faces| faces.count > MAX_TRIANGLES as usize) {
             return Err(MeshError::TooManyTriangles { at: Place::default(), limit: MAX_TRIANGLES });
         }
-        Ok(Self { raw: Raw::default(), vertices: vertices.count as u64 })
+        let mut raw = Raw::default();
+        raw.binary = header.encoding != Encoding::Ascii;
+        raw.repairs.ignored = edges.try_into().unwrap_or(u32::MAX);
+        Ok(Self { raw, vertices: vertices.count as u64 })
     }
 
     fn vertex(&mut self, position: [f64; 3], at: impl Fn() -> Place) -> Result<(), MeshError> {
@@ -123,30 +175,75 @@ impl Sink {
         Ok(())
     }
 
+    fn corner(&self, index: i64, at: &impl Fn() -> Place) -> Result<u32, MeshError> {
+        let there = u32::try_from(index).ok().filter(|&v| u64::from(v) < self.vertices);
+        let vertices = self.vertices;
+        there.ok_or_else(|| MeshError::IndexOutOfRange { at: at(), index, first: 0, vertices })
+    }
+
+    fn room_for(&self, triangles: usize) -> Result<(), MeshError> {
+        if self.raw.triangles.len() + triangles > MAX_TRIANGLES as usize {
+            return Err(MeshError::TooManyTriangles { at: Place::default(), limit: MAX_TRIANGLES });
+        }
+        Ok(())
+    }
+
+    fn corners<I: Copy + Into<i64>>(
+        &mut self,
+        kind: Kind,
+        corners: &[I],
+        at: impl Fn() -> Place,
+    ) -> Result<(), MeshError> {
+        if kind == Kind::Face {
+            return self.face(corners, at);
+        }
+        corners
+            .split(|&index| index.into() == -1)
+            .filter(|strip| !strip.is_empty())
+            .try_for_each(|strip| self.strip(strip, &at))
+    }
+
+    fn strip<I: Copy + Into<i64>>(
+        &mut self,
+        corners: &[I],
+        at: &impl Fn() -> Place,
+    ) -> Result<(), MeshError> {
+        if corners.len() < 3 {
+            return Err(MeshError::TooFewCorners { at: at(), corners: corners.len() as u64 });
+        }
+        self.room_for(corners.len() - 2)?;
+        let vertices: Vec<u32> =
+            corners.iter().map(|&index| self.corner(index.into(), at)).collect::<Result<_, _>>()?;
+        // Every other one is the other way round.
+        let turned =
+            |(i, w): (usize, &[u32])| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[1], w[0], w[2]] };
+        self.raw.triangles.extend(vertices.windows(3).enumerate().map(turned));
+        Ok(())
+    }
+
     fn face<I: Copy + Into<i64>>(&mut self, corners: &[I], at: impl Fn() -> Place) -> Result<(), MeshError> {
-        let vertex = |&index: &I| {
-            let index = index.into();
-            u32::try_from(index).ok().filter(|&v| u64::from(v) < self.vertices).ok_or_else(|| {
-                MeshError::IndexOutOfRange { at: at(), index, first: 0, vertices: self.vertices }
-            })
-        };
+        let vertex = |&index: &I| self.corner(index.into(), &at);
         let [first, second, others @ ..] = corners else {
             return Err(MeshError::TooFewCorners { at: at(), corners: corners.len() as u64 });
         };
         if others.is_empty() {
             return Err(MeshError::TooFewCorners { at: at(), corners: 2 });
         }
-        if self.raw.triangles.len() + others.len() > MAX_TRIANGLES as usize {
-            return Err(MeshError::TooManyTriangles { at: Place::default(), limit: MAX_TRIANGLES });
-        }
+        self.room_for(others.len())?;
         let first = vertex(first)?;
         let mut previous = vertex(second)?;
         for corner in others {
-            let corner = vertex(corner)?;
+            let corner = self.corner((*corner).into(), &at)?;
             self.raw.triangles.push([first, previous, corner]);
             previous = corner;
         }
-        self.raw.repairs.polygons += u32::from(others.len() > 1);
+        if others.len() > 1 {
+            self.raw.repairs.polygons += 1;
+            let (Spot::Line(at) | Spot::Element(_, at)) = at().spot else { return Ok(()) };
+            let triangles = others.len() as u32;
+            let first = self.raw.triangles.len() as u32 - triangles;
+            self.raw.polygons.push(Polygon { first, triangles, at });
+        }
         Ok(())
     }
 }
@@ -169,25 +266,32 @@ impl<'a> Text<'a> {
                         let position = words.vertex(element)?;
                         sink.vertex(position, || Place::line(words.line))?;
                     }
-                    Kind::Face => {
+                    Kind::Face | Kind::Strips => {
                         let corners = words.face(element)?;
-                        sink.face(&corners, || Place::line(words.line))?;
+                        sink.corners(kind, &corners, || Place::line(words.line))?;
                     }
-                    Kind::Other => {}
+                    Kind::Edge | Kind::Other => words.pass(element)?,
+                }
+                if !words.rest.trim_ascii().is_empty() {
+                    let what =
+                        format!("'{}' follows the last property", quoted_bytes(words.rest.trim_ascii()));
+                    return Err(MeshError::Malformed { at: Place::line(words.line), what });
                 }
             }
         }
-        Ok(())
+        match self.next_line() {
+            Some(more) => {
+                let what = "there is more here than the header promises".to_owned();
+                Err(MeshError::Malformed { at: Place::line(more.line), what })
+            }
+            None => Ok(()),
+        }
     }
 
     /// The next line that is not blank.
     fn next_line(&mut self) -> Option<Words<'a>> {
         while !self.rest.is_empty() {
-            let end = self.rest.iter().position(|&b| b == b'\n');
-            let (line, rest) = match end {
-                Some(end) => (&self.rest[..end], &self.rest[end + 1..]),
-                None => (self.rest, &[][..]),
-            };
+            let (line, rest) = split_line(self.rest);
             self.rest = rest;
             self.line += 1;
             let line = line.trim_ascii();
@@ -237,6 +341,13 @@ impl Words<'_> {
         Ok(corners)
     }
 
+    fn pass(&mut self, element: &ElementDef) -> Result<(), MeshError> {
+        element.properties.values().try_for_each(|property| match property.data_type {
+            PropertyType::Scalar(_) => self.skip(1),
+            PropertyType::List(..) => self.skip_list(),
+        })
+    }
+
     fn word(&mut self) -> Result<&[u8], MeshError> {
         let start = self.rest.trim_ascii_start();
         let end = start.iter().position(u8::is_ascii_whitespace).unwrap_or(start.len());
@@ -261,7 +372,7 @@ impl Words<'_> {
         let word = self.word()?;
         std::str::from_utf8(word).ok().and_then(parse).ok_or_else(|| MeshError::Malformed {
             at: Place::line(line),
-            what: format!("'{}' is not {wanted}", word.escape_ascii()),
+            what: format!("'{}' is not {wanted}", quoted_bytes(word)),
         })
     }
 
@@ -292,19 +403,24 @@ impl Binary<'_> {
                         let vertex: Vertex = self.element(element, index)?;
                         sink.vertex(vertex.0, at)?;
                     }
-                    Kind::Face => {
+                    Kind::Face | Kind::Strips => {
                         let face: Face = self.element(element, index)?;
                         if face.unsigned.is_empty() {
-                            sink.face(&face.signed, at)?;
+                            sink.corners(kind, &face.signed, at)?;
                         } else {
-                            sink.face(&face.unsigned, at)?;
+                            sink.corners(kind, &face.unsigned, at)?;
                         }
                     }
-                    Kind::Other => {
+                    Kind::Edge | Kind::Other => {
                         let _: Skipped = self.element(element, index)?;
                     }
                 }
             }
+        }
+        // Some programs end a file with a line break, or fill a block with zeros.
+        if self.rest.iter().any(|b| !b.is_ascii_whitespace() && *b != 0) {
+            let what = format!("{} bytes more than the header promises", self.rest.len());
+            return Err(MeshError::Malformed { at: Place::default(), what });
         }
         Ok(())
     }
@@ -320,7 +436,7 @@ impl Binary<'_> {
             ErrorKind::UnexpectedEof => end_of_file(element, index),
             _ => MeshError::Malformed {
                 at: Place::element(&element.name, index as u64),
-                what: e.to_string().lines().next().unwrap_or_default().to_owned(),
+                what: quoted_bytes(e.to_string().lines().next().unwrap_or_default().as_bytes()),
             },
         })
     }

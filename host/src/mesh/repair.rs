@@ -2,21 +2,31 @@
 
 #[cfg(doc)]
 use super::Mesh;
-use super::{MeshError, Place};
+use super::{MeshError, Place, Spot};
 use rayon::prelude::*;
 use robust::{Coord, orient2d};
 
 /// What was set aside or changed on the way from the file to the kernels.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Repairs {
     /// Triangles without area: kept out of the tree, but they keep their number.
     pub zero_area: u32,
     /// Triangles with the same three positions in the same order as one of a lower number: they stay in the
     /// tree, where the lowest number wins.
     pub duplicates: u32,
-    /// Faces with more than three corners, cut into fans.
+    /// Faces with more than three corners, cut into triangles.
     pub polygons: u32,
-    /// Point and line elements of the file, ignored.
+    /// Of these, concave ones that the fan from their first corner does not cover: cut otherwise.
+    pub concave: u32,
+    /// Of these, ones that are crossed by their own edges, or touched from outside by a corner: left as fans.
+    pub crossed: u32,
+    /// The first such face.
+    pub crossed_at: Option<Spot>,
+    /// Of these, ones thicker than a thousandth of their extent.
+    pub bent: u32,
+    /// The first such face.
+    pub bent_at: Option<Spot>,
+    /// Points, lines and curves of the file, ignored.
     pub ignored: u32,
     /// Coordinates too small to matter (see [`crate::mesh`]) that are 0 for the kernels.
     pub flushed: u32,

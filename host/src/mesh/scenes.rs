@@ -1,6 +1,7 @@
 //! Scenes by name: the built-in teapot, the meshes that `cargo xtask scenes` fetches, or any file.
 
-use super::{Mesh, MeshError, teapot};
+use super::{Mesh, MeshError, error::quoted_bytes, teapot};
+use std::ffi::OsStr;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -51,12 +52,16 @@ impl FromStr for Scene {
         {
             return Ok(Self::Teapot(level));
         }
-        // Something that looks like a path gets the system's own words if it cannot be read.
-        let path = Path::new(text);
-        if path.exists() || path.extension().is_some() || path.components().count() > 1 {
-            return Ok(Self::File(path.to_owned()));
-        }
-        Err(MeshError::UnknownScene { name: text.to_owned() })
+        Self::file(Path::new(text))
+    }
+}
+
+impl TryFrom<&OsStr> for Scene {
+    type Error = MeshError;
+
+    /// As [`str::parse`] does; a path need not be UTF-8.
+    fn try_from(name: &OsStr) -> Result<Self, MeshError> {
+        name.to_str().map_or_else(|| Self::file(Path::new(name)), str::parse)
     }
 }
 
@@ -72,22 +77,42 @@ impl fmt::Display for Scene {
 }
 
 impl Scene {
+    /// Something that looks like a path gets the system's own words if it cannot be read.
+    fn file(path: &Path) -> Result<Self, MeshError> {
+        if path.exists() || path.extension().is_some() || path.components().count() > 1 {
+            return Ok(Self::File(path.to_owned()));
+        }
+        Err(MeshError::UnknownScene { name: quoted_bytes(path.as_os_str().as_encoded_bytes()) })
+    }
+
     /// Reads or makes the mesh.
     ///
     /// # Errors
-    /// If its file is missing or unusable.
+    /// If its file is missing or unusable, or too large as [`Mesh::load`] has it.
     pub fn load(&self) -> Result<Mesh, MeshError> {
+        self.load_by(Mesh::load)
+    }
+
+    /// Like [`Scene::load`], with a limit of bytes as [`Mesh::load_up_to`] has it.
+    ///
+    /// # Errors
+    /// If its file is missing or unusable, or larger.
+    pub fn load_up_to(&self, max_bytes: u64) -> Result<Mesh, MeshError> {
+        self.load_by(|path| Mesh::load_up_to(path, max_bytes))
+    }
+
+    fn load_by(&self, load: impl FnOnce(&Path) -> Result<Mesh, MeshError>) -> Result<Mesh, MeshError> {
         match self {
             Self::Teapot(level) => Ok(Mesh::teapot(*level)),
             Self::Fetched { name, file } => {
                 let path = folder().join(file);
                 if path.exists() {
-                    Mesh::load(&path)
+                    load(&path)
                 } else {
                     Err(MeshError::MissingScene { name: (*name).to_owned(), path })
                 }
             }
-            Self::File(path) => Mesh::load(path),
+            Self::File(path) => load(path),
         }
     }
 }

@@ -1,8 +1,8 @@
 //! What `raykd bench` can be told.
 
-use super::{HowArgs, WalkArgs, WhichArgs};
+use super::{HowArgs, ReadArgs, WalkArgs, WhichArgs};
 use clap::Parser;
-use std::path::PathBuf;
+use std::{ffi::OsString, path::PathBuf};
 
 const EXAMPLES: &str = "\
 Sets of rays, the same on every machine, by which raykd is compared with others:
@@ -32,12 +32,14 @@ Examples:
 pub(in crate::cli) struct BenchArgs {
     /// Scene names or mesh files; the teapot if there are none
     #[arg(value_name = "SCENE")]
-    pub scenes: Vec<String>,
+    pub scenes: Vec<OsString>,
     /// Random rays to trace
     #[arg(long, value_name = "N", default_value_t = 50_000, value_parser = clap::value_parser!(u32).range(1..=1 << 28))]
     pub rays: u32,
     #[command(flatten)]
     pub walk: WalkArgs,
+    #[command(flatten)]
+    pub read: ReadArgs,
     #[command(flatten)]
     pub on: WhichArgs,
     #[command(flatten)]

@@ -1,8 +1,8 @@
 //! What `raykd build` can be told.
 
-use super::{HowArgs, OneArgs};
+use super::{HowArgs, OneArgs, ReadArgs};
 use clap::Parser;
-use std::path::PathBuf;
+use std::{ffi::OsString, path::PathBuf};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -22,7 +22,7 @@ Examples:
 pub(in crate::cli) struct BuildArgs {
     /// Scene name or mesh file
     #[arg(required_unless_present = "scaling")]
-    pub mesh: Option<String>,
+    pub mesh: Option<OsString>,
     /// Save the tree to this file
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
@@ -32,6 +32,8 @@ pub(in crate::cli) struct BuildArgs {
     /// Build teapots of many sizes on CPU and GPU
     #[arg(long, conflicts_with_all = ["output", "profile", "mesh", "quality"])]
     pub scaling: bool,
+    #[command(flatten)]
+    pub read: ReadArgs,
     #[command(flatten)]
     pub on: OneArgs,
     #[command(flatten)]

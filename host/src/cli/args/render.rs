@@ -1,11 +1,11 @@
 //! What `raykd render` can be told.
 
 use super::{
-    HowArgs, OneArgs, WalkArgs,
+    HowArgs, OneArgs, ReadArgs, WalkArgs,
     values::{point, size, within},
 };
 use clap::{Parser, ValueEnum};
-use std::path::PathBuf;
+use std::{ffi::OsString, path::PathBuf};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -18,7 +18,7 @@ Examples:
 #[command(after_help = EXAMPLES)]
 pub(in crate::cli) struct RenderArgs {
     /// Scene name or mesh file
-    pub mesh: String,
+    pub mesh: OsString,
     /// The picture, a PNG file
     #[arg(short, long, value_name = "FILE.png")]
     pub output: PathBuf,
@@ -45,6 +45,8 @@ pub(in crate::cli) struct RenderArgs {
     /// Angle of view from bottom to top, in degrees
     #[arg(long, value_name = "DEGREES", default_value = "40", value_parser = within(0.1_f64, 170.0))]
     pub fov: f64,
+    #[command(flatten)]
+    pub read: ReadArgs,
     #[command(flatten)]
     pub on: OneArgs,
     #[command(flatten)]

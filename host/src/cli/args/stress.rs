@@ -1,8 +1,8 @@
 //! What `raykd stress` can be told.
 
-use super::WhichArgs;
+use super::{ReadArgs, WhichArgs};
 use clap::Parser;
-use std::path::PathBuf;
+use std::{ffi::OsString, path::PathBuf};
 
 const EXAMPLES: &str = "\
 Examples:
@@ -26,7 +26,7 @@ Examples:
 pub(in crate::cli) struct StressArgs {
     /// Scenes of these names, or meshes as other commands take them; left out: all but leaks
     #[arg(long = "scene", value_name = "NAME", value_delimiter = ',')]
-    pub scenes: Vec<String>,
+    pub scenes: Vec<OsString>,
     /// Methods whose names start like this; left out: all
     #[arg(long = "method", value_name = "NAME", value_delimiter = ',')]
     pub methods: Vec<String>,
@@ -39,6 +39,8 @@ pub(in crate::cli) struct StressArgs {
     /// List scenes and methods
     #[arg(long, exclusive = true)]
     pub list: bool,
+    #[command(flatten)]
+    pub read: ReadArgs,
     #[command(flatten)]
     pub on: WhichArgs,
     /// Print JSON: one array, an object per scene, method and device

@@ -1,8 +1,8 @@
 //! What `raykd trace` can be told.
 
-use super::{HowArgs, OneArgs, WalkArgs};
+use super::{HowArgs, OneArgs, ReadArgs, WalkArgs};
 use clap::{Parser, ValueEnum};
-use std::path::PathBuf;
+use std::{ffi::OsString, path::PathBuf};
 
 const EXAMPLES: &str = "\
 Rays: records of 8 little-endian f32: origin x y z, direction x y z, t_min, t_max (may be
@@ -27,7 +27,7 @@ Examples:
 #[command(after_help = EXAMPLES)]
 pub(in crate::cli) struct TraceArgs {
     /// Scene name or mesh file
-    pub mesh: String,
+    pub mesh: OsString,
     /// File of rays
     #[arg(long, value_name = "FILE", required_unless_present = "compare")]
     pub rays: Option<PathBuf>,
@@ -57,6 +57,8 @@ pub(in crate::cli) struct TraceArgs {
     /// With --compare: brute force too, which takes hours where the others take a second; for small scenes and few rays
     #[arg(long)]
     pub brute: bool,
+    #[command(flatten)]
+    pub read: ReadArgs,
     #[command(flatten)]
     pub on: OneArgs,
     #[command(flatten)]

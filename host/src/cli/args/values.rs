@@ -17,6 +17,19 @@ pub(super) fn size(text: &str) -> Result<[u32; 2], String> {
     sides.ok_or_else(|| "write it like 1024x768, each from 1 to 16384".to_owned())
 }
 
+/// A number of bytes.
+pub(super) fn bytes(text: &str) -> Result<u64, String> {
+    let (number, shift) = match text.as_bytes().last() {
+        Some(unit @ (b'K' | b'M' | b'G' | b'T')) => (
+            &text[..text.len() - 1],
+            [b'K', b'M', b'G', b'T'].iter().position(|u| u == unit).map_or(0, |i| 10 * (i + 1)),
+        ),
+        _ => (text, 0),
+    };
+    let bytes = number.parse::<u64>().ok().and_then(|n| n.checked_mul(1 << shift)).filter(|&n| n > 0);
+    bytes.ok_or_else(|| "write it like 5000000000, 500M or 5G".to_owned())
+}
+
 pub(super) fn point(text: &str) -> Result<[f64; 3], String> {
     let numbers: Option<Vec<f64>> =
         text.split(',').map(|n| n.trim().parse().ok().filter(|x: &f64| x.abs() <= 1.0e30)).collect();
@@ -50,6 +63,13 @@ mod tests {
         assert_eq!(size("640x480"), Ok([640, 480]));
         for wrong in ["640", "0x1", "1x16385", "x", "axb", "1x2x3"] {
             assert!(size(wrong).is_err(), "{wrong}");
+        }
+        assert_eq!(bytes("17"), Ok(17));
+        assert_eq!(bytes("3K"), Ok(3072));
+        assert_eq!(bytes("2G"), Ok(2 << 30));
+        assert_eq!(bytes("1T"), Ok(1 << 40));
+        for wrong in ["", "G", "0", "-1", "1.5G", "1g", "1GB", "99999999T", "\u{e9}"] {
+            assert!(bytes(wrong).is_err(), "{wrong}");
         }
         assert_eq!(point("1,-2.5, 3e2"), Ok([1.0, -2.5, 300.0]));
         for wrong in ["1,2", "1,2,3,4", "a,b,c", "", "nan,0,0", "inf,0,0"] {

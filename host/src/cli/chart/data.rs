@@ -1,6 +1,7 @@
 //! What charts are drawn from: measured numbers, and how they are measured.
 
 use super::super::{
+    args::ReadArgs,
     input::Input,
     machine::{Machines, at_fault, is_software},
     notes::Notes,
@@ -111,7 +112,7 @@ type Job<'a> = (String, Box<dyn FnOnce(&mut Data) -> anyhow::Result<()> + 'a>);
 /// A scene of raykd, a mesh file, or a stress scene's first mesh.
 pub(super) fn input(name: &str, notes: &Notes) -> anyhow::Result<Input> {
     let Some(case) = CASES.iter().find(|case| case.name == name) else {
-        return Input::load(name, notes);
+        return Input::load(name.as_ref(), ReadArgs::default(), notes);
     };
     let trial = case.prepare(1)?;
     let mesh = trial.parts().first().context("a stress scene without parts")?.mesh.clone();
