@@ -106,7 +106,7 @@ fn a_small_cube_far_off_is_all_there() {
 #[test]
 fn all_queries_move_their_rays() {
     // Of few digits, so that nothing is rounded anywhere.
-    let (far, size) = ([4_500_000.015_625, -5_700_000.0, 16384.007_812_5], 0.015_625);
+    let (far, size) = ([4_500_000.015_625, -5_700_000.0, 16_384.007_812_5], 0.015_625);
     let mesh = Mesh::from_f64(cube(far, size), SIDES.to_vec()).unwrap();
     assert_eq!(mesh.repairs().rounded, 0);
     let by = mesh.translation();

@@ -1,7 +1,7 @@
 //! The whole trace: the same bytes on every device, and what brute force finds.
 
 use proptest::prelude::*;
-use raykd::{BuildOptions, Builder, Hit, Mesh, Query, Scene, kernels::math::ldexp};
+use raykd::{BuildOptions, Builder, Hit, Mesh, Query, Ray, Scene, kernels::math::ldexp};
 use raykd_tests::{
     Failure, cases, cpu, devices, gpu,
     meshes::{Family, Recipe, traceable_mesh},

@@ -308,18 +308,13 @@ impl File<'_> {
         matrix: &Matrix,
         raw: &mut Raw,
     ) -> Result<(), MeshError> {
-        let Some(&positions) = primitive.attributes.get("POSITION") else {
-            let Some(name) = primitive.extensions.keys().next() else {
-                return Err(malformed(at(), "it has no attribute 'POSITION'"));
-            };
+        let positions = primitive.attributes.get("POSITION").copied();
+        let given = positions.map(|number| get(&self.document.accessors, number, "accessor")).transpose()?;
+        let empty = given.is_none_or(|given| given.buffer_view.is_none() && given.sparse.is_none());
+        if let Some(name) = primitive.extensions.keys().next().filter(|_| empty) {
             return Err(extension(at(), name));
-        };
-        let given = get(&self.document.accessors, positions, "accessor")?;
-        if given.buffer_view.is_none() && given.sparse.is_none() {
-            if let Some(name) = primitive.extensions.keys().next() {
-                return Err(extension(at(), name));
-            }
         }
+        let positions = positions.ok_or_else(|| malformed(at(), "it has no attribute 'POSITION'"))?;
         let vertices = self.elements::<3>(positions, "VEC3")?;
         let corners: Vec<u32> = match primitive.indices {
             None if vertices.count > u64::from(u32::MAX) => return Err(too_many()),

@@ -132,16 +132,17 @@ fn sniff(bytes: &[u8]) -> Option<Format> {
 /// The nearest `f64` to a number in decimal, but none that lies halfway between two `f32` unless the number does: so
 /// that rounding it once more gives the `f32` nearest to the number.
 pub(super) fn decimal(text: &str) -> Option<f64> {
-    let x: f64 = text.parse().ok()?;
+    text.parse().ok().map(|x| not_halfway(x, text))
+}
+
+/// [`decimal`], of what `f64` makes of the text.
+pub(super) fn not_halfway(x: f64, text: &str) -> f64 {
     // The 29 digits that go are a one and zeros; below the normal numbers it is easier not to look.
     let halfway = x.to_bits() << 35 == 1 << 63 || x.abs() < f64::from(f32::MIN_POSITIVE);
-    if !halfway || x == 0.0 {
-        return Some(x);
-    }
-    let nearest: f32 = text.parse().ok()?;
-    Some(match f64::from(nearest) {
-        _ if x as f32 == nearest => x,
+    let nearest = if halfway { text.parse().unwrap_or(x as f32) } else { x as f32 };
+    match f64::from(nearest) {
+        _ if nearest == x as f32 => x,
         above if above > x => x.next_up(),
         _ => x.next_down(),
-    })
+    }
 }

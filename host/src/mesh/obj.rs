@@ -6,7 +6,7 @@
 //! way.
 
 use super::error::quoted_bytes;
-use super::load::{Raw, decimal, split_line, unmarked};
+use super::load::{Raw, not_halfway, split_line, unmarked};
 use super::polygon::Polygon;
 use super::{MeshError, Place, fits};
 use raykd_shared::limits::MAX_TRIANGLES;
@@ -229,12 +229,14 @@ fn out_of_range(line: u64, index: i64, vertices: i64) -> MeshError {
     MeshError::IndexOutOfRange { at: Place::line(line), index, first: 1, vertices: vertices.unsigned_abs() }
 }
 
-/// A word that is a finite coordinate, written so that `tobj` reads [`decimal`].
+/// A word that is a finite coordinate, written so that `tobj` reads [`decimal`](super::load::decimal).
 fn coordinate(word: &[u8], line: u64) -> Result<Cow<'_, str>, MeshError> {
-    let number = std::str::from_utf8(word).ok().and_then(|text| Some((text, decimal(text)?)));
+    let number = std::str::from_utf8(word).ok().and_then(|text| Some((text, text.parse().ok()?)));
     match number {
-        Some((text, x)) if fits(x) && text.parse() == Ok(x) => Ok(text.into()),
-        Some((_, x)) if fits(x) => Ok(format!("{x:?}").into()),
+        Some((text, x)) if fits(not_halfway(x, text)) => match not_halfway(x, text) {
+            same if same == x => Ok(text.into()),
+            other => Ok(format!("{other:?}").into()),
+        },
         Some((text, _)) => {
             Err(MeshError::NonFinite { at: Place::line(line), value: quoted_bytes(text.as_bytes()) })
         }

@@ -82,7 +82,7 @@ mod tests {
         assert_eq!(change(4.5e6 + 0.25, 4.5e6, 0.25), 0.0);
         // The difference itself is rounded here: only the vertex that nobody uses can be so far off.
         assert_eq!(change(1e-20, 4.5e6, -4.5e6), 1e-20);
-        assert_eq!(change(1.0, 1e30, -1e30 as f32), (f64::from(-1e30 as f32) + 1e30).abs());
+        assert_eq!(change(1.0, 1e30, -1e30_f32), (f64::from(-1e30_f32) + 1e30).abs());
     }
 
     proptest! {
