@@ -307,7 +307,6 @@ mod tests {
         for (name, text) in [("a", "old"), ("b", "old"), ("mine", "kept")] {
             fs::write(path.join(name), text).unwrap();
         }
-        #[expect(clippy::permissions_set_readonly_false, reason = "a test's own file")]
         let fixed = |it: bool| {
             let mut mode = fs::metadata(path.join("b")).unwrap().permissions();
             mode.set_readonly(it);

@@ -140,16 +140,17 @@ fn writing(folder: &TempDir, shell: &str) -> Child {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    let start = Instant::now();
-    loop {
-        assert!(start.elapsed() < Duration::from_secs(120), "nothing was written");
+    let begun = || {
         let entries = fs::read_dir(folder.path()).unwrap().flatten();
         let temporary = |e: &fs::DirEntry| e.file_name().as_encoded_bytes().starts_with(b".raykd-");
-        if entries.filter(temporary).any(|e| e.metadata().is_ok_and(|it| it.len() > 0)) {
-            return child;
-        }
+        entries.filter(temporary).any(|e| e.metadata().is_ok_and(|it| it.len() > 0))
+    };
+    let start = Instant::now();
+    while !begun() {
+        assert!(start.elapsed() < Duration::from_secs(120), "nothing was written");
         thread::sleep(Duration::from_millis(1));
     }
+    child
 }
 
 fn send(signal: i32, child: &Child) {

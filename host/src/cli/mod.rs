@@ -99,7 +99,7 @@ fn told(error: &anyhow::Error) -> String {
     let mut text = format!("error: {error}\n");
     for cause in error.chain().skip(1).map(ToString::to_string) {
         if !text.contains(&cause) {
-            let _ = writeln!(text, "  because: {cause}");
+            let _ = writeln!(text, "  because: {}", quoted(cause));
         }
     }
     text
