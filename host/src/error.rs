@@ -1,6 +1,24 @@
 //! What can go wrong, and what to do about it.
 
-use std::path::PathBuf;
+use crate::Intersector;
+use std::{fmt::Display, path::PathBuf};
+
+/// Most characters of somebody else's text that a message quotes.
+pub(crate) const QUOTED: usize = 200;
+
+/// Text of a file or an argument as messages quote it: long text without its middle, and nothing in it that moves a
+/// terminal's cursor.
+pub(crate) fn quoted(text: impl Display) -> String {
+    let text: Vec<char> = text
+        .to_string()
+        .chars()
+        .map(|c| if c.is_control() { char::REPLACEMENT_CHARACTER } else { c })
+        .collect();
+    let head = if text.len() > QUOTED { QUOTED * 2 / 3 } else { text.len() };
+    let tail = if text.len() > QUOTED { text.len() - (QUOTED - head - 1) } else { text.len() };
+    let gap = if head < tail { "…" } else { "" };
+    text[..head].iter().copied().chain(gap.chars()).chain(text[tail..].iter().copied()).collect()
+}
 
 /// Everything raykd's library reports.
 #[derive(Debug, thiserror::Error)]
@@ -10,12 +28,20 @@ pub enum Error {
     #[error(transparent)]
     Mesh(#[from] crate::mesh::MeshError),
     /// A file could not be read or written.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {source}", quoted(path.display()))]
     Io {
         /// The file.
         path: PathBuf,
         /// What the system said.
         source: std::io::Error,
+    },
+    /// What is to be written would replace what is read, or be mixed with what is printed.
+    #[error("{written} and {other} are the same file; write to another one")]
+    SameFile {
+        /// The output.
+        written: String,
+        /// What it would harm.
+        other: String,
     },
     /// A buffer would be larger than the device allows.
     #[error(
@@ -43,7 +69,7 @@ pub enum Error {
     #[error("cannot start threads: {0}")]
     Threads(String),
     /// There is no Vulkan adapter (of that name).
-    #[error("no Vulkan adapter{}: install a driver; for a software one, on Debian or Ubuntu: apt install mesa-vulkan-drivers", wanted.as_ref().map(|w| format!(" named like '{w}' (`raykd devices` lists those there are)")).unwrap_or_default())]
+    #[error("no Vulkan adapter{}: install a driver; for a software one, on Debian or Ubuntu: apt install mesa-vulkan-drivers", wanted.as_ref().map(|w| format!(" named like '{}' (`raykd devices` lists those there are)", quoted(w))).unwrap_or_default())]
     NoAdapter {
         /// The name asked for.
         wanted: Option<String>,
@@ -70,7 +96,7 @@ pub enum Error {
     #[error("a kernel stopped: {0}")]
     Kernel(&'static str),
     /// A file of measured costs is of no use.
-    #[error("{}: {what}; `raykd calibrate` measures anew", path.display())]
+    #[error("{}: {what}; `raykd calibrate` measures anew", quoted(path.display()))]
     Calibration {
         /// The file.
         path: PathBuf,
@@ -91,7 +117,8 @@ pub enum Error {
     },
     /// A triangle test was asked for what only the default one does.
     #[error(
-        "intersector {name} works with the traversals stack and brute, for closest and any hits; {asked} needs the default, exact"
+        "intersector {name} works with the traversals stack and brute, for closest and any hits; {asked} needs the default, {}",
+        Intersector::default()
     )]
     Intersector {
         /// The test.
@@ -110,4 +137,30 @@ pub enum Error {
     /// A tree file or tree does not hold together.
     #[error("{0}")]
     Tree(String),
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_quotes_lose_their_middle() {
+        assert_eq!(quoted("mesh.obj"), "mesh.obj");
+        let whole = "a".repeat(QUOTED);
+        assert_eq!(quoted(&whole), whole);
+        let long = quoted(format!("/first/{}/last", "ä".repeat(1_000_000)));
+        assert_eq!(long.chars().count(), QUOTED);
+        assert!(long.starts_with("/first/") && long.contains('…') && long.ends_with("/last"), "{long}");
+        assert_eq!(quoted("a\nb\u{1b}[2J"), "a\u{fffd}b\u{fffd}[2J");
+    }
+
+    #[test]
+    fn a_refused_intersector_names_the_real_default() {
+        for test in Intersector::ALL {
+            let error =
+                Error::Intersector { name: test.name(), asked: "traversal ropes".to_owned() }.to_string();
+            assert!(error.ends_with(&format!("the default, {}", Intersector::default().name())), "{error}");
+        }
+        assert_eq!(Intersector::default().name(), "strict");
+    }
 }

@@ -1,6 +1,6 @@
 //! A kd-tree in memory and on disk.
 
-use crate::{BuildOptions, Error, Mesh};
+use crate::{BuildOptions, Error, Mesh, error::quoted};
 use raykd_shared::{LAYOUT_VERSION, Node, Report, TreeHeader, TreeView};
 use sha2::{Digest, Sha256};
 use std::{
@@ -136,7 +136,7 @@ impl KdTree {
         let mut bytes = Vec::new();
         std::fs::File::open(path).and_then(|mut f| f.read_to_end(&mut bytes)).map_err(io)?;
         Self::from_bytes(&bytes).map_err(|e| match e {
-            Error::Tree(what) => Error::Tree(format!("{}: {what}", path.display())),
+            Error::Tree(what) => Error::Tree(format!("{}: {what}", quoted(path.display()))),
             other => other,
         })
     }

@@ -161,7 +161,7 @@ fn all_queries_move_their_rays() {
     assert_eq!(except[0], except[1]);
     let (all, home_all) = (there.all(&wide, 4).unwrap(), here.all(&local, 4).unwrap());
     assert_eq!((all.hits, all.totals), (home_all.hits, home_all.totals));
-    let resident = there.resident(&wide).unwrap();
+    let mut resident = there.resident(&wide).unwrap();
     resident.trace(Query::Closest).unwrap();
     assert_eq!(resident.hits().unwrap(), wanted);
     assert_eq!(there.closest(&narrow).unwrap(), here.closest(&narrow_local).unwrap());

@@ -78,10 +78,14 @@ fn split(triangles: &[Corners], part: &mut [u32], from: u32, nodes: &mut Vec<Nod
     split(triangles, second, from + middle as u32, nodes);
 }
 
-/// Whether a ray may meet a box: two roundings of each `t` are allowed for, several times over.
+/// Whether a ray may meet a box: two roundings of each `t` are allowed for, several times over, and that hits count whose
+/// `t` is rounded to an end of the ray.
 fn meets(node: &Node, ray: &Ray) -> bool {
     const MORE: f64 = 1.0e-14;
-    let (mut enter, mut exit) = (f64::from(ray.t_min), f64::from(ray.t_max));
+    let [mut enter, mut exit] = [(ray.t_min, -1.0), (ray.t_max, 1.0)].map(|(end, out)| {
+        let end = f64::from(end);
+        end + out * f64::from(f32::EPSILON) * end.abs()
+    });
     for i in 0..3 {
         let (o, d) = (f64::from(ray.origin[i]), f64::from(ray.direction[i]));
         let [lo, hi] = [node.lo[i], node.hi[i]].map(|x| f64::from(x) - o);

@@ -5,10 +5,9 @@
 //! disagree and not all are 0; their sum is `-d·n` with `n` the normal, and `t = a·(b×c) / d·n`.
 
 use num_bigint::{BigInt, Sign};
-use num_rational::{BigRational, Ratio};
+use num_rational::Ratio;
 use num_traits::{Signed as _, ToPrimitive as _, Zero as _};
 use raykd_shared::Ray;
-use std::cmp::Ordering;
 
 /// A triangle's corners.
 pub type Corners = [[f32; 3]; 3];
@@ -18,9 +17,11 @@ const EPSILON: f64 = f64::EPSILON * 0.5;
 /// Relative accuracy of a `t` that [`cross`] returns.
 const ACCURACY: f64 = 1.0 / (1u64 << 40) as f64;
 
-/// Whether two ray parameters from [`cross`], or one and an end of a ray, differ for certain.
+/// Whether two ray parameters from [`cross`], or one and an end of a ray, differ for certain when rounded to the 24 digits
+/// of `f32`.
 pub(crate) fn apart(a: f64, b: f64) -> bool {
-    a.is_infinite() || b.is_infinite() || (a - b).abs() > 4.0 * ACCURACY * a.abs().max(b.abs())
+    const DIGITS: f64 = 4.0 * f32::EPSILON as f64;
+    a.is_infinite() || b.is_infinite() || (a - b).abs() > DIGITS * a.abs().max(b.abs())
 }
 
 /// A number and the most that rounding may have changed it by.
@@ -57,7 +58,8 @@ fn triple(x: [f64; 3], y: [f64; 3], z: [f64; 3]) -> Rough {
     Rough { value, error: 16.0 * EPSILON * size }
 }
 
-/// Where a ray hits a triangle: `t` within `2^-40` of its size, or 0 only if it is; `None` if it does not.
+/// Where a ray hits a triangle: `t` within `2^-40` of its size, or 0 only if it is; `None` if it does not, or not between
+/// `t_min` and `t_max`, which are compared with `t` rounded to 24 digits.
 pub fn cross(ray: &Ray, corners: &Corners) -> Option<f64> {
     let [a, b, c] = corners.map(|p| [0, 1, 2].map(|i| f64::from(p[i]) - f64::from(ray.origin[i])));
     let d = ray.direction.map(f64::from);
@@ -88,7 +90,7 @@ pub fn cross(ray: &Ray, corners: &Corners) -> Option<f64> {
             return None;
         }
     }
-    (exact.is_not_before(ray.t_min) && exact.is_not_after(ray.t_max)).then(|| exact.t())
+    exact.is_in_range(ray).then(|| exact.t())
 }
 
 /// A ray against a triangle in integers.
@@ -104,23 +106,23 @@ pub struct Exact {
     weights: [BigInt; 2],
 }
 
-/// A fraction rounded to nearest even; 0 below the normal range of `f32`. The denominator is positive.
-fn nearest(numerator: &BigInt, denominator: &BigInt) -> f32 {
-    let exact = BigRational::new(numerator.clone(), denominator.clone());
-    let near = exact.to_f64().unwrap_or(f64::NAN) as f32;
-    let between = |a: f32, b: f32| BigRational::from_float((f64::from(a) + f64::from(b)) / 2.0);
-    for other in [near.next_down(), near.next_up()] {
-        let Some(middle) = between(near, other) else { continue };
-        let beyond = if other < near { exact < middle } else { exact > middle };
-        if beyond || (exact == middle && near.to_bits() & 1 == 1) {
-            return nearest_normal(other);
-        }
-    }
-    nearest_normal(near)
+/// A fraction rounded to the nearest number of 24 digits, of two the even one, however large or small. The denominator is
+/// positive; both come from a few `f32`, so that `f64` holds the quotient.
+fn nearest(numerator: &BigInt, denominator: &BigInt) -> f64 {
+    // 26 or 27 digits and one for all that follow: `f32` rounds these as it would the fraction.
+    let shift = 26 + denominator.bits() as i64 - numerator.bits() as i64;
+    let (up, down) = (shift.max(0) as u64, (-shift).max(0) as u64);
+    let (dividend, divisor) = (numerator.abs() << up, denominator << down);
+    let whole = &dividend / &divisor;
+    let more = &whole * divisor != dividend;
+    let digits = 2 * whole.to_u32().unwrap_or(0) + u32::from(more);
+    let size = f64::from(digits as f32) * f64::from_bits(((1023 - 1 - shift) as u64) << 52);
+    if numerator.is_negative() { -size } else { size }
 }
 
-fn nearest_normal(x: f32) -> f32 {
-    if x.is_subnormal() { 0.0 } else { x }
+/// A number of 24 digits as `f32`: 0 if it is too small to be normal, infinite if it is too large.
+fn narrow(x: f64) -> f32 {
+    if x.abs() < f64::from(f32::MIN_POSITIVE) { 0.0 } else { x as f32 }
 }
 
 /// A finite number times `2^149`: an integer.
@@ -167,34 +169,23 @@ impl Exact {
         Ratio::new_raw(self.numerator.clone(), self.denominator.clone()).to_f64().unwrap_or(f64::NAN)
     }
 
+    /// The ray parameter rounded to 24 digits, however large or small: what hits are ordered by, and what is compared with
+    /// `t_min` and `t_max`. Of a ray that is not parallel to the plane.
+    pub fn rounded_t(&self) -> f64 {
+        nearest(&self.numerator, &self.denominator)
+    }
+
     /// The ray parameter, and the weights of the second and third corner, as `f32` rounded to nearest even; numbers
-    /// below the normal range are 0. Of a ray that is not parallel to the plane.
+    /// below the normal range are 0, those beyond it infinite. Of a ray that is not parallel to the plane.
     pub fn rounded(&self) -> [f32; 3] {
         let [u, v] = &self.weights;
-        [&self.numerator, u, v].map(|n| nearest(n, &self.denominator))
+        [&self.numerator, u, v].map(|n| narrow(nearest(n, &self.denominator)))
     }
 
-    /// Orders two ray parameters; those of rays in planes are equal to all.
-    pub fn cmp_t(&self, other: &Self) -> Ordering {
-        (&self.numerator * &other.denominator).cmp(&(&other.numerator * &self.denominator))
-    }
-
-    /// The ray parameter less a number: its order.
-    fn cmp_to(&self, end: f32) -> Ordering {
-        if end.is_infinite() {
-            return if end > 0.0 { Ordering::Less } else { Ordering::Greater };
-        }
-        (&self.numerator << 149u32).cmp(&(integer(end) * &self.denominator))
-    }
-
-    /// Whether `t >= end`.
-    pub fn is_not_before(&self, end: f32) -> bool {
-        self.cmp_to(end).is_ge()
-    }
-
-    /// Whether `t <= end`.
-    pub fn is_not_after(&self, end: f32) -> bool {
-        self.cmp_to(end).is_le()
+    /// Whether the rounded ray parameter lies between `t_min` and `t_max`, or on one of them.
+    pub fn is_in_range(&self, ray: &Ray) -> bool {
+        let t = self.rounded_t();
+        f64::from(ray.t_min) <= t && t <= f64::from(ray.t_max)
     }
 }
 
@@ -226,15 +217,53 @@ mod tests {
         prop::array::uniform3(number())
     }
 
+    /// Numbers of 24 digits, the middle between two, and what is just beside the middle.
+    #[test]
+    fn rounding_is_to_nearest_even() {
+        let odd = (1 << 23) + 5;
+        for (halves, more, rounded) in [
+            (2 * odd, 0, odd),
+            (2 * odd + 1, -1, odd),
+            (2 * odd + 1, 0, odd + 1),
+            (2 * odd + 1, 1, odd + 1),
+            (2 * odd + 3, -1, odd + 1),
+            (2 * odd + 3, 0, odd + 1),
+            (2 * odd + 3, 1, odd + 2),
+            ((1 << 25) - 1, 0, 1 << 24),
+        ] {
+            for shift in [-300, 0, 250] {
+                let numerator: BigInt = ((BigInt::from(halves) << 70) + more) << 400;
+                let denominator = BigInt::from(1) << (471 - shift);
+                let expected = f64::from(rounded) * 2f64.powi(shift);
+                assert_eq!(nearest(&numerator, &denominator), expected);
+                assert_eq!(nearest(&-numerator, &denominator), -expected);
+            }
+        }
+        assert_eq!(nearest(&BigInt::from(0), &BigInt::from(7)), 0.0);
+        let least = f64::from(f32::MIN_POSITIVE);
+        let below = least - 2f64.powi(-150);
+        assert_eq!(below as f32, f32::MIN_POSITIVE);
+        let sizes = [least, below, 2f64.powi(128), -2f64.powi(128), f64::from(3e38f32)];
+        assert_eq!(sizes.map(narrow), [f32::MIN_POSITIVE, 0.0, f32::INFINITY, f32::NEG_INFINITY, 3e38]);
+    }
+
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(4000))]
-        /// What the filter lets through is what integers say.
+        /// What the filter lets through is what integers say, also of ranges that begin or end about where the hit is.
         #[test]
-        fn rough_agrees_with_exact(origin in point(), direction in point(), corners in prop::array::uniform3(point())) {
+        fn rough_agrees_with_exact(
+            origin in point(), direction in point(), corners in prop::array::uniform3(point()), ends in 0u32..16,
+        ) {
             prop_assume!(direction != [0.0; 3]);
             let ray = Ray::new(origin, direction);
             let exact = Exact::new(&ray, &corners);
-            let expected = (exact.inside() && exact.is_not_before(0.0)).then(|| exact.t());
+            let mut ray = ray;
+            if exact.inside() {
+                let t = exact.rounded()[0];
+                ray.t_min = [0.0, t.next_down(), t, t.next_up()][ends as usize % 4];
+                ray.t_max = [f32::INFINITY, t.next_down(), t, t.next_up()][ends as usize / 4];
+            }
+            let expected = (exact.inside() && exact.is_in_range(&ray)).then(|| exact.t());
             let found = cross(&ray, &corners);
             prop_assert_eq!(found.is_some(), expected.is_some());
             if let (Some(t), Some(exact)) = (found, expected) {

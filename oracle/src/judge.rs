@@ -90,10 +90,10 @@ impl Oracle {
     /// What is wrong with an answer to a ray, if anything; `crossings` are its exact hits.
     ///
     /// Right is what is exact for corners moved by up to `slack`; where that leaves a choice of hits that are closer
-    /// together than the slack, any of them. The answer's `t` itself may be rounded by 2 ULP.
+    /// together than the slack, any of them. The answer's `t` itself may be rounded by 2 ULP; where it is 0 or infinite
+    /// for want of room, the hit is where its triangle is.
     pub fn judge(&self, ray: &Ray, crossings: &[Crossing], answer: &Hit, slack: f64) -> Option<Fault> {
-        let t = f64::from(answer.t);
-        let rounding = t.abs() * f64::from(f32::EPSILON) + f64::from(f32::MIN_POSITIVE);
+        let mut at = [f64::INFINITY; 2];
         if answer.is_hit() {
             if !(ray.t_min <= answer.t && answer.t <= ray.t_max) {
                 return Some(Fault::OutOfRange);
@@ -102,20 +102,33 @@ impl Oracle {
             if sight.margin < -slack {
                 return Some(Fault::Invented);
             }
-            if t < sight.t[0] - rounding || t > sight.t[1] + rounding {
+            let [least, most] = meant(answer.t);
+            at = [least.max(sight.t[0]), most.min(sight.t[1])];
+            if at[0] > at[1] {
                 return Some(Fault::Misplaced);
             }
         }
         let (t_min, t_max) = (f64::from(ray.t_min), f64::from(ray.t_max));
         let missed = |crossing: &Crossing| {
-            if answer.is_hit() && crossing.t > t {
+            if crossing.t > at[1] {
                 return false;
             }
             let sight = Sight::new(ray, self.corners(crossing.triangle), slack);
             let in_range = sight.t[0] > t_min && sight.t[1] < t_max;
-            sight.margin > slack && in_range && (!answer.is_hit() || sight.t[1] < t - rounding)
+            sight.margin > slack && in_range && sight.t[1] < at[0]
         };
         crossings.iter().any(missed).then_some(Fault::Missed)
+    }
+}
+
+/// The least and the largest number that `t` may stand for.
+fn meant(t: f32) -> [f64; 2] {
+    let (wide, most) = (f64::from(t), f64::from(f32::MAX));
+    if t == 0.0 {
+        [-f64::from(f32::MIN_POSITIVE), f64::from(f32::MIN_POSITIVE)]
+    } else {
+        let rounding = wide.abs().min(most) * f64::from(f32::EPSILON);
+        [wide.min(most) - rounding, wide.max(-most) + rounding]
     }
 }
 

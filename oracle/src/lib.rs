@@ -15,9 +15,10 @@
 //! ```
 //!
 //! Nothing here is shared with raykd's kernels but the layout of a ray. Triangles are closed; a ray in a triangle's
-//! plane misses it, and so does every ray a triangle without area; `t` counts from `t_min` to `t_max`, both
-//! inclusive; equal `t` are ordered by triangle number. [`Oracle`] finds hits by a box tree of its own; signs and
-//! orders are decided in `f64` where its rounding cannot change them, else in integers ([`exact`]).
+//! plane misses it, and so does every ray a triangle without area. Of `t` counts what it is rounded to 24 digits, the
+//! nearest number of an `f32` whose exponent has no bounds: from `t_min` to `t_max`, both inclusive; equal ones are ordered
+//! by triangle number. [`Oracle`] finds hits by a box tree of its own; signs and orders are decided in `f64` where its
+//! rounding cannot change them, else in integers ([`exact`]).
 //!
 //! A kernel computes in `f32`, so its answer may be the exact one of a scene moved by some ULP. [`judge`] says
 //! whether it is, for a given distance.
@@ -39,7 +40,7 @@ pub struct Crossing {
     pub triangle: u32,
     /// The exact ray parameter, within `2^-40` of its size.
     pub t: f64,
-    /// 0 for the closest; the same for hits of exactly the same `t`.
+    /// 0 for the closest; the same for hits of the same `t`, rounded to 24 digits.
     pub rank: u32,
 }
 
@@ -105,16 +106,16 @@ fn is_ray(ray: &Ray) -> bool {
     finite && ray.direction != [0.0; 3] && !ray.t_min.is_nan() && !ray.t_max.is_nan()
 }
 
-/// Hits in order; those that `f64` cannot tell apart are compared exactly.
+/// Hits in order; of those that are close together `t` is rounded exactly.
 fn order(ray: &Ray, triangles: &[Corners], found: Vec<(u32, f64)>) -> Vec<Crossing> {
-    let exact = |triangle: u32| Exact::new(ray, &triangles[triangle as usize]);
+    let rounded = |triangle: u32| Exact::new(ray, &triangles[triangle as usize]).rounded_t();
     let compare = |a: &(u32, f64), b: &(u32, f64)| {
         if exact::apart(a.1, b.1) {
             a.1.total_cmp(&b.1)
         } else if triangles[a.0 as usize] == triangles[b.0 as usize] {
             Ordering::Equal
         } else {
-            exact(a.0).cmp_t(&exact(b.0))
+            rounded(a.0).total_cmp(&rounded(b.0))
         }
     };
     let mut found = found;
@@ -209,6 +210,47 @@ mod tests {
         // So close beside an edge that both answers are right.
         let beside = Ray { origin: [2.0, 2.000_000_5, 2.0], ..ray };
         assert_eq!([judge(&beside, miss, 0.0), judge(&beside, 0, 2.0)], [None; 2]);
+    }
+
+    /// Where `t` has no room in `f32`, order still counts.
+    #[test]
+    fn wrong_answers_to_long_and_short_directions_are_judged() {
+        use judge::Fault;
+        use raykd_shared::Hit;
+        for (height, length, t) in [(1.0, -3e38, 0.0), (9.0, -2e-38, f32::INFINITY)] {
+            let flat = |z| [[0.0, 0.0, z], [4.0, 0.0, z], [0.0, 4.0, z]];
+            let oracle = Oracle::new(&[flat(0.0), flat(-height)].concat(), &[[0, 1, 2], [3, 4, 5]]);
+            let ray = Ray::new([1.0, 1.0, height], [0.0, 0.0, length]);
+            let crossings = oracle.crossings(&ray);
+            assert_eq!(crossings.iter().map(|c| (c.triangle, c.rank)).collect::<Vec<_>>(), [(0, 0), (1, 1)]);
+            let judge =
+                |triangle, t| oracle.judge(&ray, &crossings, &Hit { triangle, t, u: 0.25, v: 0.25 }, 1.0e-6);
+            assert_eq!(judge(0, t), None);
+            assert_eq!(judge(1, t), Some(Fault::Missed));
+            assert_eq!(judge(Hit::NONE.triangle, 0.0), Some(Fault::Missed));
+            assert_eq!(judge(0, 1.0), Some(Fault::Misplaced));
+        }
+    }
+
+    /// What is compared with the ends is `t` rounded, up or down.
+    #[test]
+    fn ends_are_compared_with_the_rounded_t() {
+        let mut ways = [0; 2];
+        for (n, d) in (1..8u8).flat_map(|n| (9..60u8).map(move |d| (f32::from(n), f32::from(d)))) {
+            let t = n / d;
+            if f64::from(t) * f64::from(d) == f64::from(n) {
+                continue;
+            }
+            ways[usize::from(f64::from(t) * f64::from(d) < f64::from(n))] += 1;
+            for (t_min, t_max, expected) in
+                [(t, 1.0, 2), (t.next_up(), 1.0, 0), (0.0, t, 2), (0.0, t.next_down(), 0), (t, t, 2)]
+            {
+                let ray = Ray { t_min, t_max, ..Ray::new([1.0, 1.0, n], [0.0, 0.0, -d]) };
+                assert_eq!(corner().crossings(&ray).len(), expected, "{ray:?}");
+                assert_eq!(corner().crossings_by_all(&ray).len(), expected, "{ray:?}");
+            }
+        }
+        assert!(ways.iter().all(|&n| n > 50), "{ways:?}");
     }
 
     #[test]

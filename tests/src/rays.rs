@@ -2,6 +2,7 @@
 
 use raykd::{
     Mesh, Ray,
+    kernels::math::{exponent, ldexp},
     rays::Random,
     shared::{Content, TreeView},
 };
@@ -12,6 +13,48 @@ pub fn rays(mesh: &Mesh, tree: TreeView<'_>, count: usize, seed: u64) -> Vec<Ray
     let (planes, cells) = cells(tree);
     let mut aim = Aim { mesh, planes, cells, random: Random::new(seed) };
     (0..count).map(|_| aim.ray()).collect()
+}
+
+/// The rays with directions of any length, and with numbers from the whole range of `f32` among their coordinates and ends,
+/// where there was a 0 above all.
+pub fn of_any_size(rays: &[Ray], seed: u64) -> Vec<Ray> {
+    let mut random = Random::new(seed);
+    let mut any = move |most: i32| {
+        let e = (random.bits() % (most + 127) as u64) as u32 + 1;
+        let bits = e << 23 | random.bits() as u32 & 0x807F_FFFF;
+        (random.below(12), f32::from_bits(bits))
+    };
+    let one = |ray: &Ray| {
+        let Ray { mut origin, mut direction, mut t_min, mut t_max } = *ray;
+        let top = direction.map(exponent).into_iter().max().unwrap_or(0);
+        if (-126..128).contains(&top) {
+            // As long as the first and the last number there is every now and then.
+            let length = match any(128) {
+                (0, _) => 127 - top,
+                (1, _) => -126 - top,
+                (_, x) => exponent(x) - top,
+            };
+            direction = direction.map(|d| ldexp(d, length));
+            [t_min, t_max] = [t_min, t_max].map(|t| ldexp(t, -length));
+            let top = top + length;
+            for (x, largest) in
+                direction.iter_mut().map(|d| (d, top)).chain(origin.iter_mut().map(|o| (o, 0)))
+            {
+                let (choice, other) = any(largest);
+                if choice == 0 || (choice < 6 && *x == 0.0) {
+                    *x = other;
+                }
+            }
+        }
+        for end in [&mut t_min, &mut t_max] {
+            let (choice, other) = any(128);
+            if choice == 0 {
+                *end = other;
+            }
+        }
+        Ray { origin, direction, t_min, t_max }
+    };
+    rays.iter().map(one).collect()
 }
 
 /// A box: lower and upper corner.

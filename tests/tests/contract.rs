@@ -1,7 +1,8 @@
 //! The contract of a trace, one test a sentence. Every answer is asked of every device and of brute force.
 
 use raykd::{
-    BuildOptions, Hit, KdTree, Mesh, Query, Ray, Scene,
+    BuildOptions, Hit, Intersector, KdTree, Mesh, Query, Ray, Scene,
+    kernels::math::ldexp,
     rays::Random,
     shared::{Content, MISS},
 };
@@ -281,11 +282,13 @@ fn t_counts_in_lengths_of_the_direction() {
         let mesh = Recipe { family, size: 300, seed: 8 }.mesh();
         let unit: Vec<Ray> = raykd::rays::random(mesh.bounds(), 500, 3);
         let expected = hits(&mesh, &unit);
-        for k in [-40, -3, 1, 20] {
-            let factor = 2f32.powi(k);
-            let longer: Vec<Ray> =
-                unit.iter().map(|ray| Ray { direction: ray.direction.map(|d| d * factor), ..*ray }).collect();
-            let scaled: Vec<Hit> = expected.iter().map(|hit| Hit { t: hit.t / factor, ..*hit }).collect();
+        // The longest and the shortest directions of most families leave no room for `t`.
+        for k in if family == Family::Wild { [-40, -3, 1, 20] } else { [-100, -3, 20, 125] } {
+            let longer: Vec<Ray> = unit
+                .iter()
+                .map(|ray| Ray { direction: ray.direction.map(|d| ldexp(d, k)), ..*ray })
+                .collect();
+            let scaled: Vec<Hit> = expected.iter().map(|hit| Hit { t: ldexp(hit.t, -k), ..*hit }).collect();
             same(&format!("{family:?}, 2^{k}"), &scaled, &hits(&mesh, &longer)).unwrap();
         }
     }
@@ -489,6 +492,18 @@ fn origins_count_as_long_as_digits_of_the_mesh_are_left() {
     }
 }
 
+/// As far is only what is flat across an axis: else it would be large, and scaled.
+#[test]
+fn meshes_count_as_long_as_products_of_lengths_have_room() {
+    for (distance, counted) in [(2f32.powi(50), 1), (2f32.powi(50).next_down(), 0), (2f32.powi(120), 1)] {
+        let mesh = moved(&loose(&[CORNER]), |[x, y, _]| [x, y, -distance]);
+        let rays = [Ray::new([1.0, 1.0, 0.0], [0.0, 0.0, -1.0])];
+        let found = hits(&mesh, &rays)[0];
+        assert_eq!((found.is_hit(), found.t), if counted == 0 { (true, distance) } else { (false, 0.0) });
+        assert_eq!(build(&mesh).trace(Query::Closest, &rays).unwrap().invalid, counted);
+    }
+}
+
 #[test]
 fn subnormal_numbers_in_rays_are_zeros() {
     let mesh = lattice_soup();
@@ -510,4 +525,27 @@ fn subnormal_numbers_in_rays_are_zeros() {
     // The next larger number is one: of a direction it makes a ray.
     let found = hits(&mesh, &with(smallest));
     assert!(found[4].is_hit() && !hits(&mesh, &with(tiny))[4].is_hit());
+}
+
+#[test]
+fn dust_of_a_mesh_is_zero_and_counted() {
+    let down = [down(0.0, 1.0), down(-2f32.powi(-58), 1.0)];
+    // Of an extent of 4, and of one that is scaled.
+    for k in [0, 60] {
+        let factor = 2f32.powi(k);
+        let rays = down.map(|ray| Ray { origin: ray.origin.map(|x| x * factor), ..ray });
+        for (x, flushed) in [(2f32.powi(-58), 0), (2f32.powi(-58).next_down(), 2)] {
+            let mesh = loose(&[[[x, 0.0, 0.0], CORNER[1], [x, 4.0, 0.0]].map(|p| p.map(|x| x * factor))]);
+            assert_eq!(mesh.repairs().flushed, flushed);
+            for named in devices() {
+                let mut scene = Scene::build(&named.device, &mesh, &BuildOptions::default()).unwrap();
+                scene.intersect_by(Intersector::Exact).unwrap();
+                let hits = [scene.closest(&rays), scene.brute(&rays)].map(Result::unwrap);
+                for hits in hits {
+                    let found: Vec<bool> = hits.iter().map(Hit::is_hit).collect();
+                    assert_eq!(found, [flushed > 0, false], "2^{k}, {x:e} by {}", named.name);
+                }
+            }
+        }
+    }
 }

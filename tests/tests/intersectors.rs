@@ -6,7 +6,7 @@ use raykd::{BuildOptions, Hit, Intersector, Mesh, Query, Ray, Scene, Traversal, 
 use raykd_tests::{
     cases, cpu, devices, gpu,
     meshes::{Family, Recipe, icosphere, small_mesh},
-    rays::rays,
+    rays::{of_any_size, rays},
     same, unless_cut,
 };
 
@@ -28,7 +28,8 @@ proptest! {
     fn every_test_finds_the_same_on_every_device(recipe in small_mesh(), seed: u64, count in 1usize..200) {
         let mesh = recipe.mesh();
         let tree = Scene::build(cpu(), &mesh, &BuildOptions::default())?.tree()?;
-        let rays = rays(&mesh, tree.view(), count, seed);
+        let mut rays = rays(&mesh, tree.view(), count, seed);
+        rays.extend(of_any_size(&rays, seed));
         let mut scenes = Vec::new();
         for named in devices() {
             scenes.push((named.name, Scene::build(&named.device, &mesh, &BuildOptions::default())?));

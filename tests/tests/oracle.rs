@@ -9,7 +9,8 @@ use raykd_oracle::{Oracle, judge::Fault};
 use raykd_tests::{
     Failure, cases, cpu, gpu,
     meshes::{Family, RANDOM, Recipe, ZOO, icosphere, small_mesh, traceable_mesh},
-    rays::rays,
+    rays::{of_any_size, rays},
+    same,
 };
 
 /// The first answer that is not exact for triangles moved by what [`SLACK`] allows.
@@ -38,8 +39,10 @@ fn judge(mesh: &Mesh, rays: &[Ray], hits: &[Hit], slack: f64) -> Result<(), (Fau
 fn judge_hits(device: &Device, recipe: &Recipe, seed: u64) -> Result<(), Failure> {
     let mesh = recipe.mesh();
     let scene = Scene::build(device, &mesh, &BuildOptions::default())?;
-    let rays = rays(&mesh, scene.tree()?.view(), 300, seed);
+    let mut rays = rays(&mesh, scene.tree()?.view(), 300, seed);
+    rays.extend(of_any_size(&rays, seed));
     let hits = scene.closest(&rays)?;
+    same("by brute force", &hits, &scene.brute(&rays)?)?;
     judge(&mesh, &rays, &hits, SLACK)
         .map_err(|(fault, told)| Failure(format!("{recipe:?}: {fault:?}, {told}")))
 }

@@ -27,6 +27,7 @@ fn alone<I: Test>(mesh: &Mesh, header: &TreeHeader, rays: &[Ray], flush: bool) -
     unsafe { std::arch::asm!("ldmxcsr [{}]", in(reg) &raw const word) };
     for ray in rays {
         let frame = Frame::of(ray, header);
+        let frame = if I::WHOLE { frame.whole() } else { frame };
         for &id in mesh.kept().iter().filter(|_| frame.valid) {
             let [a, b, c] =
                 mesh.triangles()[id as usize].map(|v| Vec3::from_slice(&positions[3 * v as usize..]));

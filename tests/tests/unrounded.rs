@@ -10,8 +10,8 @@ use raykd::{
 use raykd_oracle::exact::{Corners, Exact};
 use raykd_tests::{
     Failure, cases, cpu, devices, gpu,
-    meshes::{Family, Recipe, icosphere, small_mesh},
-    rays::rays,
+    meshes::{Family, Recipe, icosphere, loose, small_mesh},
+    rays::{of_any_size, rays},
     same, unless_cut,
 };
 
@@ -25,46 +25,41 @@ fn corners(mesh: &Mesh) -> Vec<Corners> {
     mesh.triangles().iter().map(|t| t.map(position)).collect()
 }
 
-/// The ray without what counts as 0.
+/// The ray as kernels know it: without subnormal numbers, and without what would be one in the scaled mesh.
 fn known(ray: &Ray, scale: f32) -> Ray {
     let ray = settled(ray);
-    let top = ray.direction.map(exponent).into_iter().max().unwrap();
-    Ray {
-        origin: ray.origin.map(|x| if ldexp(x, exponent(scale)).abs() < 2f32.powi(-70) { 0.0 } else { x }),
-        direction: ray.direction.map(|x| if exponent(x) < top - 126 { 0.0 } else { x }),
-        ..ray
-    }
+    Ray { origin: ray.origin.map(|x| if ldexp(x, exponent(scale)) == 0.0 { 0.0 } else { x }), ..ray }
 }
 
 /// The exact closest hit, rounded.
-fn closest(ray: &Ray, corners: &[Corners]) -> Option<Hit> {
+fn closest(ray: &Ray, scale: f32, corners: &[Corners]) -> Option<Hit> {
+    // Nearer than the least number beside 0, in the scaled mesh, is 0.
+    let top = ray.direction.map(exponent).into_iter().max().unwrap();
+    let least = 2f64.powi(-126 - exponent(scale) - top);
     let hit = |(triangle, corners)| {
         let exact = Exact::new(ray, corners);
-        let [t, u, v] = if exact.inside() { exact.rounded() } else { return None };
-        (ray.t_min <= t && t <= ray.t_max).then_some(Hit { t, triangle: triangle as u32, u, v })
+        if !exact.inside() {
+            return None;
+        }
+        let (at, [t, u, v]) = (exact.rounded_t(), exact.rounded());
+        let (at, t) = if at.abs() < least { (0.0, 0.0) } else { (at, t) };
+        let counts = f64::from(ray.t_min) <= at && at <= f64::from(ray.t_max);
+        counts.then_some((at, Hit { t, triangle: triangle as u32, u, v }))
     };
     let hits = corners.iter().enumerate().filter_map(hit);
-    hits.min_by(|a, b| a.t.total_cmp(&b.t).then(a.triangle.cmp(&b.triangle)))
-}
-
-/// Whether a distance keeps its digits when scaled.
-fn usual(t: f32) -> bool {
-    t == 0.0 || t.is_infinite() || (1e-15..1e15).contains(&t.abs())
+    let first = hits.min_by(|(a, x), (b, y)| a.total_cmp(b).then(x.triangle.cmp(&y.triangle)));
+    first.map(|(_, hit)| hit)
 }
 
 /// Compares the answers of every device with the exact ones. How many hits there were.
 fn check(mesh: &Mesh, rays: &[Ray]) -> Result<usize, Failure> {
     let corners = corners(mesh);
     let in_range = |ray: &Ray| {
-        let sizes = ray.origin.map(|x| (x * mesh.scale()).abs());
-        // Neither are lengths along the ray lost below the range of floats, nor beyond it.
-        let length = ray.direction.iter().fold(0.0, |most: f32, x| most.max(x.abs()));
-        is_ray(ray)
-            && [length, ray.t_min, ray.t_max].into_iter().all(usual)
-            && sizes.iter().all(|&x| x < 2f32.powi(30))
+        is_ray(ray) && ray.origin.iter().all(|&x| exponent(ldexp(x, exponent(mesh.scale()))) < 30)
     };
     let rays: Vec<Ray> = rays.iter().filter(|ray| in_range(ray)).copied().collect();
-    let exact: Vec<_> = rays.iter().map(|ray| closest(&known(ray, mesh.scale()), &corners)).collect();
+    let scale = mesh.scale();
+    let exact: Vec<_> = rays.iter().map(|ray| closest(&known(ray, scale), scale, &corners)).collect();
     for named in devices() {
         let mut scene = Scene::build(&named.device, mesh, &BuildOptions::default())?;
         scene.intersect_by(Intersector::Exact)?;
@@ -72,7 +67,7 @@ fn check(mesh: &Mesh, rays: &[Ray]) -> Result<usize, Failure> {
         let Some(found) = unless_cut(scene.closest(&rays))? else { continue };
         for ((ray, exact), found) in rays.iter().zip(&exact).zip(&found) {
             let expected = exact.unwrap_or(Hit::NONE);
-            if usual(expected.t) && bytemuck::bytes_of(found) != bytemuck::bytes_of(&expected) {
+            if bytemuck::bytes_of(found) != bytemuck::bytes_of(&expected) {
                 return Err(Failure(format!("{}: {found:?} for {expected:?}, {ray:?}", named.name)));
             }
         }
@@ -94,6 +89,13 @@ proptest! {
         let mesh = recipe.mesh();
         let tree = Scene::build(cpu(), &mesh, &BuildOptions::default())?.tree()?;
         check(&mesh, &rays(&mesh, tree.view(), count, seed))?;
+    }
+
+    #[test]
+    fn numbers_of_any_size_are_exact(recipe in small_mesh(), seed: u64, count in 1usize..100) {
+        let mesh = recipe.mesh();
+        let tree = Scene::build(cpu(), &mesh, &BuildOptions::default())?.tree()?;
+        check(&mesh, &of_any_size(&rays(&mesh, tree.view(), count, seed), seed))?;
     }
 }
 
@@ -188,6 +190,149 @@ fn t_is_the_nearest_float() {
     let corners = corners(&mesh);
     let scene = Scene::build(gpu(), &mesh, &BuildOptions::default()).unwrap();
     let found = scene.closest(&rays).unwrap();
-    let off = rays.iter().zip(&found).filter(|(ray, hit)| closest(ray, &corners).unwrap().t != hit.t).count();
+    let off =
+        rays.iter().zip(&found).filter(|(ray, hit)| closest(ray, 1.0, &corners).unwrap().t != hit.t).count();
     assert!(off > 100, "{off}");
+}
+
+/// Closest hits of a scene's rays by the tree, the same by brute force and on every device.
+fn by_all(mesh: &Mesh, intersector: Intersector, rays: &[Ray]) -> Vec<Hit> {
+    let mut hits: Option<Vec<Hit>> = None;
+    for named in devices() {
+        let mut scene = Scene::build(&named.device, mesh, &BuildOptions::default()).unwrap();
+        scene.intersect_by(intersector).unwrap();
+        for found in [scene.closest(rays), scene.brute(rays)] {
+            let Some(found) = unless_cut(found).unwrap() else { continue };
+            same(named.name, hits.get_or_insert_with(|| found.clone()), &found).unwrap();
+        }
+    }
+    hits.unwrap()
+}
+
+const CORNER: [[f32; 3]; 3] = [[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0]];
+
+#[test]
+fn the_range_is_that_of_t_as_returned() {
+    // Hits at n/d: where that is rounded, the real `t` is just outside a range that begins or ends at the float.
+    let mesh = loose(&[CORNER]);
+    let mut rays = Vec::new();
+    for n in 1..6u8 {
+        rays.extend((7..40u8).map(|d| Ray::new([1.0, 1.0, n.into()], [0.0, 0.0, -f32::from(d)])));
+    }
+    for intersector in Intersector::ALL {
+        let found = by_all(&mesh, intersector, &rays);
+        let mut rounded = [0; 2];
+        for (ray, hit) in rays.iter().zip(&found) {
+            let (n, d) = (ray.origin[2], -ray.direction[2]);
+            if intersector == Intersector::Exact {
+                assert_eq!(hit.t, n / d);
+            }
+            let real = f64::from(n) / f64::from(d);
+            rounded[0] += u32::from(f64::from(hit.t) > real);
+            rounded[1] += u32::from(f64::from(hit.t) < real);
+        }
+        assert!(rounded.iter().all(|&n| n > 5), "{intersector}: {rounded:?}");
+        let narrow = |change: fn(&mut Ray, f32)| {
+            let mut changed = rays.clone();
+            changed.iter_mut().zip(&found).for_each(|(ray, hit)| change(ray, hit.t));
+            by_all(&mesh, intersector, &changed)
+        };
+        let inside: [fn(&mut Ray, f32); 3] =
+            [|ray, t| ray.t_min = t, |ray, t| ray.t_max = t, |ray, t| (ray.t_min, ray.t_max) = (t, t)];
+        for change in inside {
+            same(intersector.name(), &found, &narrow(change)).unwrap();
+        }
+        let outside: [fn(&mut Ray, f32); 2] =
+            [|ray, t| ray.t_min = t.next_up(), |ray, t| ray.t_max = t.next_down()];
+        for change in outside {
+            assert!(narrow(change).iter().all(|hit| !hit.is_hit()), "{intersector}");
+        }
+    }
+}
+
+#[test]
+fn of_hits_whose_t_has_no_room_the_closest_wins() {
+    // Of what is met from above, the nearest has the highest numbers.
+    let at = |z: f32| CORNER.map(|[x, y, _]| [x, y, z]);
+    let mesh = loose(&[at(-2.0), at(-1.0), at(0.0), at(0.0)]);
+    let down = |height: f32, length: f32| Ray::new([1.0, 1.0, height], [0.0, 0.0, -length]);
+    let up = |height: f32, length: f32| Ray::new([1.0, 1.0, height], [0.0, 0.0, length]);
+    let (most, least, no_end) = (f32::MAX, f32::MIN_POSITIVE, f32::INFINITY);
+    let [long, short] = [down(2.0, most), down(4.0, least)];
+    let cases = [
+        (long, Some((2, 0.0))),
+        (up(-4.0, most), Some((0, 0.0))),
+        (short, Some((2, no_end))),
+        (up(-6.0, least), Some((0, no_end))),
+        // So are they compared with the range: a `t` that is 0 as returned is more than 0, or less.
+        (Ray { t_max: 0.0, ..long }, None),
+        (Ray { t_max: least, ..long }, Some((2, 0.0))),
+        (Ray { t_min: -1.0, t_max: -0.0, ..up(2.0, most) }, Some((0, -4.0 / most))),
+        (Ray { t_min: -least, ..up(2.0, most) }, Some((1, 0.0))),
+        (Ray { t_min: least, ..long }, Some((0, 4.0 / most))),
+        (Ray { t_max: most, ..short }, None),
+        (Ray { t_min: most, ..short }, Some((2, no_end))),
+    ];
+    let rays: Vec<Ray> = cases.iter().map(|(ray, _)| *ray).collect();
+    // Seen along so short a direction, all triangles are too small for `moeller`.
+    for intersector in Intersector::ALL.into_iter().filter(|&test| test != Intersector::Moeller) {
+        for ((ray, expected), hit) in cases.iter().zip(by_all(&mesh, intersector, &rays)) {
+            let found = hit.is_hit().then_some((hit.triangle, hit.t));
+            assert_eq!(&found, expected, "{intersector}: {ray:?}");
+        }
+    }
+}
+
+#[test]
+fn exact_sees_numbers_of_any_size() {
+    let mesh = loose(&[CORNER]);
+    let least = f32::MIN_POSITIVE;
+    let beside = |x: f32| Ray::new([x, 1.0, 1.0], [0.0, 0.0, -1.0]);
+    let aslant = |x: f32, length: f32| Ray::new([0.0, 1.0, 1.0], [x, 0.0, -length]);
+    let rays = [
+        beside(least),
+        aslant(least, 1.0),
+        aslant(least, f32::MAX),
+        beside(-least),
+        aslant(-least, 1.0),
+        aslant(-least, f32::MAX),
+    ];
+    let hits = |intersector| by_all(&mesh, intersector, &rays).iter().map(Hit::is_hit).collect::<Vec<_>>();
+    assert_eq!(hits(Intersector::Exact), [true, true, true, false, false, false]);
+    // What is that small is 0 for the default.
+    assert_eq!(hits(Intersector::Strict), [true; 6]);
+    check(&mesh, &rays).unwrap();
+}
+
+#[test]
+fn where_numbers_end_they_are_rounded_as_elsewhere() {
+    // In the plane `x + z = 0`; `t` is the least number divided by a little more than 1.
+    let mesh = loose(&[[[-1.0, -1.0, 1.0], [1.0, -1.0, -1.0], [0.0, 1.0, 0.0]]]);
+    let from = |x: f32| Ray::new([0.0, 0.0, -f32::MIN_POSITIVE], [x, 0.0, 1.0]);
+    let rays = [from(0.0), from(2f32.powi(-26)), from(2f32.powi(-23))];
+    let found = by_all(&mesh, Intersector::Exact, &rays);
+    assert_eq!(
+        found.iter().map(|hit| hit.t).collect::<Vec<_>>(),
+        [f32::MIN_POSITIVE, f32::MIN_POSITIVE, 0.0]
+    );
+    check(&mesh, &rays).unwrap();
+}
+
+#[test]
+fn a_flat_mesh_may_be_far_away() {
+    let distance = 2f32.powi(50).next_down();
+    // With coordinates that make integers as long as they get.
+    let small = 2f32.powi(-57);
+    let mesh = loose(&[[[small, 0.0, distance], [4.0, 0.0, distance], [small, 4.0, distance]]]);
+    let mut random = Random::new(1);
+    let mut rays = Vec::new();
+    for _ in 0..500 {
+        let least = f32::MIN_POSITIVE;
+        let x = [0.0, least, -least, small, small + 2.0 * least, random.signed(), 1.0][random.below(7)];
+        let y = [0.0, least, -least, 1.0, random.signed() * 4.0][random.below(5)];
+        let slant = [0.0, least, -least, small / distance, 1.0 / distance][random.below(5)];
+        rays.push(Ray::new([x, y, [0.0, -least][random.below(2)]], [slant, -0.0, 1.0]));
+    }
+    let hits = check(&mesh, &rays).unwrap();
+    assert!((100..400).contains(&hits), "{hits}");
 }

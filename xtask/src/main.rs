@@ -4,6 +4,7 @@ use anyhow::Context as _;
 use clap::{Parser, Subcommand};
 use std::path::Path;
 
+mod attack;
 mod kernels;
 mod results;
 mod scenes;
@@ -26,6 +27,8 @@ enum Task {
     Results(results::Args),
     /// Get the Stanford dragons and Sponza.
     Scenes(scenes::Args),
+    /// Try to bring raykd down: hostile files, trees, places, limits and moments, each answer judged.
+    Attack(attack::Args),
     /// Run every test; where no Vulkan driver is found, install a software one first.
     Test(test::Args),
 }
@@ -36,6 +39,7 @@ fn main() -> anyhow::Result<()> {
         Task::Kernels(args) => kernels::run(&args, root),
         Task::Results(args) => results::run(&args, root),
         Task::Scenes(args) => scenes::run(&args, root),
+        Task::Attack(args) => attack::run(&args, root),
         Task::Test(args) => test::run(&args, root),
     }
 }

@@ -7,7 +7,7 @@ use super::{
     notes::Notes,
 };
 use crate::{
-    BuildOptions, Device, Mesh, Traversal,
+    BuildOptions, Device, Error, Mesh, Traversal,
     plan::{Calibration, Plan, choose},
     report::{count, three},
 };
@@ -37,7 +37,7 @@ pub(super) fn decide(
     let all: Vec<Calibration> = devices
         .iter()
         .map(|device| calibrate::costs(device, how.amount.costs.as_deref(), notes))
-        .collect::<anyhow::Result<_>>()?;
+        .collect::<Result<_, Error>>()?;
     let plan = choose(mesh, rays, &all.iter().collect::<Vec<_>>());
     let automatic = devices.len() > 1;
     Ok((Machine::of(devices.swap_remove(plan.device), automatic), Amount::of(plan, mesh)))

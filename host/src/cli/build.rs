@@ -11,7 +11,7 @@ use super::{
     write_json,
 };
 use crate::{
-    BuildOptions, Device, Error, KdTree, Traversal, output,
+    BuildOptions, Device, Error, KdTree, Traversal,
     report::{bytes, count, three},
 };
 use std::{
@@ -74,9 +74,6 @@ pub(super) fn run(args: &BuildArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
     }
     if args.scaling {
         return builders::scaling(args, &notes, out);
-    }
-    if let Some(path) = &args.output {
-        output::check(path)?;
     }
     let input = Input::load(args.mesh.as_deref().unwrap_or_default(), &notes)?;
     let job = (&input.mesh, args.rays.unwrap_or(USUAL_RAYS));

@@ -6,17 +6,14 @@ use crate::{
     plan::{CHOICES, Calibration, cache},
     report::{Table, count, three},
 };
-use anyhow::{Context as _, bail};
+use anyhow::bail;
 use std::{
     io::{StdoutLock, Write as _},
-    path::Path,
+    path::{Path, PathBuf},
 };
 
 pub(super) fn run(args: &CalibrateArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
     let notes = Notes::new(args.json);
-    if let Some(path) = &args.output {
-        output::check(path)?;
-    }
     let machines = Machines::choose(args.on.device, &args.on.more, &notes)?;
     if args.output.is_some() && machines.iter().count() > 1 {
         bail!("a file holds one device's costs: say which by --device");
@@ -26,14 +23,14 @@ pub(super) fn run(args: &CalibrateArgs, out: &mut StdoutLock<'_>) -> anyhow::Res
         notes.clear();
         return if args.json { write_json(out, &checked) } else { Ok(checked.write(out)?) };
     }
-    let mut all = Vec::new();
+    let mut places = Vec::new();
     for device in machines.iter() {
+        places.push((device, args.output.clone().map_or_else(|| place(device), Ok)?));
+    }
+    let mut all = Vec::new();
+    for (device, path) in places {
         let calibration = measure(device, &notes)?;
-        let path = match &args.output {
-            Some(path) => path.clone(),
-            None => cache(device)?,
-        };
-        keep(&calibration, &path)?;
+        calibration.save(&path)?;
         all.push((calibration, path));
     }
     notes.clear();
@@ -67,28 +64,48 @@ fn measure(device: &Device, notes: &Notes) -> Result<Calibration, Error> {
     })
 }
 
-/// Writes the costs, and the folder above if it is missing.
-fn keep(calibration: &Calibration, path: &Path) -> anyhow::Result<()> {
-    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+/// Where a device's costs are kept: a file that can be written, in a folder that is made if it is missing.
+fn place(device: &Device) -> Result<PathBuf, Error> {
+    let path = cache(device)?;
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(|source| Error::Io { path: folder.to_owned(), source })?;
     }
-    Ok(calibration.save(path)?)
+    output::check(&path)?;
+    Ok(path)
 }
 
 /// The costs of a device: from the file given, or the cache, or measured now and kept there.
-pub(super) fn costs(device: &Device, file: Option<&Path>, notes: &Notes) -> anyhow::Result<Calibration> {
+pub(super) fn costs(device: &Device, file: Option<&Path>, notes: &Notes) -> Result<Calibration, Error> {
     if let Some(path) = file {
-        return Ok(Calibration::load(path, device)?);
+        return Calibration::load(path, device);
     }
-    let path = cache(device)?;
-    if path.exists() {
+    kept_or(device, notes, || measure(device, notes))
+}
+
+/// The costs kept in the cache, or new ones, kept there if that can be.
+fn kept_or(
+    device: &Device,
+    notes: &Notes,
+    measure: impl FnOnce() -> Result<Calibration, Error>,
+) -> Result<Calibration, Error> {
+    if let Some(path) = cache(device).ok().filter(|path| path.exists()) {
         match Calibration::load(&path, device) {
             Ok(found) => return Ok(found),
             Err(error) => notes.note(error),
         }
     }
-    notes.note(format_args!("measuring what trees cost on this {}, once", device.kind().to_uppercase()));
-    let calibration = measure(device, notes)?;
-    keep(&calibration, &path)?;
+    let place = place(device);
+    let once = match &place {
+        Ok(_) => "once",
+        Err(error) => {
+            notes.note(format_args!("costs cannot be kept: {error}; name another folder by RAYKD_CACHE"));
+            "for this run"
+        }
+    };
+    notes.note(format_args!("measuring what trees cost on this {}, {once}", device.kind().to_uppercase()));
+    let calibration = measure()?;
+    if let Err(error) = place.map_or(Ok(()), |path| calibration.save(&path)) {
+        notes.note(format_args!("costs could not be kept: {error}"));
+    }
     Ok(calibration)
 }

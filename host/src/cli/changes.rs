@@ -3,6 +3,7 @@
 use super::write_json;
 use crate::{
     Error,
+    error::quoted,
     report::{Table, three},
 };
 use anyhow::{Context as _, bail};
@@ -53,9 +54,9 @@ struct Change {
 pub(super) fn read(path: &Path) -> anyhow::Result<Vec<Value>> {
     let bytes = std::fs::read(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
     let rows: Vec<Value> = serde_json::from_slice(&bytes)
-        .with_context(|| format!("{}: not what raykd bench --json writes", path.display()))?;
+        .with_context(|| format!("{}: not what raykd bench --json writes", quoted(path.display())))?;
     if rows.iter().any(|row| key(row).is_none()) {
-        bail!("{}: a row without scene or device; raykd bench --json writes both", path.display());
+        bail!("{}: a row without scene or device; raykd bench --json writes both", quoted(path.display()));
     }
     Ok(rows)
 }

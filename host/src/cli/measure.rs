@@ -1,7 +1,7 @@
 //! Repeating builds and traces, and taking medians.
 
 use crate::{
-    AllHits, BuildOptions, BuildTimes, Builder, Device, Error, KdTree, KernelTimes, Mesh, Query, Ray,
+    AllHits, BuildOptions, BuildTimes, Builder, Device, Error, Hit, KdTree, KernelTimes, Mesh, Query, Ray,
     Resident, Scene, Traced, exact, shared::Report,
 };
 use std::time::{Duration, Instant};
@@ -17,6 +17,11 @@ const ENOUGH: Duration = Duration::from_secs(1);
 
 /// and of short ones at least this much.
 const SHORT: Duration = Duration::from_millis(30);
+
+/// All hits are traced in so many parts,
+const PARTS: usize = 8;
+/// of at least so many bytes.
+const PART: usize = 1 << 24;
 
 /// A graphics card that was idle is woken before anything is timed, until no trace was faster than those before for so long.
 const AWAKE: Duration = Duration::from_millis(300);
@@ -143,19 +148,39 @@ pub(super) fn trace(scene: &Scene<'_>, query: Query, rays: &[Ray]) -> Result<Tra
     Ok(total)
 }
 
-/// All hits, up to a limit a ray, several times.
+/// All hits, up to a limit a ray, several times: part by part, each an eighth of what is written, so that there is not
+/// much more in memory than that.
 pub(super) fn all(scene: &Scene<'_>, rays: &[Ray], limit: u32) -> Result<AllHits, Error> {
-    let (mut upload, mut trace, mut download) = (Vec::new(), Vec::new(), Vec::new());
-    wake(scene)?;
-    let mut all = scene.all(rays, limit)?;
-    for _ in 0..TIMES {
-        all = scene.all(rays, limit)?;
-        upload.push(all.upload);
-        trace.push(all.trace);
-        download.push(all.download);
+    let mut total = AllHits::default();
+    room(&mut total.hits, "hits", rays.len() as u64 * u64::from(limit))?;
+    room(&mut total.totals, "totals", rays.len() as u64)?;
+    let least = (PART / (size_of::<Hit>() * limit.max(1) as usize)).max(1);
+    for part in rays.chunks(rays.len().div_ceil(PARTS).max(least).min(batch(scene))) {
+        let (mut upload, mut trace, mut download) = (Vec::new(), Vec::new(), Vec::new());
+        wake(scene)?;
+        let mut all = scene.all(part, limit)?;
+        for _ in 0..TIMES {
+            drop(all);
+            all = scene.all(part, limit)?;
+            upload.push(all.upload);
+            trace.push(all.trace);
+            download.push(all.download);
+        }
+        total.hits.append(&mut all.hits);
+        total.totals.append(&mut all.totals);
+        total.invalid += all.invalid;
+        total.upload += median(upload);
+        total.trace += median(trace);
+        total.download += median(download);
     }
-    let [upload, trace, download] = [upload, trace, download].map(median);
-    Ok(AllHits { upload, trace, download, ..all })
+    Ok(total)
+}
+
+/// Makes room for so many.
+fn room<T>(list: &mut Vec<T>, buffer: &'static str, count: u64) -> Result<(), Error> {
+    let bytes = count.saturating_mul(size_of::<T>() as u64);
+    let reserved = usize::try_from(count).ok().and_then(|count| list.try_reserve_exact(count).ok());
+    reserved.ok_or(Error::OutOfMemory { buffer, bytes })
 }
 
 /// Median time to trace rays, less often if it takes long: for large pictures.

@@ -10,16 +10,23 @@ mod changes;
 mod chart;
 mod compare;
 mod devices;
+mod files;
 mod input;
 mod machine;
 mod measure;
 mod notes;
 mod render;
+#[cfg(unix)]
+mod signals;
 mod stress;
 mod trace;
 
+use crate::error::{QUOTED, quoted};
 use args::{Args, Command};
-use clap::Parser as _;
+use clap::{
+    Parser as _,
+    error::{ContextKind, ContextValue},
+};
 use std::{
     fmt::Write as _,
     io::{self, StdoutLock, Write as _},
@@ -29,10 +36,10 @@ use std::{
 /// Runs the program on its arguments and gives its exit code: 0 for success, 1 for an error or a difference
 /// between devices, 2 for wrong usage.
 pub fn main() -> ExitCode {
-    let args = Args::parse();
-    if let Err(error) = args.check() {
-        error.exit();
-    }
+    #[cfg(unix)]
+    signals::watch();
+    let args = Args::try_parse().and_then(|args| args.check().map(|()| args));
+    let args = args.unwrap_or_else(|error| shortened(error).exit());
     let mut out = io::stdout().lock();
     let done = run(args, &mut out).and_then(|code| Ok(out.flush().map(|()| code)?));
     done.unwrap_or_else(|error| {
@@ -45,6 +52,7 @@ pub fn main() -> ExitCode {
 }
 
 fn run(args: Args, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
+    files::check(&args.command)?;
     match args.command {
         Command::Bench(args) => return bench::run(&args, out),
         Command::Build(args) => return build::run(&args, out),
@@ -56,6 +64,25 @@ fn run(args: Args, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
         Command::Devices(args) => devices::run(&args, out)?,
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Wrong usage, quoting no more of an argument than other messages do.
+fn shortened(mut error: clap::Error) -> clap::Error {
+    let quotes: Vec<_> = error
+        .context()
+        .filter_map(|(kind, value)| match value {
+            ContextValue::String(text) => Some((kind, quoted(text))),
+            _ => None,
+        })
+        .collect();
+    for (kind, text) in quotes {
+        error.insert(kind, ContextValue::String(text));
+    }
+    // What to write instead quotes it again.
+    if std::env::args_os().any(|argument| argument.len() > QUOTED) {
+        error.remove(ContextKind::Suggested);
+    }
+    error
 }
 
 /// Whether whoever read our standard output has had enough (`raykd bench | head -1`): no error.

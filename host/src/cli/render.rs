@@ -8,7 +8,9 @@ use super::{
     notes::Notes,
 };
 use crate::{
-    Device, Error, Scene, output,
+    Device, Error, Scene,
+    error::quoted,
+    output,
     rays::Camera,
     render::{Picture, Shading, corners, rays_of, render},
     report::count,
@@ -24,9 +26,8 @@ pub(super) fn run(args: &RenderArgs, out: &mut StdoutLock<'_>) -> anyhow::Result
     let notes = Notes::new(false);
     let extension = args.output.extension().map(std::ffi::OsStr::to_ascii_lowercase);
     if extension.is_none_or(|e| e != "png") {
-        bail!("{}: pictures are PNG files; name it like {0}.png", args.output.display());
+        bail!("{}: pictures are PNG files; name it like {0}.png", quoted(args.output.display()));
     }
-    output::check(&args.output)?;
     let input = Input::load(&args.mesh, &notes)?;
     let camera = camera(args, &input)?;
     let shading = match args.shading {

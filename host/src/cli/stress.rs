@@ -2,7 +2,9 @@
 
 use super::{args::StressArgs, input::Input, machine::Machines, notes::Notes, write_json};
 use crate::{
-    Device, Error, Hit, Ray, rays,
+    Device, Error, Hit, Ray,
+    error::quoted,
+    rays,
     rays::Camera,
     report::{Table, count, three},
     stress::{Case, Method, Outcome, Trial, Way, cases::CASES, leaks::Surface},
@@ -131,7 +133,7 @@ fn methods(wishes: &[String]) -> anyhow::Result<Vec<Method>> {
         name == wish || name.starts_with(wish) && all.iter().all(|method| method.name() != wish)
     };
     if let Some(wish) = wishes.iter().find(|wish| !all.iter().any(|method| fits(method, wish))) {
-        bail!("no method is called {wish}...; `raykd stress --list` names all");
+        bail!("no method is called {}...; `raykd stress --list` names all", quoted(wish));
     }
     let wanted = |method: &Method| wishes.is_empty() || wishes.iter().any(|wish| fits(method, wish));
     Ok(all.iter().copied().filter(wanted).collect())
@@ -145,7 +147,9 @@ fn trial(name: &str, rays: u64, notes: &Notes) -> anyhow::Result<Trial> {
         return Ok(case.prepare(rays)?);
     }
     let mesh = Input::load(name, notes)
-        .with_context(|| format!("{name} is neither a stress scene (`raykd stress --list`) nor a mesh"))?
+        .with_context(|| {
+            format!("{} is neither a stress scene (`raykd stress --list`) nor a mesh", quoted(name))
+        })?
         .mesh;
     let side = ((rays as f64).sqrt() as u32).max(1);
     let mut set = Camera::framing(mesh.bounds()).rays(side, side);
@@ -297,7 +301,7 @@ fn leaks(
 fn read(path: &Path) -> anyhow::Result<Vec<Row>> {
     let bytes = std::fs::read(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
     let rows: Vec<Row> = serde_json::from_slice(&bytes)
-        .with_context(|| format!("{}: not what raykd stress --json writes", path.display()))?;
+        .with_context(|| format!("{}: not what raykd stress --json writes", quoted(path.display())))?;
     Ok(rows.into_iter().filter(|row| row.example.is_some()).collect())
 }
 
@@ -308,14 +312,19 @@ fn replay(failed: &[Row], machines: &Machines, notes: &Notes) -> anyhow::Result<
         let Some(example) = &old.example else { continue };
         let method = methods(std::slice::from_ref(&old.method))?.remove(0);
         let Some(device) = machines.iter().find(|device| device.kind() == old.device) else {
-            notes.note(format_args!("{} failed on a {}; there is none here", old.scene, old.device));
+            notes.note(format_args!(
+                "{} failed on a {}; there is none here",
+                quoted(&old.scene),
+                quoted(&old.device)
+            ));
             continue;
         };
         let ray: Ray = bytemuck::cast(example.ray);
         let mut row = Row::new(&old.scene, &method, device);
         if let Some(name) = old.scene.strip_prefix(LEAKS).and_then(|rest| rest.strip_prefix('/')) {
             let surface = Surface::all().into_iter().find(|surface| surface.name == name);
-            let surface = surface.with_context(|| format!("{}: there is no such surface", old.scene))?;
+            let surface =
+                surface.with_context(|| format!("{}: there is no such surface", quoted(&old.scene)))?;
             let hit = method.scene(device, &surface.mesh, None)?.closest(&[ray])?[0];
             row = row.counted(1, u64::from(!hit.is_hit()), old.expected);
         } else {
@@ -323,7 +332,10 @@ fn replay(failed: &[Row], machines: &Machines, notes: &Notes) -> anyhow::Result<
             let at = (example.part, example.number);
             let same = trial.parts().get(at.0).and_then(|part| part.rays.get(at.1));
             if same.is_none_or(|same| bytemuck::bytes_of(same) != bytemuck::bytes_of(&ray)) {
-                bail!("{}: this version of raykd makes other rays; run raykd stress --json again", old.scene);
+                bail!(
+                    "{}: this version of raykd makes other rays; run raykd stress --json again",
+                    quoted(&old.scene)
+                );
             }
             if let (Some(cpu), "gpu") = (&machines.cpu, device.kind()) {
                 trial.run(&method, cpu, Some(at))?;

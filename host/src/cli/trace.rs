@@ -10,7 +10,9 @@ use super::{
     write_json,
 };
 use crate::{
-    AllHits, BuildOptions, Device, Error, KdTree, Query, Ray, Ray64, Scene, Traced, Traversal, digest_of,
+    AllHits, BuildOptions, Device, Error, Hit, KdTree, Query, Ray, Ray64, Scene, Traced, Traversal,
+    digest_of,
+    error::quoted,
     output,
     rays::AnyRay,
     report::{count, three},
@@ -74,7 +76,6 @@ pub(super) fn run(args: &TraceArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
     let (Some(rays), Some(hits)) = (&rays, &args.hits) else {
         return compare::run(args, rays.as_ref(), &notes, out);
     };
-    output::check(hits)?;
     let mut input = Input::load(&args.mesh, &notes)?;
     let rays = &*rays.local(input.translation);
     let start = Instant::now();
@@ -88,7 +89,7 @@ pub(super) fn run(args: &TraceArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
     let (machine, amount) = amount::decide(&args.how, args.walk.traversal, device, job, &notes)?;
     let how = (&amount.options, amount.traversal);
     let work = |device: &Device| trace(device, &input, tree.as_ref(), args, how, rays, &notes);
-    let (mut told, bytes) = machine.run(&notes, work)?;
+    let (mut told, found) = machine.run(&notes, work)?;
     told.auto = amount.plan.map(|plan| {
         let rays = told.ray_upload_ms + told.trace_ms + told.download_ms;
         amount::Told::new(
@@ -98,7 +99,7 @@ pub(super) fn run(args: &TraceArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
         )
     });
     notes.stage(format_args!("writing {}", hits.display()));
-    output::write_whole(hits, |file| file.write_all(&bytes))?;
+    output::write_whole(hits, |file| file.write_all(found.bytes()))?;
     notes.clear();
     if args.json {
         write_json(out, &told)?
@@ -126,7 +127,7 @@ impl Rays {
             bail!(
                 "{}: {} bytes are no whole number of rays of {record} bytes ({extra} left over); \
                  a ray is 8 little-endian {number}: origin, direction, t_min, t_max",
-                path.display(),
+                quoted(path.display()),
                 bytes.len()
             );
         }
@@ -155,7 +156,7 @@ fn trace(
     (options, traversal): (&BuildOptions, Traversal),
     rays: &[Ray],
     notes: &Notes,
-) -> Result<(Told, Vec<u8>), Error> {
+) -> Result<(Told, Found), Error> {
     let mesh = &input.mesh;
     let mut scene;
     let (build, upload, digest);
@@ -198,12 +199,12 @@ fn trace(
         total_hits: answer.total_hits,
         invalid: answer.invalid,
         digest,
-        hits_digest: digest_of(&answer.bytes),
+        hits_digest: digest_of(answer.found.bytes()),
         auto: None,
         layout_ms: ms(scene.times().layout),
         ray_upload_ms: ms(answer.upload),
     };
-    Ok((told, answer.bytes))
+    Ok((told, answer.found))
 }
 
 /// What was found, and what that took: medians.
@@ -216,8 +217,22 @@ struct Answer {
     upload: Duration,
     trace: Duration,
     download: Duration,
-    /// As they are written.
-    bytes: Vec<u8>,
+    found: Found,
+}
+
+/// What is written.
+enum Found {
+    Hits(Vec<Hit>),
+    Totals(Vec<u32>),
+}
+
+impl Found {
+    fn bytes(&self) -> &[u8] {
+        match self {
+            Self::Hits(hits) => bytemuck::cast_slice(hits),
+            Self::Totals(totals) => bytemuck::cast_slice(totals),
+        }
+    }
 }
 
 /// Asks for the hits of rays, up to a limit a ray if for all of them.
@@ -228,8 +243,6 @@ fn answer(scene: &Scene<'_>, ask: Ask, limit: u32, rays: &[Ray]) -> Result<Answe
         Ask::Count | Ask::All => {
             let AllHits { hits, totals, upload, trace, download, invalid } =
                 measure::all(scene, rays, if ask == Ask::All { limit } else { 0 })?;
-            let bytes: &[u8] =
-                if ask == Ask::All { bytemuck::cast_slice(&hits) } else { bytemuck::cast_slice(&totals) };
             return Ok(Answer {
                 hits: totals.iter().filter(|&&n| n > 0).count(),
                 total_hits: Some(totals.iter().map(|&n| u64::from(n)).sum()),
@@ -237,7 +250,7 @@ fn answer(scene: &Scene<'_>, ask: Ask, limit: u32, rays: &[Ray]) -> Result<Answe
                 upload,
                 trace,
                 download,
-                bytes: bytes.to_vec(),
+                found: if ask == Ask::All { Found::Hits(hits) } else { Found::Totals(totals) },
             });
         }
     };
@@ -249,7 +262,7 @@ fn answer(scene: &Scene<'_>, ask: Ask, limit: u32, rays: &[Ray]) -> Result<Answe
         upload,
         trace,
         download,
-        bytes: bytemuck::cast_slice(&hits).to_vec(),
+        found: Found::Hits(hits),
     })
 }
 

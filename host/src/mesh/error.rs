@@ -1,5 +1,6 @@
 //! What can be wrong with a mesh, where it is, and what to do about it.
 
+use crate::error::quoted;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -44,7 +45,7 @@ impl Place {
 impl fmt::Display for Place {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.file {
-            Some(file) => write!(f, "{}", file.display())?,
+            Some(file) => write!(f, "{}", quoted(file.display()))?,
             None => f.write_str("mesh")?,
         }
         match &self.spot {
@@ -61,7 +62,7 @@ impl fmt::Display for Place {
 #[non_exhaustive]
 pub enum MeshError {
     /// The file could not be read.
-    #[error("cannot read {}: {source}; check the path and its permissions", path.display())]
+    #[error("cannot read {}: {source}; check the path and its permissions", quoted(path.display()))]
     Read {
         /// The file.
         path: PathBuf,
@@ -167,7 +168,7 @@ pub enum MeshError {
         extent: f64,
     },
     /// A named scene has not been fetched.
-    #[error("scene '{name}' is not here ({} is missing); run: cargo xtask scenes", path.display())]
+    #[error("scene '{name}' is not here ({} is missing); run: cargo xtask scenes", quoted(path.display()))]
     MissingScene {
         /// Its name.
         name: String,
@@ -176,7 +177,8 @@ pub enum MeshError {
     },
     /// Neither a scene's name nor a file.
     #[error(
-        "'{name}' is neither a file nor a scene; the scenes are teapot, teapot:LEVEL (1 to {}), {}",
+        "'{}' is neither a file nor a scene; the scenes are teapot, teapot:LEVEL (1 to {}), {}",
+        quoted(name),
         super::teapot::MAX_LEVEL,
         super::scenes::names()
     )]

@@ -4,7 +4,7 @@ use super::{
     CHOICES, Choice, Cost, Moving, Seen, cost,
     look::{LOOKS, Looking},
 };
-use crate::{BuildOptions, Device, Error, Mesh, Scene, Traversal, mesh::teapot_level_for};
+use crate::{BuildOptions, Device, Error, Mesh, Scene, Traversal, error::quoted, mesh::teapot_level_for};
 use std::{
     io::{Read as _, Write as _},
     path::{Path, PathBuf},
@@ -110,12 +110,12 @@ impl Calibration {
         let file = std::fs::File::open(path).map_err(fail)?;
         file.take(MOST_BYTES).read_to_end(&mut bytes).map_err(fail)?;
         let wrong = |what: String| Error::Calibration { path: path.to_owned(), what };
-        let read: Self = serde_json::from_slice(&bytes).map_err(|error| wrong(error.to_string()))?;
+        let read: Self = serde_json::from_slice(&bytes).map_err(|error| wrong(quoted(error)))?;
         if read.version != env!("CARGO_PKG_VERSION") {
-            return Err(wrong(format!("it is of raykd {}", read.version)));
+            return Err(wrong(format!("it is of raykd {}", quoted(&read.version))));
         }
         if (read.device.as_str(), read.name.as_str()) != (device.kind(), device.name()) {
-            return Err(wrong(format!("it is of {}, not of {}", read.name, device.name())));
+            return Err(wrong(format!("it is of {}, not of {}", quoted(&read.name), device.name())));
         }
         let numbers = |c: &Cost| [c.upload_ms, c.build_ms, c.launch_ms, c.ray_ns, c.worst_ns, c.transfer_ns];
         let looks =

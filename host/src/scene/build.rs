@@ -148,3 +148,29 @@ pub(super) fn lay_out(
     let time = device.dispatch(&[Step::over(kernel, header.refs, buffers)], false)?.total;
     Ok((laid, time))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A tree that such costs are written into is no valid one.
+    #[test]
+    fn options_out_of_range_are_refused() {
+        let (device, mesh) = (Device::cpu(), Mesh::teapot(1));
+        for cost in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -1.0] {
+            for builder in Builder::ALL {
+                let usual = BuildOptions { builder, ..BuildOptions::default() };
+                for (name, options) in [
+                    ("cost_step", BuildOptions { cost_step: cost, ..usual.clone() }),
+                    ("cost_test", BuildOptions { cost_test: cost, ..usual.clone() }),
+                    ("price", BuildOptions { price: cost, ..usual.clone() }),
+                    ("empty", BuildOptions { empty: cost, ..usual.clone() }),
+                    ("budget", BuildOptions { budget: Some(cost.min(0.5)), ..usual.clone() }),
+                ] {
+                    let error = Scene::build(&device, &mesh, &options).unwrap_err().to_string();
+                    assert!(error.contains(name) && error.contains("must be from"), "{error}");
+                }
+            }
+        }
+    }
+}

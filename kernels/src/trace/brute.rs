@@ -31,6 +31,7 @@ pub fn brute<I: Intersector>(
 ) {
     if i < job.at(JOB_RAYS) {
         let ray = load(i, rays, &header.at(0), outcome);
+        let ray = if I::WHOLE { ray.whole() } else { ray };
         let by = I::new(&ray);
         let from = job.at(JOB_FROM);
         let mut best = NOTHING;

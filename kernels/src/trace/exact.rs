@@ -7,10 +7,10 @@
 //! edge functions Woop, Benthin & Wald 2013.
 //!
 //! Since answers are exact, neighbours need not agree about anything, and what was decided in which stage does not show.
-//! What is below `2^-70` in an origin and below `2^-126` of a direction's largest component counts as 0.
+//! Numbers of any size count, but origins' that would be subnormal in the scaled scene, and distances `t` that would.
 
 use super::{
-    frame::{Frame, component, cycle, flush},
+    frame::{Frame, HEADING, component, cycle},
     integers,
     intersector::{Best, Intersector},
     leaf::Every,
@@ -103,10 +103,11 @@ struct Verdict {
     v: f32,
 }
 
-/// The number rounded, and whether that is certain, if it may be off by `error`.
+/// Between which numbers one lies when rounded, if it may be off by `error` and by what a device that flushes subnormal numbers
+/// may take on the way.
 #[inline(always)]
 fn rounded(a: Pair, error: f32) -> (f32, f32) {
-    let wide = error + abs(a.lo) * exp2(-20);
+    let wide = error + abs(a.lo) * exp2(-20) + exp2(-100);
     (a.hi + (a.lo - wide), a.hi + (a.lo + wide))
 }
 
@@ -115,16 +116,20 @@ fn rounded(a: Pair, error: f32) -> (f32, f32) {
 /// `2^-42 S^2 + 2^-59 M S`, twice what follows; weights and `t` follow from that.
 #[inline(always)]
 fn by_pairs(ray: &Frame, id: u32, (a, b, c): (Vec3, Vec3, Vec3), best: &Best) -> Verdict {
-    let d = cycle(ray.heading, ray.main);
+    let long = cycle(ray.heading, ray.main);
     // What is left out here is below the bounds.
-    let (dx, dy) = (flush(d.x, exp2(-64)), flush(d.y, exp2(-64)));
-    let whole = (dx == d.x) & (dy == d.y);
+    let shorter = |x: f32| {
+        let bits = x.to_bits().wrapping_sub((HEADING as u32) << 23);
+        if exponent(x) < HEADING - 64 { 0.0 } else { f32::from_bits(bits) }
+    };
+    let (dx, dy, dz) = (shorter(long.x), shorter(long.y), shorter(long.z));
+    let whole = ((dx != 0.0) | (long.x == 0.0)) & ((dy != 0.0) | (long.y == 0.0));
     let from = cycle(ray.origin, ray.main);
     let seen = move |p: Vec3| {
         let p = cycle(p, ray.main);
         let (x, y, z) = (Pair::sum(p.x, -from.x), Pair::sum(p.y, -from.y), Pair::sum(p.z, -from.z));
-        let (x, one) = across(x, z, d.z, dx);
-        let (y, two) = across(y, z, d.z, dy);
+        let (x, one) = across(x, z, dz, dx);
+        let (y, two) = across(y, z, dz, dy);
         Seen { x, y, z, size: high(abs(x.hi), abs(y.hi)), known: one & two & whole }
     };
     let (a, b, c) = (seen(a), seen(b), seen(c));
@@ -163,7 +168,7 @@ fn by_pairs(ray: &Frame, id: u32, (a, b, c): (Vec3, Vec3, Vec3), best: &Best) ->
     let off = abs(error * unit);
     let depth = weight_u.times(a.z).plus(weight_v.times(b.z)).plus(weight_w.times(c.z));
     let along = component(ray.inverse, ray.main);
-    let t = depth.over(det, inverse).over(Pair { hi: d.z, lo: 0.0 }, along);
+    let t = depth.over(det, inverse).over(Pair { hi: dz, lo: 0.0 }, along);
     let deep = high(abs(a.z.hi), high(abs(b.z.hi), abs(c.z.hi)));
     let (near, later) = rounded(t, deep * (16.0 * off + exp2(-39)));
     // Rounding keeps order, so this is certain too, and where the plane is met does not hang on signs of weights.
@@ -192,6 +197,7 @@ fn by_pairs(ray: &Frame, id: u32, (a, b, c): (Vec3, Vec3, Vec3), best: &Best) ->
 
 impl Intersector for Exact {
     const LOOPS: bool = true;
+    const WHOLE: bool = true;
 
     #[inline(always)]
     fn new(_ray: &Frame) -> Self {
@@ -234,6 +240,6 @@ impl Intersector for Exact {
 query! {
     /// The closest or any hit by this test.
     EXACT = |_, ray, pairs, corners, any, steps|
-        walk::<Exact, Every, false>(ray, pairs, corners, Every, any, steps),
+        walk::<Exact, Every, false>(&ray.whole(), pairs, corners, Every, any, steps),
     {}
 }

@@ -26,8 +26,16 @@ pub const PAD: f32 = exp2(-19);
 /// scene's length the ray then strays less than `PAD` by far.
 const STEEPEST: i32 = 40;
 
+/// The power of two that [`Frame::heading`] is multiplied with: however small a component beside the largest, no digit of it
+/// is lost.
+pub const HEADING: i32 = 127;
+
 /// Origins are accepted up to this power of two (in scaled units, where scenes are at most `2^20` wide).
 const FARTHEST: i32 = 30;
+
+/// And scenes up to this distance. Theirs is less than `2^45`, as coordinates have 24 digits, but for scenes that are flat
+/// across an axis: farther away, products of lengths would have no room.
+const FARTHEST_SCENE: i32 = 50;
 
 /// What is smaller counts as 0, for origins (in scaled units, where scenes are at least `2^-10` wide) and for the
 /// shear: with coordinates of at least `2^-60` of the scene's width no sheared vertex is subnormal, and a ray strays
@@ -38,13 +46,15 @@ const NO_SHEAR: f32 = exp2(-30);
 /// A ray in the form traversal and triangle test need.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame {
-    /// Origin, scaled as the scene is.
+    /// Origin, scaled as the scene is; coordinates below `2^-70` are 0, but see [`Frame::whole`].
     pub origin: Vec3,
+    /// The same with all its coordinates, but those below `2^-126`.
+    pub place: Vec3,
     /// Reciprocals of the direction's components, of size `2^-1` to `2^40`, never infinite.
     pub inverse: Vec3,
     /// Direction, the largest component of size 1 to 2; components below `2^-30` are 0.
     pub direction: Vec3,
-    /// The same with all its components, but those below `2^-126`.
+    /// The same with all its components, times [`HEADING`].
     pub heading: Vec3,
     /// `PAD * M`.
     pub pad: f32,
@@ -66,7 +76,7 @@ pub struct Frame {
     pub stretch: i32,
     /// Scaled coordinates are those of the mesh times `2^scale`.
     pub scale: i32,
-    /// Whether the ray is one: finite, non-zero direction, origin in range.
+    /// Whether the ray is one: finite, non-zero direction, origin and scene in range.
     pub valid: bool,
 }
 
@@ -148,13 +158,12 @@ pub fn slab(lo: f32, hi: f32, origin: f32, inverse: f32, slack: f32, enter: f32,
     (high(enter, near - wide), low(exit, far + wide))
 }
 
-/// A scaled end of a ray's range. One that is not 0 stays so, or a hit at `t = 0` would count that should not.
+/// A scaled end of a ray's range, one to which there is no number moved inwards to the next: `least` is that next to 0.
 #[inline(always)]
-fn bound(t: f32, stretch: i32) -> f32 {
+fn bound(t: f32, stretch: i32, least: f32) -> f32 {
     let scaled = ldexp(t, stretch);
     let lost = scaled == 0.0 && exponent(t) > -127;
-    let smallest = f32::from_bits((t.to_bits() & 0x8000_0000) | exp2(-126).to_bits());
-    if lost { smallest } else { scaled }
+    if lost & ((t < 0.0) == (least < 0.0)) { least } else { scaled }
 }
 
 impl Frame {
@@ -175,14 +184,17 @@ impl Frame {
         top = if dz > top { dz } else { top };
         let scale = exponent(header.scale);
         let d = Vec3::new(ldexp(direction.x, -top), ldexp(direction.y, -top), ldexp(direction.z, -top));
-        let place = move |x: f32| flush(ldexp(x, scale), DUST);
-        let origin = Vec3::new(place(first.x), place(first.y), place(first.z));
+        let place = Vec3::new(ldexp(first.x, scale), ldexp(first.y, scale), ldexp(first.z, scale));
+        let origin = Vec3::new(flush(place.x, DUST), flush(place.y, DUST), flush(place.z, DUST));
         let (ox, oy, oz) = (exponent(origin.x), exponent(origin.y), exponent(origin.z));
         let number = !is_nan(second.z) && !is_nan(second.w);
         let valid = top > -127 && top < 128 && number && ox < FARTHEST && oy < FARTHEST && oz < FARTHEST;
         // An invalid ray goes on as a harmless one, to keep the numbers below finite.
         let d = if valid { d } else { Vec3::new(1.0, 0.0, 0.0) };
         let origin = if valid { origin } else { Vec3::ZERO };
+        let longer = HEADING - top;
+        let heading =
+            Vec3::new(ldexp(direction.x, longer), ldexp(direction.y, longer), ldexp(direction.z, longer));
 
         let mut main = 0;
         if abs(d.y) > abs(d.x) {
@@ -200,17 +212,19 @@ impl Frame {
         far = high(far, high(abs(lo[2] - origin.z), abs(hi[2] - origin.z)));
         // Only scenes without triangles come below this; it keeps subnormals from mattering there too.
         far = high(far, exp2(-40));
+        let valid = valid && exponent(far) < FARTHEST_SCENE;
         let pad = PAD * far;
         let stretch = scale + top;
-        let t_min = bound(second.z, stretch);
-        let t_max = bound(second.w, stretch);
+        let t_min = bound(second.z, stretch, exp2(-126));
+        let t_max = bound(second.w, stretch, -exp2(-126));
         let (enter, exit) = slab(lo[0], hi[0], origin.x, inverse.x, pad, t_min, t_max);
         let (enter, exit) = slab(lo[1], hi[1], origin.y, inverse.y, pad, enter, exit);
         let (enter, exit) = slab(lo[2], hi[2], origin.z, inverse.z, pad, enter, exit);
         Self {
             origin,
+            place,
             inverse,
-            heading: d,
+            heading,
             direction: Vec3::new(flush(d.x, NO_SHEAR), flush(d.y, NO_SHEAR), flush(d.z, NO_SHEAR)),
             pad,
             main,
@@ -224,5 +238,11 @@ impl Frame {
             scale,
             valid,
         }
+    }
+
+    /// With all of the origin that is left after scaling, for tests that no subnormal number matters to.
+    #[inline(always)]
+    pub fn whole(self) -> Self {
+        Self { origin: self.place, ..self }
     }
 }

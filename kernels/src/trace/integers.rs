@@ -5,15 +5,15 @@
 //! Four determinants decide: `D = d . (b x c) + d . (c x a) + d . (a x b)`, whose parts are the weights, and
 //! `N = a . (b x c)`; then `t = N / D` (the volumes of Möller & Trumbore 1997, undivided). Quotients are rounded once.
 
-use super::frame::component;
+use super::frame::{HEADING, component};
 use crate::{
     glam::Vec3,
     math::exponent,
     mem::{Slots, scratch},
 };
 
-/// Digits of a coordinate: origins and corners lie between `2^-93` and `2^45`, directions between `2^-149` and 2.
-const WIDTH: u32 = 10;
+/// Digits of a coordinate: the whole range of normal `f32`, and a bit for differences.
+const WIDTH: u32 = 18;
 /// Digits of a determinant.
 const LONG: u32 = 3 * WIDTH + 1;
 /// Where numbers lie: x, y, z of the direction and of the corners `a`, `b`, `c`; a component of a cross product;
@@ -248,17 +248,18 @@ fn quotient(m: &mut Digits, base: u32, n: u32, moved: i32, e: i32) -> f32 {
     let sticky = (below & (half - 1)) | rest | (mantissa & 1);
     let up = (below & half != 0 && sticky != 0) as u32;
     let field = e + 126 + one as i32;
-    if field <= 0 {
+    if field < 0 {
         0.0
     } else if field >= 255 {
         f32::INFINITY
     } else {
-        f32::from_bits(((field as u32) << 23) + (mantissa - 0x0080_0000) + up)
+        let bits = ((field as u32) << 23) + (mantissa - 0x0080_0000) + up;
+        // Just below the normal range it may be rounded up into it.
+        f32::from_bits(if bits < 0x0080_0000 { 0 } else { bits })
     }
 }
 
-/// Whether and where the line `origin + t d` meets the triangle, `origin` and corners being 0 or normal and of size
-/// `2^-70` to `2^44`, components of `d` 0 or of size `2^-126` to 2.
+/// Whether and where the line `origin + t d / 2^HEADING` meets the triangle, all numbers being 0 or normal ([`HEADING`]).
 pub fn cross(origin: Vec3, d: Vec3, a: Vec3, b: Vec3, c: Vec3) -> Answer {
     let mut m: Digits = scratch();
     let none = (127, -127);
@@ -363,7 +364,7 @@ pub fn cross(origin: Vec3, d: Vec3, a: Vec3, b: Vec3, c: Vec3) -> Answer {
         let moved = justify(&mut m, DIVISOR, long);
         det = 1;
         while det < 4 {
-            let scale = if det == 3 { grid - grid_d } else { 0 };
+            let scale = if det == 3 { grid - grid_d + HEADING } else { 0 };
             let q = quotient(&mut m, DETERMINANTS + det * LONG, long, moved, scale);
             if det == 1 {
                 u = q;

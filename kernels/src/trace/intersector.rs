@@ -55,6 +55,8 @@ impl Best {
 pub trait Intersector: Copy {
     /// Whether its test has loops, which a driver may leave early.
     const LOOPS: bool = false;
+    /// Whether it takes rays as [`Frame::whole`] makes them.
+    const WHOLE: bool = false;
 
     /// Made ready for a ray.
     fn new(ray: &Frame) -> Self;

@@ -19,25 +19,29 @@ use crate::{
     Mesh, output,
     report::{Table, count},
 };
-use anyhow::Context as _;
 use data::{Data, Effort};
 use figure::Figure;
 use std::{
     collections::BTreeMap,
     fs,
     io::{self, StdoutLock, Write as _},
+    path::{Path, PathBuf},
     process::Command,
     time::{Instant, SystemTime},
 };
 use verdict::{Pair, Verdict};
+
+/// The page.
+const INDEX: &str = "index.html";
+/// Of the files of a figure.
+const ENDINGS: [&str; 3] = ["svg", "png", "csv"];
 
 pub(super) fn run(args: &ChartArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
     let notes = Notes::new(false);
     let start = Instant::now();
     let peers = args.peers.as_deref().map(peers::read).transpose()?.unwrap_or_default();
     let folder = &args.output;
-    fs::create_dir_all(folder).with_context(|| format!("cannot make the folder {}", folder.display()))?;
-    output::check(&folder.join("index.html"))?;
+    output::check_folder(folder)?;
     let (inputs, machines) =
         (inputs(&args.scenes, &notes)?, Machines::choose(args.on.device, &args.on.more, &notes)?);
     let effort = Effort { quick: args.quick, rays: args.rays.unwrap_or(0) as usize };
@@ -48,28 +52,26 @@ pub(super) fn run(args: &ChartArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
     jobs.extend(data::calibrations(&machines, effort));
     let data = data::run(jobs, &notes)?;
     notes.stage("drawing");
-    let mut drawn = Vec::new();
+    let (mut drawn, mut files) = (Vec::new(), Vec::new());
     for figure in figures(&data, &inputs, &peers) {
         let svg = draw::svg(&figure)?;
-        write(args, &figure, "svg", svg.as_bytes())?;
-        write(args, &figure, "png", &draw::png(&figure)?)?;
-        write(args, &figure, "csv", figure.grid.csv().as_bytes())?;
+        let png = draw::png(&figure)?;
+        let parts = [svg.as_bytes().to_vec(), png, figure.grid.csv().into_bytes()];
+        files.extend(
+            ENDINGS.into_iter().zip(parts).map(|(ending, part)| (format!("{}.{ending}", figure.file), part)),
+        );
         drawn.push((figure, svg));
     }
     let made = made(&machines);
     let page = page::page("raykd in charts", &drawn, &made);
-    output::write_whole(&folder.join("index.html"), |file| file.write_all(page.as_bytes()))?;
+    files.push((INDEX.to_owned(), page.into_bytes()));
+    output::write_folder(folder, &files)?;
     notes.clear();
     for (figure, _) in &drawn {
         writeln!(out, "{}: {}\n", figure.title, figure.say)?;
     }
     let took = start.elapsed().as_secs();
-    writeln!(
-        out,
-        "{} figures in {}, {took} s",
-        count(drawn.len() as u64),
-        folder.join("index.html").display()
-    )?;
+    writeln!(out, "{} figures in {}, {took} s", count(drawn.len() as u64), folder.join(INDEX).display())?;
     Ok(())
 }
 
@@ -79,9 +81,15 @@ fn inputs(names: &[String], notes: &Notes) -> anyhow::Result<Vec<Input>> {
     names.iter().map(|name| data::input(name, notes)).collect()
 }
 
-fn write(args: &ChartArgs, figure: &Figure, ending: &str, bytes: &[u8]) -> anyhow::Result<()> {
-    let path = args.output.join(format!("{}.{ending}", figure.file));
-    Ok(output::write_whole(&path, |file| file.write_all(bytes))?)
+/// Files of a folder that charts may be written over.
+pub(super) fn replaced(folder: &Path) -> Vec<PathBuf> {
+    let files = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let figure = |path: &PathBuf| {
+        let numbered = path.file_name().is_some_and(|name| name.as_encoded_bytes()[0].is_ascii_digit());
+        numbered && path.extension().is_some_and(|ending| ENDINGS.iter().any(|known| ending == *known))
+    };
+    let index = folder.is_dir().then(|| folder.join(INDEX));
+    files.filter(figure).chain(index).collect()
 }
 
 /// All figures, by number.

@@ -1,7 +1,7 @@
 //! Figure 7: other crates in the same run, as `peers/` measured them.
 
 use super::figure::{Axis, Figure, Grid, Look, Mark, Scale, Series, front};
-use crate::{Error, report::three};
+use crate::{Error, error::quoted, report::three};
 use anyhow::Context as _;
 use std::path::Path;
 
@@ -29,7 +29,10 @@ impl Peer {
 pub(super) fn read(path: &Path) -> anyhow::Result<Vec<Peer>> {
     let bytes = std::fs::read(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
     serde_json::from_slice(&bytes).with_context(|| {
-        format!("{}: not what the program of peers/ writes with --json (peers/README.md)", path.display())
+        format!(
+            "{}: not what the program of peers/ writes with --json (peers/README.md)",
+            quoted(path.display())
+        )
     })
 }
 

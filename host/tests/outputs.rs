@@ -1,0 +1,427 @@
+//! Files that the program writes: never over what it reads, whole or not at all, with the mode and the owner of what was
+//! there, and nothing left behind.
+#![cfg(unix)]
+
+use raykd::KdTree;
+use std::{
+    fs::{self, Permissions},
+    io::{BufRead as _, BufReader, Read as _},
+    os::unix::{
+        fs::{MetadataExt as _, PermissionsExt as _, symlink},
+        process::{CommandExt as _, ExitStatusExt as _},
+    },
+    path::{Path, PathBuf},
+    process::{Child, Command, Output, Stdio},
+    thread,
+    time::{Duration, Instant},
+};
+use tempfile::TempDir;
+
+const HANGUP: i32 = 1;
+const INTERRUPT: i32 = 2;
+const QUIT: i32 = 3;
+const TERMINATE: i32 = 15;
+
+/// The program in a folder.
+fn raykd(folder: &TempDir, line: &str) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_raykd"));
+    command.args(line.split(' ')).current_dir(folder).stdin(Stdio::null());
+    command
+}
+
+fn told(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// The message of a command that fails.
+fn refused(mut command: Command) -> String {
+    let output = command.output().unwrap();
+    let message = told(&output);
+    assert_eq!(output.status.code(), Some(1), "{command:?}: {message}");
+    assert!(message.contains("error: "), "{message}");
+    message
+}
+
+fn succeeds(mut command: Command) {
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{command:?}: {}", told(&output));
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    let mut names: Vec<String> =
+        fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+/// A folder with a mesh, its tree, rays at it and costs.
+fn folder() -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| folder.path().join(name);
+    fs::write(file("m.obj"), "v 0 0 0\nv 4 0 0\nv 0 4 0\nf 1 2 3\n").unwrap();
+    let rays = raykd::rays::random(([0.0; 3], [4.0, 4.0, 0.0]), 100, 1);
+    fs::write(file("rays"), bytemuck::cast_slice::<_, u8>(&rays)).unwrap();
+    fs::write(file("costs.json"), "{}").unwrap();
+    succeeds(raykd(&folder, "build m.obj -o m.kd --device cpu"));
+    folder
+}
+
+#[test]
+fn an_output_that_is_an_input_is_refused() {
+    let folder = folder();
+    let at = |name: &str| folder.path().join(name);
+    let cases = [
+        ("m.obj", "build m.obj -o {}"),
+        ("costs.json", "build m.obj --quality auto --costs costs.json -o {}"),
+        ("m.obj", "trace m.obj --rays rays --hits {}"),
+        ("rays", "trace m.obj --rays rays --hits {}"),
+        ("m.kd", "trace m.obj --rays rays --tree m.kd --hits {}"),
+        ("m.png", "render m.png -o {}"),
+        ("index.html", "chart index.html -o ."),
+        ("2-peers.csv", "chart --peers 2-peers.csv -o ."),
+    ];
+    for (input, line) in cases {
+        if !at(input).exists() {
+            fs::copy(at("m.obj"), at(input)).unwrap();
+        }
+        let before = fs::read(at(input)).unwrap();
+        let ending = Path::new(input).extension().map_or_else(String::new, |e| format!(".{}", e.display()));
+        let [soft, hard] = ["soft", "hard"].map(|name| format!("{name}{ending}"));
+        symlink(input, at(&soft)).unwrap();
+        fs::hard_link(at(input), at(&hard)).unwrap();
+        for output in [
+            input.to_owned(),
+            format!("../{}/{input}", folder.path().file_name().unwrap().display()),
+            soft.clone(),
+            hard.clone(),
+        ] {
+            let message = refused(raykd(&folder, &format!("{} --device cpu", line.replace("{}", &output))));
+            assert!(message.contains("are the same file") && message.contains(input), "{line}: {message}");
+            assert_eq!(fs::read(at(input)).unwrap(), before, "{line} onto {output}");
+        }
+        fs::remove_file(at(&soft)).unwrap();
+        fs::remove_file(at(&hard)).unwrap();
+    }
+}
+
+#[test]
+fn what_is_printed_does_not_go_to_an_input_or_output_either() {
+    let folder = folder();
+    let at = |name: &str| folder.path().join(name);
+    let onto = |file: &str, line: &str| {
+        let mut command = raykd(&folder, line);
+        command.stdout(fs::OpenOptions::new().append(true).create(true).open(at(file)).unwrap());
+        refused(command)
+    };
+    let before = fs::read(at("m.obj")).unwrap();
+    for line in ["bench m.obj --json --device cpu", "build m.obj --json --device cpu", "stress --scene m.obj"]
+    {
+        let message = onto("m.obj", line);
+        assert!(message.contains("standard output and m.obj are the same file"), "{line}: {message}");
+        assert_eq!(fs::read(at("m.obj")).unwrap(), before, "{line}");
+    }
+    let message = onto("hits", "trace m.obj --rays rays --hits hits --device cpu");
+    assert!(message.contains("hits and standard output are the same file"), "{message}");
+    // Devices take both.
+    let mut both = raykd(&folder, "trace m.obj --rays rays --hits /dev/null --device cpu");
+    both.stdout(Stdio::null());
+    succeeds(both);
+}
+
+/// Starts a command that writes a file of 180 MB, and waits until it is about it.
+fn writing(folder: &TempDir, shell: &str) -> Child {
+    let rays = raykd::rays::random(([-9.0; 3], [9.0; 3]), 700, 1);
+    fs::write(folder.path().join("many"), bytemuck::cast_slice::<_, u8>(&rays)).unwrap();
+    let line = "trace teapot:1 --rays many --hits hits --query all --limit 16384 --device cpu";
+    let child = Command::new("bash")
+        .args(["-c", &format!("{shell} exec '{}' {line}", env!("CARGO_BIN_EXE_raykd"))])
+        .current_dir(folder)
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let start = Instant::now();
+    loop {
+        assert!(start.elapsed() < Duration::from_secs(120), "nothing was written");
+        let entries = fs::read_dir(folder.path()).unwrap().flatten();
+        let temporary = |e: &fs::DirEntry| e.file_name().as_encoded_bytes().starts_with(b".raykd-");
+        if entries.filter(temporary).any(|e| e.metadata().is_ok_and(|it| it.len() > 0)) {
+            return child;
+        }
+        thread::sleep(Duration::from_millis(1));
+    }
+}
+
+fn send(signal: i32, child: &Child) {
+    let sent = Command::new("kill").args([format!("-{signal}"), child.id().to_string()]).status().unwrap();
+    assert!(sent.success());
+}
+
+#[test]
+fn signals_in_the_middle_of_a_write_leave_nothing() {
+    let folder = folder();
+    let whole = 700 * 16384 * 16;
+    let mut stopped = 0;
+    for signal in [HANGUP, INTERRUPT, QUIT, TERMINATE] {
+        fs::write(folder.path().join("hits"), "old").unwrap();
+        let child = writing(&folder, "ulimit -c 0;");
+        send(signal, &child);
+        let output = child.wait_with_output().unwrap();
+        assert_eq!(output.status.signal(), Some(signal), "{}", told(&output));
+        // Whoever was too late finds the new file, and all of it.
+        let length = fs::metadata(folder.path().join("hits")).unwrap().len();
+        assert!(length == 3 || length == whole, "{length} bytes");
+        stopped += usize::from(length == 3);
+        assert_eq!(names(folder.path()), ["costs.json", "hits", "m.kd", "m.obj", "many", "rays"]);
+    }
+    assert!(stopped > 0, "no write was interrupted");
+}
+
+#[test]
+fn signals_that_are_to_be_ignored_are() {
+    let folder = folder();
+    let child = writing(&folder, "trap '' HUP;");
+    send(HANGUP, &child);
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success(), "{}", told(&output));
+    assert_eq!(fs::metadata(folder.path().join("hits")).unwrap().len(), 700 * 16384 * 16);
+}
+
+#[test]
+fn a_limit_of_file_sizes_is_an_error() {
+    let folder = folder();
+    let before = names(folder.path());
+    // No file may grow beyond 8 KiB, and whoever tries is sent a signal.
+    let script =
+        format!("ulimit -f 8; exec '{}' build teapot:9 -o out --device cpu", env!("CARGO_BIN_EXE_raykd"));
+    let mut command = Command::new("bash");
+    command.args(["-c", &script]).current_dir(&folder);
+    let message = refused(command);
+    assert!(message.contains("out: File too large"), "{message}");
+    assert_eq!(names(folder.path()), before);
+}
+
+#[test]
+fn mode_and_owner_stay() {
+    let folder = folder();
+    let out = folder.path().join("out");
+    let build = || raykd(&folder, "build m.obj -o out --device cpu");
+    succeeds(build());
+    let usual = fs::metadata(&out).unwrap().permissions().mode() & 0o777;
+    assert_eq!(usual & 0o600, 0o600, "{usual:o}");
+    for mode in [0o600, 0o640, 0o666, 0o755, 0o620] {
+        fs::set_permissions(&out, Permissions::from_mode(mode)).unwrap();
+        fs::write(&out, "old").unwrap();
+        succeeds(build());
+        assert_eq!(fs::metadata(&out).unwrap().permissions().mode() & 0o7777, mode, "{mode:o}");
+        KdTree::load(&out).unwrap();
+    }
+    // Only root can give files away.
+    if std::os::unix::fs::chown(&out, Some(1234), Some(2345)).is_ok() {
+        fs::set_permissions(&out, Permissions::from_mode(0o640)).unwrap();
+        succeeds(build());
+        let now = fs::metadata(&out).unwrap();
+        assert_eq!((now.uid(), now.gid(), now.mode() & 0o7777), (1234, 2345, 0o640));
+    }
+}
+
+#[test]
+fn what_must_not_be_replaced_is_not() {
+    let folder = folder();
+    let at = |name: &str| folder.path().join(name);
+    fs::write(at("fixed"), "old").unwrap();
+    fs::set_permissions(at("fixed"), Permissions::from_mode(0o444)).unwrap();
+    symlink("nowhere", at("dangling")).unwrap();
+    symlink("loop", at("loop")).unwrap();
+    fs::create_dir(at("charts")).unwrap();
+    symlink("../nowhere", at("charts/index.html")).unwrap();
+    symlink("nowhere", at("gone")).unwrap();
+    let before = names(folder.path());
+    for (line, why) in [
+        ("build none.obj -o fixed", "fixed: the file is read-only"),
+        ("build none.obj -o dangling", "dangling: this is a link to a file that does not exist"),
+        ("build none.obj -o loop", "loop: "),
+        ("build none.obj -o new/", "new/: this names no file"),
+        ("build none.obj -o none/..", "none/..: "),
+        ("chart none.obj -o charts", "index.html: this is a link to a file that does not exist"),
+        ("chart none.obj -o fixed", "fixed: not a directory"),
+        ("chart none.obj -o gone", "gone: "),
+        ("chart none.obj -o none/charts", "none/charts: there is no such folder"),
+    ] {
+        let message = refused(raykd(&folder, line));
+        assert!(message.contains(why), "{line}: {message}");
+        assert!(!message.contains("none.obj"), "{line} read the mesh first: {message}");
+    }
+    assert_eq!(fs::read(at("fixed")).unwrap(), b"old");
+    assert_eq!((names(folder.path()), names(&at("charts"))), (before, vec!["index.html".to_owned()]));
+}
+
+/// Somebody else who may write into a folder cannot keep the owner of the files there.
+#[test]
+fn files_of_others_are_not_replaced() {
+    let folder = folder();
+    // So that they can come in, and start the program.
+    let program = folder.path().join("raykd");
+    fs::copy(env!("CARGO_BIN_EXE_raykd"), &program).unwrap();
+    fs::set_permissions(folder.path(), Permissions::from_mode(0o777)).unwrap();
+    for mode in [0o644, 0o666] {
+        let out = folder.path().join("out");
+        fs::write(&out, "old").unwrap();
+        fs::set_permissions(&out, Permissions::from_mode(mode)).unwrap();
+        let mut command = Command::new(&program);
+        command
+            .args(["build", "m.obj", "--device", "cpu", "-o", "out"])
+            .current_dir(&folder)
+            .uid(65534)
+            .gid(65534);
+        match command.output() {
+            // Not root, so that nobody else can be played.
+            Err(error) => assert_eq!(error.kind(), std::io::ErrorKind::PermissionDenied),
+            Ok(output) => {
+                let why =
+                    if mode == 0o644 { "ermission denied" } else { "owner and group could not be kept" };
+                assert_eq!(output.status.code(), Some(1), "{}", told(&output));
+                assert!(told(&output).contains(why), "{}", told(&output));
+            }
+        }
+        assert_eq!(fs::read(&out).unwrap(), b"old");
+        assert!(names(folder.path()).iter().all(|name| !name.starts_with(".raykd")));
+    }
+}
+
+#[test]
+fn an_interrupted_chart_leaves_no_folder() {
+    let folder = folder();
+    let before = names(folder.path());
+    let mut child = raykd(&folder, "chart teapot:2 --quick --device cpu --threads 1 -o charts")
+        .env("RAYKD_CACHE", folder.path())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    thread::sleep(Duration::from_millis(500));
+    send(TERMINATE, &child);
+    assert_eq!(child.wait().unwrap().signal(), Some(TERMINATE));
+    assert_eq!(names(folder.path()), before);
+}
+
+#[test]
+fn costs_that_cannot_be_kept_are_measured_all_the_same() {
+    let folder = folder();
+    // Not even root can make files there.
+    let mut child = raykd(&folder, "build m.obj --quality auto --device cpu --threads 1")
+        .env("RAYKD_CACHE", "/proc/nowhere")
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // It is told before anything is measured, which takes long: nobody waits for that.
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    let [first, second] = [(); 2].map(|()| lines.next().map_or_else(String::new, Result::unwrap));
+    let going_on = child.try_wait().unwrap().is_none();
+    send(TERMINATE, &child);
+    child.wait().unwrap();
+    assert!(
+        first.contains("note: costs cannot be kept: /proc/nowhere") && first.contains("RAYKD_CACHE"),
+        "{first}"
+    );
+    assert!(second.contains("measuring what trees cost on this CPU, for this run"), "{second}");
+    assert!(going_on);
+    // But whoever wants them kept hears it at once.
+    let mut calibrate = raykd(&folder, "calibrate --device cpu");
+    calibrate.env("RAYKD_CACHE", "/proc/nowhere");
+    assert!(refused(calibrate).contains("/proc/nowhere"));
+}
+
+#[test]
+fn messages_quote_little() {
+    let folder = folder();
+    let long = "x".repeat(100_000);
+    let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).unwrap();
+    write("string.json", &format!("\"{long}\""));
+    write("rows.json", &format!("[{{\"scene\": 1, \"{long}\": 2}}]"));
+    let version = format!(r#"{{"version":"{long}","device":"cpu","name":"","looks":[],"costs":[]}}"#);
+    write("version.json", &version);
+    let name = format!(
+        r#"{{"version":"{}","device":"cpu","name":"{long}","looks":[],"costs":[]}}"#,
+        env!("CARGO_PKG_VERSION")
+    );
+    write("name.json", &name);
+    for line in [
+        "build LONG",
+        "build LONG.obj",
+        "build m.obj -o LONG",
+        "build m.obj --device LONG",
+        "build m.obj --cost-step LONG",
+        "build m.obj --LONG",
+        "LONG",
+        "build m.obj --adapter LONG",
+        "render m.obj -o LONG.jpg",
+        "render m.obj -o a.png --size LONG",
+        "trace m.obj --rays LONG --hits h",
+        "trace m.obj --rays rays --hits h --tree LONG",
+        "stress --scene LONG",
+        "stress --method LONG",
+        "stress --replay string.json",
+        "stress --replay rows.json",
+        "bench --compare-with string.json",
+        "bench --compare-with rows.json",
+        "chart --peers string.json",
+        "chart --peers rows.json",
+        "build m.obj --quality auto --device cpu --costs string.json",
+        "build m.obj --quality auto --device cpu --costs version.json",
+        "build m.obj --quality auto --device cpu --costs name.json",
+        "calibrate --check LONG",
+    ] {
+        let output = raykd(&folder, &line.replace("LONG", &long)).output().unwrap();
+        let message = told(&output);
+        assert!(!output.status.success() && message.contains("error: "), "{line}: {message}");
+        let quoted = message.split(|c| c != 'x').map(str::len).max();
+        assert!(quoted <= Some(200), "{line} quotes {quoted:?} characters");
+        assert!(message.len() < 2000, "{line} tells {} bytes", message.len());
+    }
+    // Nothing that a file says moves the cursor.
+    write("escape.json", "\"\u{1b}[2Jgone\"");
+    assert!(!refused(raykd(&folder, "bench --compare-with escape.json")).contains('\u{1b}'));
+}
+
+/// The most memory that a process ever had, in bytes.
+#[cfg(target_os = "linux")]
+fn peak(child: &mut Child) -> u64 {
+    let status = PathBuf::from(format!("/proc/{}/status", child.id()));
+    let mut most = 0;
+    while child.try_wait().unwrap().is_none() {
+        let text = fs::read_to_string(&status).unwrap_or_default();
+        let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+        let kilobytes = line.and_then(|line| line.trim().strip_suffix(" kB")?.parse::<u64>().ok());
+        most = most.max(kilobytes.unwrap_or(0) << 10);
+        thread::sleep(Duration::from_millis(2));
+    }
+    most
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn all_hits_take_little_more_memory_than_their_file() {
+    let folder = folder();
+    let rays = raykd::rays::random(([-9.0; 3], [9.0; 3]), 60_000, 1);
+    fs::write(folder.path().join("many"), bytemuck::cast_slice::<_, u8>(&rays)).unwrap();
+    let run = |limit: u32| {
+        let line = format!(
+            "trace teapot:1 --rays many --hits hits --query all --limit {limit} --device cpu --threads 1"
+        );
+        let mut child = raykd(&folder, &line).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        let most = peak(&mut child);
+        let mut message = String::new();
+        child.stderr.take().unwrap().read_to_string(&mut message).unwrap();
+        assert!(child.wait().unwrap().success(), "{message}");
+        most
+    };
+    let (little, much) = (run(1), run(256));
+    let written = fs::metadata(folder.path().join("hits")).unwrap().len();
+    assert_eq!(written, 60_000 * 256 * 16);
+    let times = (much - little) as f64 / written as f64;
+    println!("{times:.2} times the {written} bytes written");
+    assert!(times > 0.5, "{times:.2}: it was not seen");
+    assert!(times < 1.5, "{times:.2}");
+}
