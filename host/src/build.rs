@@ -8,8 +8,8 @@ use crate::{
 };
 use raykd_kernels::build::{
     ARGS_ACTIVE, ARGS_BLOCKS, ARGS_CHUNKS, ARGS_SEVERAL_ACTIVE, ARGS_SEVERAL_CHUNKS, ARGS_TREELET_BLOCKS,
-    ARGS_TREELETS, ARGS_WORDS, Costs, LEVEL_WORDS, STATE_DEPTH, STATE_LEFT, STATE_NODES, STATE_REFS,
-    STATE_STATUS, STATE_TREELET_REFS, STATE_TREELETS, STATE_WORDS,
+    ARGS_TREELETS, ARGS_WORDS, LEVEL_WORDS, STATE_DEPTH, STATE_LEFT, STATE_NODES, STATE_REFS, STATE_STATUS,
+    STATE_TREELET_REFS, STATE_TREELETS, STATE_WORDS,
     alloc::{ALLOC, put_groups},
     alone::ALONE,
     bin::BIN,
@@ -86,8 +86,10 @@ pub struct BuildOptions {
     pub cost_step: f32,
     /// SAH cost of one triangle test, from 0 to [`Self::MOST`].
     pub cost_test: f32,
-    /// Price of a reference, from 0 to [`Self::MOST`]: how many tests a ray through the scene it has to save, times the number of triangles.
-    /// 0 takes every split that saves anything; more makes trees smaller where that costs least.
+    /// Price of a reference, from 0 to [`Self::MOST`]: how many tests a ray through the scene it has to save, times the
+    /// number of triangles. 0 takes every split that saves anything; more makes trees smaller where that costs least. It has
+    /// never to save a ray through its own node more than there is to save, nor in nodes of more than `long` more than half a
+    /// test: an object that is small in its scene is split, too.
     pub price: f32,
     /// In nodes of more references the price is a hundredth (2^-7): long leaves hold up the rays beside.
     pub long: u32,
@@ -143,13 +145,12 @@ impl BuildOptions {
         }
     }
 
-    /// What the surface area heuristic weighs in the scaled mesh.
-    pub(crate) fn costs(&self, mesh: &Mesh) -> Costs {
+    /// [`BuildParams::price`] in the scaled mesh.
+    fn price(&self, mesh: &Mesh) -> f32 {
         let (lo, hi) = mesh.scaled_bounds();
         let d: [f32; 3] = std::array::from_fn(|i| hi[i] - lo[i]);
         let area = d[0] * d[1] + d[1] * d[2] + d[2] * d[0];
-        let price = self.price * self.cost_test * area / mesh.kept().len().max(1) as f32;
-        Costs { step: self.cost_step, test: self.cost_test, price, long: self.long, empty: self.empty }
+        self.price * self.cost_test * area / mesh.kept().len().max(1) as f32
     }
 }
 
@@ -164,8 +165,10 @@ pub struct BuildTimes {
     pub layout: Duration,
     /// Most bytes of buffers held at once, the mesh included.
     pub peak_bytes: u64,
-    /// How often the build was repeated, with more room or a higher price; the times are those of the last try.
+    /// How often the build was repeated, with more room or a higher price; the other times are those of the last try.
     pub retries: u32,
+    /// What the tries before the last took in all, by the clock on the wall.
+    pub failed: Duration,
     /// Whether the host built the tree because the device had not the room to.
     pub by_host: bool,
     /// With profiling: what each kernel took, in order of first use.
@@ -194,12 +197,21 @@ pub(crate) struct Built {
     pub times: BuildTimes,
 }
 
-/// References a scene may make per triangle before the build is repeated with half the depth.
-const MOST_REFS_PER_TRIANGLE: u32 = 48;
+/// References that the large nodes of so many triangles may make of them: few more a triangle where those are many, as
+/// memory and time go by all.
+fn bound(triangles: u32) -> u32 {
+    let few = triangles.saturating_mul(48).saturating_add(1 << 16);
+    few.min(triangles.saturating_mul(4).saturating_add(1 << 23)).min(1 << 29)
+}
 
-/// Most references a tree of so many triangles may have, even if more depth were allowed.
+/// The same for each triangle: what the root's references may become, see [`raykd_kernels::build::Costs::most`].
+pub(crate) fn growth(triangles: u32) -> f32 {
+    bound(triangles) as f32 / triangles.max(1) as f32
+}
+
+/// Most references a tree of so many triangles may have, even if more depth were allowed: the build is repeated with half of it.
 pub(crate) fn most_refs(triangles: u32) -> u32 {
-    triangles.saturating_mul(MOST_REFS_PER_TRIANGLE).saturating_add(1 << 16).min(1 << 29)
+    bound(triangles).saturating_mul(2).min(1 << 29)
 }
 
 /// Allocates, and keeps count.
@@ -245,13 +257,14 @@ impl Room {
         }
     }
 
-    fn grown(self) -> Option<Self> {
-        let double = |x: u32| x.checked_mul(2).filter(|&x| x < 1 << 30);
-        Some(Self {
-            level_refs: double(self.level_refs)?,
-            treelet_refs: double(self.treelet_refs)?,
-            active: double(self.active)?,
-            treelets: double(self.treelets)?,
+    /// Twice the room, but in lists of references for no more than `most`, if there is not that yet.
+    fn grown(self, most: u32) -> Option<Self> {
+        let double = |x: u32| x.saturating_mul(2).min(1 << 29);
+        (self.level_refs.min(self.treelet_refs) < most).then(|| Self {
+            level_refs: double(self.level_refs).min(most),
+            treelet_refs: double(self.treelet_refs).min(most),
+            active: double(self.active),
+            treelets: double(self.treelets),
             levels: self.levels,
         })
     }
@@ -278,7 +291,6 @@ pub(crate) fn upload(device: &Device, mesh: &Mesh) -> Result<MeshBuffers, Error>
 
 pub(crate) fn params(mesh: &Mesh, options: &BuildOptions, room: Room, max_depth: u32) -> BuildParams {
     let (lo, hi) = mesh.scaled_bounds();
-    let costs = options.costs(mesh);
     BuildParams {
         lo,
         triangles: mesh.triangles().len() as u32,
@@ -291,11 +303,11 @@ pub(crate) fn params(mesh: &Mesh, options: &BuildOptions, room: Room, max_depth:
         treelet_refs: room.treelet_refs,
         active: room.active,
         treelets: room.treelets,
-        long: costs.long,
+        long: options.long,
         rule: options.builder.rule() | if options.clip { rule::CLIP } else { 0 },
         small: options.builder.small(),
-        price: costs.price,
-        empty: costs.empty,
+        price: options.price(mesh),
+        empty: options.empty,
     }
 }
 
@@ -315,21 +327,28 @@ pub(crate) fn build(
     let references = mesh.kept().len() as u32;
     let mut room = Room::first_guess(references, options.builder.small());
     let mut max_depth = options.max_depth.min(MAX_DEPTH);
-    let most_refs = most_refs(references);
-    let mut retries = 0;
+    // Rounding counts.
+    let most = if options.builder == Builder::Median {
+        // It goes on below the nodes whose references are bounded.
+        most_refs(references)
+    } else {
+        bound(references) / 64 * 65 + 64
+    };
+    let (mut retries, mut failed) = (0, Duration::ZERO);
     loop {
+        let begin = Instant::now();
         let mut attempt = Arena { device, bytes: mesh_bytes };
         let params = params(mesh, options, room, max_depth);
         match attempt_build(device, mesh, &mesh_buffers, &params, room, options.profile, &mut attempt)? {
             Outcome::Built(mut built) => {
                 built.times.upload += upload;
-                built.times.retries = retries;
+                (built.times.retries, built.times.failed) = (retries, failed);
                 return Ok((mesh_buffers, *built));
             }
             // The levels down to the greatest depth are always enough, and so is room for a single leaf.
             Outcome::MoreLevels if room.levels <= MAX_DEPTH => room.levels = MAX_DEPTH + 1,
             Outcome::MoreLevels => return Err(Error::Kernel(status::describe(status::LEVELS))),
-            Outcome::MoreRoom => match room.grown().filter(|r| r.treelet_refs <= most_refs) {
+            Outcome::MoreRoom => match room.grown(most) {
                 Some(grown) => room = grown,
                 // Splitting does not separate these triangles: fewer levels, longer leaves, bounded memory.
                 None if max_depth > 0 => max_depth /= 2,
@@ -337,6 +356,7 @@ pub(crate) fn build(
             },
         }
         retries += 1;
+        failed += begin.elapsed();
     }
 }
 
@@ -397,7 +417,9 @@ fn attempt_build(
     let root_is_large = references > params.small;
     let root = |first: u32, extra: u32| {
         let bits = |v: [f32; 3]| [v[0].to_bits(), v[1].to_bits(), v[2].to_bits(), 0];
-        [[0, first, references, extra], bits(params.lo), bits(params.hi)]
+        let mut root = [[0, first, references, extra], bits(params.lo), bits(params.hi)];
+        root[1][3] = growth(references).to_bits();
+        root
     };
     let mut words = [0u32; STATE_WORDS as usize];
     // The root and the padding after it.
@@ -553,6 +575,7 @@ fn attempt_build(
         build: first_part.total + second_part.total,
         peak_bytes: arena.bytes,
         retries: 0,
+        failed: Duration::ZERO,
         by_host: false,
         kernels,
     };

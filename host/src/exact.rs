@@ -14,13 +14,19 @@
 
 pub(crate) mod levels;
 
-use crate::{BuildOptions, KdTree, build::most_refs, exec::cpu::has_usual_instructions, mesh::Mesh};
+use crate::{
+    BuildOptions, KdTree,
+    build::{growth, most_refs, params},
+    exec::cpu::has_usual_instructions,
+    mesh::Mesh,
+};
 use raykd_kernels::{
     build::{
         Across, Costs, Sah,
         bin::{ordered, unordered},
         clip::{Bounds, clip_plane},
         faces::{Flat, MOST, cheapest},
+        growth_left,
         reference::Reference,
     },
     glam::{Vec3, Vec4},
@@ -34,6 +40,7 @@ use std::{
         Mutex, MutexGuard, PoisonError,
         atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed},
     },
+    time::{Duration, Instant},
 };
 
 /// Nodes of more references are built by several threads.
@@ -217,6 +224,8 @@ struct Plane {
 struct Cell {
     bounds: Bounds,
     depth: u32,
+    /// How many each of its references may become: see [`Costs::most`].
+    growth: f32,
 }
 
 impl Cell {
@@ -226,6 +235,13 @@ impl Cell {
         halves[0].bounds.hi[plane.axis] = plane.at;
         halves[1].bounds.lo[plane.axis] = plane.at;
         halves
+    }
+
+    /// The same, where `count` references became those of two sets.
+    fn cut_to(&self, plane: &Plane, count: usize, halves: &[Set; 2]) -> [Self; 2] {
+        let now: usize = halves.iter().map(|half| half.references.len).sum();
+        let growth = growth_left(self.growth, count as u32, now as u32);
+        self.cut(plane).map(|half| Self { growth, ..half })
     }
 }
 
@@ -620,7 +636,9 @@ impl Builder<'_> {
 
     /// What planes cost in a node of so many references, if any may pay.
     fn sah(&self, cell: &Cell, count: usize) -> Option<Sah> {
-        let sah = Sah::new(cell.bounds.lo, cell.bounds.hi, count as u32, self.costs);
+        let Bounds { lo, hi } = cell.bounds;
+        let most = self.costs.most(lo, hi, count as u32, cell.growth);
+        let sah = Sah::new(lo, hi, count as u32, most, self.costs);
         (cell.depth < self.max_depth && sah.may_pay && !self.full.load(Relaxed)).then_some(sah)
     }
 
@@ -761,6 +779,7 @@ impl Builder<'_> {
         }
         let mut halves = std::mem::take(&mut spare.sets[depth]);
         self.split(set, &plane, &cells, &mut halves, &mut spare.shares, false);
+        let cells = cell.cut_to(&plane, references.len(), &halves);
         for (i, (half, cell)) in halves.iter().zip(&cells).enumerate() {
             tree.nodes[slot + i] = self.grow(half, cell, tree, spare);
         }
@@ -815,6 +834,7 @@ impl Builder<'_> {
             let cells = cell.cut(&plane);
             let mut halves = [(); 2].map(|()| locked(&self.pool.large).pop().unwrap_or_default());
             self.split(&set, &plane, &cells, &mut halves, &mut spare.shares, true);
+            let cells = cell.cut_to(&plane, set.references.len, &halves);
             locked(&self.pool.spares).push(spare);
             locked(&self.pool.large).push(set);
             let [low, high] = halves;
@@ -832,21 +852,35 @@ impl Builder<'_> {
     }
 }
 
+/// What a build by [`build_counted`] took beside its result.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Taken {
+    /// Most bytes held at once, the mesh included.
+    pub bytes: u64,
+    /// Tries before the last, and what they took.
+    pub retries: u32,
+    pub failed: Duration,
+}
+
 /// Builds the tree of `mesh` on the CPU, by the threads of the current rayon pool. The same mesh and options give
 /// the same bytes. Where splitting does not separate the triangles, the depth is halved until memory suffices.
 pub(crate) fn build(mesh: &Mesh, options: &BuildOptions) -> KdTree {
     build_counted(mesh, options).0
 }
 
-/// The same, and the most bytes that were held at once, the mesh included.
-pub(crate) fn build_counted(mesh: &Mesh, options: &BuildOptions) -> (KdTree, u64) {
+/// The same, and what it took.
+pub(crate) fn build_counted(mesh: &Mesh, options: &BuildOptions) -> (KdTree, Taken) {
     let mut depth = options.max_depth.min(MAX_DEPTH);
+    let mut taken = Taken::default();
     loop {
+        let begin = Instant::now();
         // A single leaf always fits.
-        match attempt(mesh, &BuildOptions { max_depth: depth, ..options.clone() }) {
-            Some(counted) => return counted,
-            None => depth /= 2,
+        if let Some((tree, bytes)) = attempt(mesh, &BuildOptions { max_depth: depth, ..options.clone() }) {
+            return (tree, Taken { bytes, ..taken });
         }
+        depth /= 2;
+        taken.retries += 1;
+        taken.failed += begin.elapsed();
     }
 }
 
@@ -854,10 +888,11 @@ pub(crate) fn build_counted(mesh: &Mesh, options: &BuildOptions) -> (KdTree, u64
 fn attempt(mesh: &Mesh, options: &BuildOptions) -> Option<(KdTree, u64)> {
     let positions = mesh.scaled_positions();
     let (lo, hi) = mesh.scaled_bounds();
+    let params = params(mesh, options, levels::first_guess(mesh.kept().len() as u32), options.max_depth);
     let builder = Builder {
         positions: &positions,
         triangles: mesh.triangles(),
-        costs: options.costs(mesh),
+        costs: Costs::of(&params),
         max_depth: options.max_depth,
         clip: options.clip,
         usual: has_usual_instructions(),
@@ -883,7 +918,7 @@ fn attempt(mesh: &Mesh, options: &BuildOptions) -> Option<(KdTree, u64)> {
         axis.events = List { len: axis.fresh.len(), room: std::mem::take(&mut axis.fresh) };
         axis.events.sort();
     });
-    let part = builder.branch(set, &Cell { bounds, depth: 0 });
+    let part = builder.branch(set, &Cell { bounds, depth: 0, growth: growth(mesh.kept().len() as u32) });
     if builder.full.load(Relaxed) {
         return None;
     }

@@ -35,7 +35,7 @@ pub struct BuildParams {
     /// Nodes of at most this many references leave the level loop; at most [`crate::limits::TREELET`]. In the builder
     /// `exact`, they have no lists of faces.
     pub small: u32,
-    /// What listing a triangle in one more leaf costs, in units of cost times half area.
+    /// What listing a triangle in one more leaf costs, in units of cost times half area; less in nodes where it cannot be saved.
     pub price: f32,
     /// Factor on the cost of planes that cut off empty space.
     pub empty: f32,

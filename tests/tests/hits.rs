@@ -116,7 +116,7 @@ fn no_rays_give_no_hits() {
         let mesh = Mesh::teapot(1);
         let scene = Scene::build(&named.device, &mesh, &BuildOptions::default()).unwrap();
         assert!(scene.closest(&[] as &[raykd::Ray]).unwrap().is_empty());
-        assert!(scene.brute(&[]).unwrap().is_empty());
+        assert!(scene.brute(&[] as &[raykd::Ray]).unwrap().is_empty());
     }
 }
 

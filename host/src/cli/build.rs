@@ -38,8 +38,12 @@ struct Told {
     build_ms: f64,
     /// Laying triangles out for tracing, after the build.
     layout_ms: f64,
-    /// How often the build was repeated with more room.
+    /// How many builds these times are medians of; one more came before, to warm up.
+    builds: usize,
+    /// How often each build was repeated with more room, or at a higher price.
     retries: u32,
+    /// What the tries before the last took in all, in the last of the builds.
+    failed_ms: f64,
     /// Whether the host built the tree because the device had not the room to.
     by_host: bool,
     nodes: u32,
@@ -123,7 +127,9 @@ fn build(device: &Device, input: &Input, options: &BuildOptions) -> Result<(Told
         upload_ms: ms(built.upload),
         build_ms: ms(built.build),
         layout_ms: ms(built.layout),
+        builds: built.builds,
         retries: times.retries,
+        failed_ms: ms(times.failed),
         by_host: times.by_host,
         nodes: header.nodes,
         leaves: report.leaves,
@@ -157,13 +163,20 @@ fn print(t: &Told, args: &BuildArgs, out: &mut StdoutLock<'_>) -> anyhow::Result
     line(
         "times",
         format!(
-            "load {} ms, upload {} ms, build {} ms, layout for tracing {} ms",
+            "load {} ms; medians of {} builds, after one more: upload {} ms, build {} ms, layout for tracing {} ms",
             three(t.load_ms),
+            t.builds,
             three(t.upload_ms),
             three(t.build_ms),
             three(t.layout_ms)
         ),
     )?;
+    if t.retries > 0 {
+        line(
+            "retries",
+            format!("{} tries before, {} ms more for each build", t.retries, three(t.failed_ms)),
+        )?;
+    }
     line(
         "nodes",
         format!(

@@ -44,6 +44,8 @@ pub(super) struct BuildMeasure<'d> {
     pub upload: Duration,
     pub build: Duration,
     pub layout: Duration,
+    /// How many builds these are medians of; one more came before.
+    pub builds: usize,
     /// Of one more build, if profiled: name, dispatches and time of every kernel.
     pub kernels: Vec<Kernel>,
 }
@@ -98,7 +100,7 @@ pub(super) fn build<'d>(
         what: format!("it built a {error}"),
     })?;
     let [upload, build, layout] = [upload, build, layout].map(median);
-    Ok(BuildMeasure { scene, tree, report, upload, build, layout, kernels })
+    Ok(BuildMeasure { scene, tree, report, upload, build, layout, builds: times, kernels })
 }
 
 /// What kernels move that ran on a GPU: the same ones are counted on the CPU, if compiled to.

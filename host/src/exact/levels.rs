@@ -2,7 +2,7 @@
 
 use crate::{
     BuildOptions, Error, Mesh,
-    build::{Arena, BuildTimes, Built, MeshBuffers, Room, add_times, most_refs, params, upload},
+    build::{Arena, BuildTimes, Built, MeshBuffers, Room, add_times, growth, most_refs, params, upload},
     exec::{Buffer, Device, Step},
 };
 use raykd_kernels::build::exact::{
@@ -53,6 +53,7 @@ pub(crate) fn build(
     let depth = options.max_depth.min(MAX_DEPTH);
     let mut params = BuildParams { small, ..params(mesh, options, first_guess(references), depth) };
     loop {
+        let begin = Instant::now();
         let bytes = on_device.positions.bytes() + on_device.indices.bytes() + kept.bytes();
         let mut arena = Arena { device, bytes };
         let attempt = Attempt::new(&mut arena, &params)?;
@@ -69,11 +70,12 @@ pub(crate) fn build(
             Outcome::MoreRoom(need) => need.grow(&mut params, most),
         }
         times.retries += 1;
+        times.failed += begin.elapsed();
     }
 }
 
 /// What the dragons, Sponza and the teapot need.
-fn first_guess(references: u32) -> Room {
+pub(super) fn first_guess(references: u32) -> Room {
     let n = references;
     Room {
         level_refs: 2 * n + n / 4 + 1024,
@@ -188,7 +190,8 @@ impl Attempt {
         record(&mut words, Level { cells: 1, refs: number, fresh: number, lists: LISTS, ..Level::default() });
         device.write(&attempt.levels[0], 0, bytemuck::cast_slice(&words))?;
         let bits = |v: [f32; 3]| [v[0].to_bits(), v[1].to_bits(), v[2].to_bits(), 0];
-        let root = [[0, number, 0, number], bits(given.lo), bits(given.hi)];
+        let mut root = [[0, number, 0, number], bits(given.lo), bits(given.hi)];
+        root[2][3] = growth(number).to_bits();
         device.write(&attempt.cells[0], 0, bytemuck::cast_slice(&root))?;
         let tell = |passes: &[Buffer], bits: u32, room: u32| {
             let mut numbered = passes.iter().zip(0..);

@@ -21,8 +21,9 @@ impl<'d> Scene<'d> {
         let triangles = mesh.kept().len() as f32;
         let most = options.budget.map_or(u32::MAX, |b| (b.max(1.0) * triangles) as u32);
         let mut options = options.clone();
-        let (mut retries, mut before) = (0, u32::MAX);
+        let (mut retries, mut failed, mut before) = (0, Duration::ZERO, u32::MAX);
         loop {
+            let begin = Instant::now();
             let mut scene = Self::build_once(device, mesh, &options)?;
             // Planes that are not chosen by cost stay where they are; no other saves so much.
             let settled = scene.header.refs == before
@@ -30,12 +31,14 @@ impl<'d> Scene<'d> {
                 && options.price >= triangles * triangles;
             if scene.header.refs <= most || settled || options.builder == Builder::Median {
                 scene.times.retries += retries;
+                scene.times.failed += failed;
                 return Ok(scene);
             }
             before = scene.header.refs;
             options.price = (2.0 * options.price).max(0.25);
             options.long = options.long.max(1).saturating_mul(2);
-            retries += 1;
+            retries += 1 + scene.times.retries;
+            failed += begin.elapsed();
         }
     }
 
@@ -44,11 +47,14 @@ impl<'d> Scene<'d> {
         if by_host || options.max_depth == 0 {
             return Self::by_host(device, mesh, options);
         }
+        let begin = Instant::now();
         match build(device, mesh, options) {
             // The host builds the same tree, more slowly.
             Err(Error::TooLarge { .. } | Error::OutOfMemory { .. }) if options.builder == Builder::Exact => {
+                let failed = begin.elapsed();
                 let mut scene = Self::by_host(device, mesh, options)?;
                 scene.times.by_host = true;
+                scene.times.failed += failed;
                 Ok(scene)
             }
             built => built.and_then(|(on_device, built)| Self::assemble(device, mesh, on_device, built)),
@@ -58,15 +64,20 @@ impl<'d> Scene<'d> {
     /// Builds by host code.
     fn by_host(device: &'d Device, mesh: &Mesh, options: &BuildOptions) -> Result<Self, Error> {
         let start = Instant::now();
-        let (tree, peak) = if options.max_depth == 0 {
-            (KdTree::leaf(mesh, options), 0)
+        let (tree, taken) = if options.max_depth == 0 {
+            (KdTree::leaf(mesh, options), exact::Taken::default())
         } else {
             device.install(|| exact::build_counted(mesh, options))
         };
         let build = start.elapsed();
         let mut scene = Self::place(device, mesh, &tree)?;
-        scene.times.build = build;
-        scene.times.peak_bytes = peak;
+        scene.times = BuildTimes {
+            build: build.saturating_sub(taken.failed),
+            peak_bytes: taken.bytes,
+            retries: taken.retries,
+            failed: taken.failed,
+            ..scene.times
+        };
         Ok(scene)
     }
 

@@ -202,12 +202,17 @@ pub struct Outcome {
 }
 
 impl Case {
-    /// Makes the scene, always the same one for a number of rays, and finds the exact answers.
+    /// Makes the scene, always the same one for a number of rays.
+    pub fn parts(&self, rays: usize) -> Vec<Part> {
+        (self.make)(&mut Random::new(0x57E55), rays)
+    }
+
+    /// The same, with the exact answers.
     ///
     /// # Errors
     /// Its trees do not fit memory.
     pub fn prepare(&self, rays: usize) -> Result<Trial, Error> {
-        Trial::new(self.name.to_owned(), self.known, (self.make)(&mut Random::new(0x57E55), rays))
+        Trial::new(self.name.to_owned(), self.known, self.parts(rays))
     }
 }
 

@@ -5,7 +5,7 @@
 use super::{
     ARGS_ACTIVE, ARGS_BLOCKS, ARGS_CHUNKS, ARGS_SEVERAL_ACTIVE, ARGS_SEVERAL_CHUNKS, ARGS_TREELET_BLOCKS,
     ARGS_TREELETS, Item, LEVEL_ACTIVE, LEVEL_CHUNKS, LEVEL_DEPTH, LEVEL_REFS, LEVEL_TOP, LEVEL_TREELET_REFS,
-    LEVEL_TREELETS, Plane, STATE_STATUS, STATE_TOP, STATE_TREELET_REFS, STATE_TREELETS, cut,
+    LEVEL_TREELETS, Plane, STATE_STATUS, STATE_TOP, STATE_TREELET_REFS, STATE_TREELETS, cut, growth_left,
     scan::{LANES, before, total},
     tally::{
         ACTIVE, BLOCKS, CHUNKS, KINDS, PAIRS, REFS, SUMS, TREELET_REFS, TREELETS, blocks_of,
@@ -129,10 +129,12 @@ pub fn alloc(
                     extra: depth,
                     lo: item.lo,
                     hi: item.hi,
+                    growth: item.growth,
                 };
                 if !is_leaf {
                     to.node = pair + child;
                     to.extra = depth + 1;
+                    to.growth = growth_left(item.growth, item.count, size.x + size.y);
                     let (hi_below, lo_above) = cut(item.lo, item.hi, Plane { axis: plane.x, at });
                     if child == 0 {
                         to.hi = hi_below;

@@ -31,10 +31,13 @@ pub mod treelet;
 
 use crate::{
     glam::{UVec2, UVec4, Vec3},
-    math::{Number, abs},
+    math::{Number, abs, div, high, low},
     mem::{Buf, Slots},
 };
-use raykd_shared::{BuildParams, limits::CHUNK};
+use raykd_shared::{
+    BuildParams,
+    limits::{CHUNK, TREELET},
+};
 
 /// Words of a level's record: active nodes, chunks, references, level number.
 pub const LEVEL_ACTIVE: u32 = 0;
@@ -96,6 +99,22 @@ const FLAT: f32 = crate::math::exp2(-60);
 /// are cut again and again, as deep as the tree may be.
 const LONG: f32 = crate::math::exp2(-7);
 
+/// No reference costs more tests of the rays through its own node than this in a long one, or in another one than it could save
+/// there. Without that limit nothing pays in an object that is a millionth of the scene: a price is for rays through the scene.
+const DEAREST: f32 = 0.5;
+/// The least that it is in others.
+const DEAREST_SHORT: u32 = 16;
+
+/// Larger nodes are not split where they are thinner than this part of the scene, on every axis: traversal counts planes as
+/// thicker than a dozen such nodes, so a ray that enters one would visit all leaves in it.
+const THIN: f32 = crate::math::exp2(-24);
+
+/// Of what each reference of a node may become, what is left to its children's: its `count` became `now`.
+#[inline(always)]
+pub fn growth_left(growth: f32, count: u32, now: u32) -> f32 {
+    div(growth * count as f32, now as f32)
+}
+
 /// A node or treelet in a list: three words of four.
 #[derive(Clone, Copy, Debug)]
 pub struct Item {
@@ -111,6 +130,8 @@ pub struct Item {
     pub lo: Vec3,
     /// Upper corner of its box.
     pub hi: Vec3,
+    /// How many each of its references may become: see [`Costs::most`].
+    pub growth: f32,
 }
 
 impl Item {
@@ -131,6 +152,7 @@ impl Item {
             extra: head.w,
             lo: from_bits(lo),
             hi: from_bits(hi),
+            growth: f32::from_bits(lo.w),
         }
     }
 
@@ -138,7 +160,7 @@ impl Item {
     #[inline(always)]
     pub fn store(&self, list: &mut Buf<UVec4>, i: u32) {
         list.put(3 * i, UVec4::new(self.node, self.first, self.count, self.extra));
-        list.put(3 * i + 1, to_bits(self.lo, 0));
+        list.put(3 * i + 1, to_bits(self.lo, self.growth.to_bits()));
         list.put(3 * i + 2, to_bits(self.hi, 0));
     }
 }
@@ -231,6 +253,14 @@ pub struct Costs {
     pub long: u32,
     /// Factor on planes that cut off empty space (Wald & Havran 2006, section 3.1), if they pay without it.
     pub empty: f32,
+    /// Extent under which large nodes are not split.
+    pub thin: f32,
+}
+
+/// The longest of three extents.
+#[inline(always)]
+fn longest(d: Vec3) -> f32 {
+    high(d.x, high(d.y, d.z))
 }
 
 impl Costs {
@@ -243,6 +273,21 @@ impl Costs {
             price: params.price,
             long: params.long,
             empty: params.empty,
+            thin: longest(Vec3::from_array(params.hi) - Vec3::from_array(params.lo)) * THIN,
+        }
+    }
+
+    /// How many references the children of a node may have together. Treelets need no such limit, as their memory is bounded. In
+    /// larger nodes each reference may become `growth`, of which [`growth_left`] tells what is left to the children's: so many of
+    /// the root's stay few, whatever the triangles, and what part of them cannot be parted does not take it from the rest.
+    #[inline(always)]
+    pub fn most(&self, lo: Vec3, hi: Vec3, count: u32, growth: f32) -> f32 {
+        if count <= TREELET {
+            f32::INFINITY
+        } else if longest(hi - lo) < self.thin {
+            -1.0
+        } else {
+            high(count as f32, growth * count as f32)
         }
     }
 }
@@ -255,6 +300,8 @@ pub struct Sah {
     costs: Costs,
     /// Half the node's surface area.
     area: f32,
+    /// References that children may have.
+    most: f32,
     /// Cost of the node as a leaf.
     pub leaf: f32,
     /// Whether any plane may be cheaper: one costs a step, and no reference less.
@@ -268,13 +315,19 @@ fn flat(d: f32) -> f32 {
 }
 
 impl Sah {
-    /// For a node of `count` references.
+    /// For a node of `count` references, whose children may have `most`.
     #[inline(always)]
-    pub fn new(lo: Vec3, hi: Vec3, count: u32, costs: Costs) -> Self {
+    pub fn new(lo: Vec3, hi: Vec3, count: u32, most: f32, costs: Costs) -> Self {
         let d = hi - lo;
         let (x, y, z) = (flat(d.x), flat(d.y), flat(d.z));
         let area = x * y + y * z + z * x;
-        let price = if count > costs.long { costs.price * LONG } else { costs.price };
+        let one = area * costs.test;
+        let price = if count > costs.long {
+            low(costs.price * LONG, one * DEAREST)
+        } else {
+            let most = if costs.long > DEAREST_SHORT { costs.long } else { DEAREST_SHORT };
+            low(costs.price, one * most as f32)
+        };
         let costs = Costs { price, ..costs };
         let tests = area * count as f32 * costs.test;
         Self {
@@ -282,8 +335,9 @@ impl Sah {
             hi,
             costs,
             area,
+            most,
             leaf: tests + count as f32 * costs.price,
-            may_pay: tests > area * costs.step,
+            may_pay: (tests > area * costs.step) & (most >= 0.0),
         }
     }
 
@@ -299,6 +353,7 @@ impl Sah {
             cap: b * c,
             step: self.costs.step * self.area,
             costs: self.costs,
+            most: self.most,
             leaf: self.leaf,
         }
     }
@@ -314,6 +369,7 @@ pub struct Across {
     cap: f32,
     step: f32,
     costs: Costs,
+    most: f32,
     leaf: f32,
 }
 
@@ -326,14 +382,16 @@ impl Across {
         at.exceeds(N::all(self.lo)) & N::all(hi).exceeds(at)
     }
 
-    /// Cost of a cut at `at` into children of so many references; infinite unless [`Across::holds`] it.
+    /// Cost of a cut at `at` into children of so many references; infinite unless [`Across::holds`] it, and
+    /// they may be so many.
     #[inline(always)]
     pub fn cut<N: Number>(&self, at: N, below: N, above: N) -> N {
         let all = N::all;
         let cost = self.least(at, at, below, above);
         let pays = (below.is(all(0.0)) | above.is(all(0.0))) & all(self.leaf).exceeds(cost);
         let cost = cost * N::choose(pays, all(self.costs.empty), all(1.0));
-        N::choose(self.holds(at), cost, all(f32::INFINITY))
+        let may = self.holds(at) & !(below + above).exceeds(all(self.most));
+        N::choose(may, cost, all(f32::INFINITY))
     }
 
     /// What a cut between `from` and `to`, which leaves at least so many references below and above, costs at least if

@@ -74,7 +74,9 @@ pub fn find(
     item: &Item,
 ) {
     let step = group.sharers();
-    let sah = Sah::new(item.lo, item.hi, item.count, Costs::of(params));
+    let costs = Costs::of(params);
+    let most = costs.most(item.lo, item.hi, item.count, item.growth);
+    let sah = Sah::new(item.lo, item.hi, item.count, most, costs);
     let median = (params.rule & rule::MEDIAN) != 0;
     let leaf = if median { f32::INFINITY } else { sah.leaf }.to_bits();
     lanes!(group, ..step, |lane| {
@@ -124,6 +126,7 @@ pub fn find(
             };
             if median {
                 let inside = border.exceeds(all(lo)) & all(hi).exceeds(border);
+                let inside = inside & !(below + above).exceeds(all(most));
                 let cost = median_cost(number, below, above, axis == longest);
                 weigh(Bins::choose(inside, cost, all(f32::INFINITY)), border);
             } else {

@@ -243,7 +243,7 @@ pub fn treelet(
             let number = stack.at(at) & BYTE;
             let from = own.at(HELD) - number;
             let (lo, hi) = load_box(stack, at);
-            let sah = Sah::new(lo, hi, number, Costs::of(&params.at(0)));
+            let sah = Sah::new(lo, hi, number, f32::INFINITY, Costs::of(&params.at(0)));
             let may_split = sah.may_pay & !leaves
                 && stack.at(at) >> DEEP < params.at(0).max_depth
                 && own.at(NODES) + 2 <= treelet_nodes(item.count);

@@ -5,6 +5,7 @@ use super::{
     ranked,
 };
 use crate::{
+    build::growth_left,
     glam::{UVec2, UVec4},
     mem::{Buf, Slots},
 };
@@ -42,24 +43,28 @@ pub fn children(
             let clipped_end = ranked(ranks, totals, room, CLIPPED, to);
             let (below, above) = in_two(&cell.bounds, plane);
             let fresh = clipped.x + clipped.y;
-            let freshes = clipped_end.x - clipped.x;
+            let (freshes, beside_freshes) = (clipped_end.x - clipped.x, clipped_end.y - clipped.y);
+            let count = whole_end.x - whole.x + freshes;
+            let beside_count = whole_end.y - whole.y + beside_freshes;
+            let growth = growth_left(cell.growth, cell.count, count + beside_count);
             let child = Cell {
                 first: whole.x + whole.y + fresh,
-                count: whole_end.x - whole.x + freshes,
+                count,
                 fresh,
                 freshes,
                 parent: i,
                 bounds: below,
+                growth,
             };
             child.store(next_cells, pair);
-            let freshes = clipped_end.y - clipped.y;
             let beside = Cell {
-                first: child.first + child.count,
-                count: whole_end.y - whole.y + freshes,
-                fresh: child.fresh + child.freshes,
-                freshes,
+                first: child.first + count,
+                count: beside_count,
+                fresh: fresh + freshes,
+                freshes: beside_freshes,
                 parent: i,
                 bounds: above,
+                growth,
             };
             beside.store(next_cells, pair + 1);
         }

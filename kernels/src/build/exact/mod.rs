@@ -152,6 +152,8 @@ pub struct Cell {
     pub parent: u32,
     /// Its box.
     pub bounds: Bounds,
+    /// How many each of its references may become: see [`Costs::most`].
+    pub growth: f32,
 }
 
 impl Cell {
@@ -166,7 +168,15 @@ impl Cell {
             freshes: head.w,
             parent: lo.w,
             bounds: Bounds { lo: from_bits(lo), hi: from_bits(hi) },
+            growth: f32::from_bits(hi.w),
         }
+    }
+
+    /// What planes cost in it.
+    #[inline(always)]
+    fn sah(&self, params: &BuildParams) -> Sah {
+        let (costs, Bounds { lo, hi }) = (Costs::of(params), self.bounds);
+        Sah::new(lo, hi, self.count, costs.most(lo, hi, self.count, self.growth), costs)
     }
 
     /// Writes cell `i` of a level.
@@ -174,7 +184,7 @@ impl Cell {
     pub fn store(&self, cells: &mut Buf<UVec4>, i: u32) {
         cells.put(3 * i, UVec4::new(self.first, self.count, self.fresh, self.freshes));
         cells.put(3 * i + 1, to_bits(self.bounds.lo, self.parent));
-        cells.put(3 * i + 2, to_bits(self.bounds.hi, 0));
+        cells.put(3 * i + 2, to_bits(self.bounds.hi, self.growth.to_bits()));
     }
 }
 
@@ -247,7 +257,7 @@ fn better(a: UVec4, b: UVec4) -> UVec4 {
 #[inline(always)]
 fn decide(cell: &Cell, bests: &Buf<UVec4>, params: &BuildParams) -> Cutting {
     let best = if cell.count > 0 { bests.at(cell.first) } else { NONE };
-    let sah = Sah::new(cell.bounds.lo, cell.bounds.hi, cell.count, Costs::of(params));
+    let sah = cell.sah(params);
     let axis = if f32::from_bits(best.x) < sah.leaf { best.y } else { Node::LEAF };
     Cutting { plane: Plane { axis, at: unordered(best.z) }, flat_above: best.w == 0 }
 }

@@ -5,7 +5,7 @@ use super::{
     count_before, is_before,
 };
 use crate::{
-    build::{Costs, Sah, bin::ordered, bin::unordered},
+    build::{Sah, bin::ordered, bin::unordered},
     glam::{UVec2, UVec4},
     mem::{Buf, Slots},
     trace::frame::component,
@@ -119,7 +119,7 @@ pub fn weigh(
     if i < level.at(LEVEL_REFS) {
         let params = params.at(0);
         let cell = Cell::load(cells, cell_of(refs, i));
-        let sah = Sah::new(cell.bounds.lo, cell.bounds.hi, cell.count, Costs::of(&params));
+        let sah = cell.sah(&params);
         let mut best = NONE;
         if sah.may_pay && level.at(LEVEL_DEPTH) < params.max_depth {
             if cell.count > params.small {

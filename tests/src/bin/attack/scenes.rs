@@ -115,8 +115,8 @@ fn exactly(ray: &Ray, mesh: &Mesh) -> Option<Hit> {
             continue;
         }
         let [t, u, v] = exact.rounded();
-        let within = exact.is_not_before(ray.t_min) && exact.is_not_after(ray.t_max);
-        if within != (ray.t_min <= t && t <= ray.t_max) || !usual(t) {
+        let within = exact.is_in_range(ray);
+        if !usual(t) {
             return None;
         }
         if within && best.is_none_or(|best| t < best.t) {
