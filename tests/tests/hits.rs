@@ -115,8 +115,8 @@ fn no_rays_give_no_hits() {
     for named in devices() {
         let mesh = Mesh::teapot(1);
         let scene = Scene::build(&named.device, &mesh, &BuildOptions::default()).unwrap();
-        assert!(scene.closest(&[] as &[raykd::Ray]).unwrap().is_empty());
-        assert!(scene.brute(&[] as &[raykd::Ray]).unwrap().is_empty());
+        assert!(scene.closest(&[] as &[Ray]).unwrap().is_empty());
+        assert!(scene.brute(&[] as &[Ray]).unwrap().is_empty());
     }
 }
 
