@@ -19,7 +19,7 @@ fn same(what: &str, a: &[Hit], b: &[Hit]) {
 }
 
 fn main() {
-    let device = &Device::Cpu(Cpu::with_threads(4).expect("threads"));
+    let device = &Device::from(Cpu::with_threads(4).expect("threads"));
     // Several chunks in the level loop, several workgroups of rays.
     for mesh in [&Mesh::teapot(5), &Mesh::teapot(1)] {
         let rays = &rays::random(mesh.bounds(), 1000, 1);

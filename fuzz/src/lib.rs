@@ -11,7 +11,7 @@ use raykd_oracle::Oracle;
 use sha2::{Digest as _, Sha256};
 use std::{path::Path, sync::LazyLock};
 
-static CPU: LazyLock<Device> = LazyLock::new(|| Device::Cpu(Cpu::with_threads(1).expect("a thread")));
+static CPU: LazyLock<Device> = LazyLock::new(|| Device::from(Cpu::with_threads(1).expect("a thread")));
 
 /// The numbers in bytes.
 fn floats(bytes: &[u8]) -> Vec<f32> {
@@ -19,7 +19,7 @@ fn floats(bytes: &[u8]) -> Vec<f32> {
 }
 
 /// Hits are those of brute force, and exact but for rounding.
-fn trace(mesh: &Mesh, scene: &Scene<'_>, rays: &[Ray]) {
+fn trace(mesh: &Mesh, scene: &Scene, rays: &[Ray]) {
     let hits = scene.closest(rays).expect("a CPU does it");
     let brute = scene.brute(rays).expect("a CPU does it");
     assert_eq!(bytemuck::cast_slice::<_, u8>(&hits), bytemuck::cast_slice::<_, u8>(&brute), "{rays:?}");
@@ -101,7 +101,7 @@ pub fn tree(bytes: &[u8]) {
 
 /// Rays at the teapot.
 pub fn rays(bytes: &[u8]) {
-    static TEAPOT: LazyLock<(Mesh, Scene<'static>)> = LazyLock::new(|| {
+    static TEAPOT: LazyLock<(Mesh, Scene)> = LazyLock::new(|| {
         let mesh = Mesh::teapot(2);
         let scene = Scene::build(&CPU, &mesh, &BuildOptions::default()).expect("a CPU builds it");
         (mesh, scene)

@@ -271,7 +271,7 @@ impl Room {
 }
 
 /// An indexed mesh on a device.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct MeshBuffers {
     pub positions: Buffer,
     /// Numbers in it.

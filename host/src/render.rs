@@ -42,7 +42,7 @@ pub(crate) struct Picture {
 
 /// Renders a picture with `samples` by `samples` rays a pixel.
 pub(crate) fn render(
-    scene: &Scene<'_>,
+    scene: &Scene,
     mesh: &Mesh,
     camera: &Camera,
     [width, height]: [u32; 2],
@@ -100,7 +100,7 @@ pub(crate) const fn rays_of(shading: Shading, primary: u64) -> u64 {
 }
 
 /// The share of rays around each point's normal that get away.
-fn sky(scene: &Scene<'_>, mesh: &Mesh, rays: &[Ray], hits: &[Hit], seed: u32) -> Result<Vec<Rgb>, Error> {
+fn sky(scene: &Scene, mesh: &Mesh, rays: &[Ray], hits: &[Hit], seed: u32) -> Result<Vec<Rgb>, Error> {
     let (lo, hi) = mesh.bounds();
     let across = minus(hi.map(f64::from), lo.map(f64::from));
     let reach = (along(across, across).sqrt() * SKY_REACH) as f32;

@@ -17,18 +17,19 @@ use crate::{
 };
 use extras::Extras;
 use raykd_shared::TreeHeader;
+use std::sync::Arc;
 
-/// A mesh and its tree, resident on a device.
-#[derive(Debug)]
-pub struct Scene<'d> {
-    device: &'d Device,
+/// A mesh and its tree, resident on a device. Clones share all memory; each has a traversal and a triangle test of its own.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    device: Device,
     header: TreeHeader,
     header_buffer: Buffer,
     nodes: Buffer,
     refs: Buffer,
     mesh: MeshBuffers,
     corners: Buffer,
-    kept: Vec<u32>,
+    kept: Arc<[u32]>,
     /// What rays lose of their origins, as the mesh did.
     translation: [f64; 3],
     times: BuildTimes,
@@ -37,10 +38,10 @@ pub struct Scene<'d> {
     extras: Extras,
 }
 
-impl<'d> Scene<'d> {
+impl Scene {
     /// The device the scene lives on.
-    pub const fn device(&self) -> &'d Device {
-        self.device
+    pub const fn device(&self) -> &Device {
+        &self.device
     }
 
     /// How long the build took and what it needed.

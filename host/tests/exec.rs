@@ -299,7 +299,7 @@ fn adapters_are_found_by_part_of_their_name() {
     assert!(Device::gpu(Some(&part)).unwrap().name().starts_with(&reports[0].name));
     // Whether there is hardware depends on the machine, what it may be does not.
     if let Ok(gpu) = Gpu::open_hardware() {
-        let device = Device::Gpu(Box::new(gpu));
+        let device = Device::from(gpu);
         assert!(reports.iter().any(|report| device.name().starts_with(&report.name) && report.kind != "cpu"));
     }
 }

@@ -54,7 +54,7 @@ fn rays() -> Vec<([f64; 3], [f64; 3])> {
         .collect()
 }
 
-fn scene<'d>(device: &'d Device, mesh: &Mesh) -> Scene<'d> {
+fn scene(device: &Device, mesh: &Mesh) -> Scene {
     Scene::build(device, mesh, &BuildOptions::default()).unwrap()
 }
 

@@ -82,7 +82,7 @@ fn main() -> anyhow::Result<()> {
 }
 
 fn bench(name: &str, rounds: usize) -> anyhow::Result<Vec<Row>> {
-    let device = Device::Cpu(Cpu::with_threads(1)?);
+    let device = Device::from(Cpu::with_threads(1)?);
     let mesh = scene(name)?.into_local();
     let built = Scene::build(&device, &mesh, &BuildOptions::default())?;
     let sets = Sets::new(name, &mesh, |rays| built.closest(rays))?;

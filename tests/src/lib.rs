@@ -29,7 +29,7 @@ pub struct Named {
 /// There is no Vulkan adapter: that is a failure, not a reason to skip.
 pub fn devices() -> &'static [Named] {
     static DEVICES: LazyLock<Vec<Named>> = LazyLock::new(|| {
-        let cpu = |name, cpu| Named { name, device: Device::Cpu(cpu) };
+        let cpu = |name, cpu| Named { name, device: Device::from(cpu) };
         let gpu = Device::gpu(None).unwrap_or_else(|e| panic!("the tests compare CPU and GPU, but: {e}"));
         vec![
             cpu("CPU", Cpu::default()),

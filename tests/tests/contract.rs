@@ -46,7 +46,7 @@ fn down(x: f32, y: f32) -> Ray {
     Ray::new([x, y, 2.0], [0.0, 0.0, -1.0])
 }
 
-fn build(mesh: &Mesh) -> Scene<'static> {
+fn build(mesh: &Mesh) -> Scene {
     Scene::build(cpu(), mesh, &BuildOptions::default()).unwrap()
 }
 

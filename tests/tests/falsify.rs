@@ -24,7 +24,7 @@ fn soup() -> Mesh {
     Recipe { family: Family::Soup, size: 500, seed: 1 }.mesh()
 }
 
-fn build(mesh: &Mesh) -> (Scene<'static>, KdTree) {
+fn build(mesh: &Mesh) -> (Scene, KdTree) {
     let scene = Scene::build(cpu(), mesh, &BuildOptions::default()).unwrap();
     let tree = scene.tree().unwrap();
     (scene, tree)
@@ -164,7 +164,7 @@ static RACY: Kernel = Kernel {
 #[test]
 fn a_kernel_that_depends_on_the_order_of_lanes_is_found() {
     let run = |order| {
-        let device = Device::Cpu(Cpu::default().in_order(order));
+        let device = Device::from(Cpu::default().in_order(order));
         let out = device.alloc("out", 4 * 256).unwrap();
         // SAFETY: each group writes its own part of the buffer; only its lanes get in each other's way, in turn.
         unsafe { device.run(&[Step::groups(&RACY, 4, vec![&out])], false) }.unwrap();

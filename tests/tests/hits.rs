@@ -79,7 +79,7 @@ proptest! {
         let rays = rays(&mesh, plain.tree()?.view(), 400, seed);
         let options = BuildOptions { cost_step, cost_test, max_depth, builder, clip, ..BuildOptions::default() };
         let other = Scene::build(cpu(), &mesh, &options)?;
-        let hits = |scene: &Scene<'_>| scene.closest(&rays);
+        let hits = |scene: &Scene| scene.closest(&rays);
         same(&format!("hits with {options:?}"), &hits(&plain)?, &hits(&other)?)?;
     }
 

@@ -10,14 +10,14 @@ use raykd_tests::{
     same, unless_cut,
 };
 
-fn scene(device: &'static raykd::Device, mesh: &Mesh, intersector: Intersector) -> Scene<'static> {
+fn scene(device: &'static raykd::Device, mesh: &Mesh, intersector: Intersector) -> Scene {
     let mut scene = Scene::build(device, mesh, &BuildOptions::default()).unwrap();
     scene.intersect_by(intersector).unwrap();
     scene
 }
 
 /// Closest and any hits by the tree, and closest hits by all triangles.
-fn trace(scene: &Scene<'_>, rays: &[Ray]) -> Result<[Vec<Hit>; 3], raykd::Error> {
+fn trace(scene: &Scene, rays: &[Ray]) -> Result<[Vec<Hit>; 3], raykd::Error> {
     let closest = scene.trace(Query::Closest, rays)?.hits;
     Ok([closest, scene.trace(Query::Any, rays)?.hits, scene.brute(rays)?])
 }

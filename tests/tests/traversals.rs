@@ -11,7 +11,7 @@ use raykd_tests::{
 };
 
 /// Scenes of the same mesh on CPU and GPU.
-fn both(mesh: &Mesh, options: &BuildOptions) -> Result<[Scene<'static>; 2], Failure> {
+fn both(mesh: &Mesh, options: &BuildOptions) -> Result<[Scene; 2], Failure> {
     Ok([Scene::build(cpu(), mesh, options)?, Scene::build(gpu(), mesh, options)?])
 }
 
@@ -133,7 +133,7 @@ fn no_traversal_visits_a_leaf_twice() {
 }
 
 /// Mean inner nodes a ray of a traversal, and mean restarts.
-fn mean_steps(scene: &mut Scene<'_>, traversal: Traversal, rays: &[raykd::Ray]) -> [f64; 2] {
+fn mean_steps(scene: &mut Scene, traversal: Traversal, rays: &[raykd::Ray]) -> [f64; 2] {
     scene.traverse_by(traversal).unwrap();
     let (_, steps) = scene.steps(rays).unwrap();
     let mean = |pick: fn(&raykd::RaySteps) -> u32| {

@@ -133,7 +133,7 @@ fn compare(
         .collect()
 }
 
-fn row(scene: &mut Scene<'_>, traversal: Traversal, sets: &Sets) -> Result<Row, Error> {
+fn row(scene: &mut Scene, traversal: Traversal, sets: &Sets) -> Result<Row, Error> {
     scene.traverse_by(traversal)?;
     let (primary, mut steps) = scene.steps(&sets.primary)?;
     // Rays that pass the scene by cost nothing and say nothing.

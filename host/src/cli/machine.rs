@@ -133,7 +133,7 @@ pub(super) const fn at_fault(error: &Error) -> bool {
 }
 
 fn cpu(more: &MachineArgs) -> Result<Device, Error> {
-    Ok(Device::Cpu(match more.threads {
+    Ok(Device::from(match more.threads {
         Some(threads) => Cpu::with_threads(threads.into())?,
         None => Cpu::default(),
     }))
@@ -151,7 +151,7 @@ fn gpu(more: &MachineArgs, notes: &Notes) -> Result<Device, Error> {
 
 #[cfg(feature = "gpu")]
 fn hardware() -> Result<Device, Error> {
-    crate::exec::Gpu::open_hardware().map(|gpu| Device::Gpu(Box::new(gpu)))
+    crate::exec::Gpu::open_hardware().map(|gpu| Device::from(gpu))
 }
 
 /// Whether the device is a GPU that the CPU plays.
@@ -202,7 +202,7 @@ mod tests {
         let work = |device: &Device| {
             let scene = Scene::build(device, &mesh, &BuildOptions::default())?;
             scene.closest(&rays)?;
-            if let Device::Gpu(gpu) = device {
+            if let Some(gpu) = device.as_gpu() {
                 gpu.lose();
             }
             scene.closest(&rays)

@@ -27,7 +27,7 @@ const PART: usize = 1 << 24;
 const AWAKE: Duration = Duration::from_millis(300);
 
 /// Wakes a graphics card by random rays, of which the scene needs none of its own.
-fn wake(scene: &Scene<'_>) -> Result<(), Error> {
+fn wake(scene: &Scene) -> Result<(), Error> {
     if !scene.device().is_card() {
         return Ok(());
     }
@@ -37,8 +37,8 @@ fn wake(scene: &Scene<'_>) -> Result<(), Error> {
 
 /// A tree, and what its build took: medians.
 #[derive(Debug)]
-pub(super) struct BuildMeasure<'d> {
-    pub scene: Scene<'d>,
+pub(super) struct BuildMeasure {
+    pub scene: Scene,
     pub tree: KdTree,
     pub report: Report,
     pub upload: Duration,
@@ -62,11 +62,7 @@ pub(super) struct Kernel {
 }
 
 /// Builds once to warm up, then several times.
-pub(super) fn build<'d>(
-    device: &'d Device,
-    mesh: &Mesh,
-    options: &BuildOptions,
-) -> Result<BuildMeasure<'d>, Error> {
+pub(super) fn build(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Result<BuildMeasure, Error> {
     let plain = BuildOptions { profile: false, ..options.clone() };
     let start = Instant::now();
     let mut scene = Scene::build(device, mesh, &plain)?;
@@ -107,8 +103,7 @@ pub(super) fn build<'d>(
 fn moved(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Result<Vec<KernelTimes>, Error> {
     let cpu = Device::cpu();
     let counted = match device {
-        Device::Cpu(_) => return Ok(Vec::new()),
-        _ if !cfg!(feature = "traffic") => return Ok(Vec::new()),
+        _ if device.is_cpu() || !cfg!(feature = "traffic") => return Ok(Vec::new()),
         _ if options.builder == Builder::Exact => {
             Scene::exact_by_kernels(&cpu, mesh, options, exact::levels::SMALL)?
         }
@@ -118,7 +113,7 @@ fn moved(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Result<Vec<Ker
 }
 
 /// Traces rays once to warm up, then several times while they stay on the device.
-pub(super) fn trace(scene: &Scene<'_>, query: Query, rays: &[Ray]) -> Result<Traced, Error> {
+pub(super) fn trace(scene: &Scene, query: Query, rays: &[Ray]) -> Result<Traced, Error> {
     let mut total = Traced { hits: Vec::with_capacity(rays.len()), ..Traced::default() };
     for part in rays.chunks(batch(scene)) {
         let mut upload = Vec::new();
@@ -152,7 +147,7 @@ pub(super) fn trace(scene: &Scene<'_>, query: Query, rays: &[Ray]) -> Result<Tra
 
 /// All hits, up to a limit a ray, several times: part by part, each an eighth of what is written, so that there is not
 /// much more in memory than that.
-pub(super) fn all(scene: &Scene<'_>, rays: &[Ray], limit: u32) -> Result<AllHits, Error> {
+pub(super) fn all(scene: &Scene, rays: &[Ray], limit: u32) -> Result<AllHits, Error> {
     let mut total = AllHits::default();
     room(&mut total.hits, "hits", rays.len() as u64 * u64::from(limit))?;
     room(&mut total.totals, "totals", rays.len() as u64)?;
@@ -186,9 +181,9 @@ fn room<T>(list: &mut Vec<T>, buffer: &'static str, count: u64) -> Result<(), Er
 }
 
 /// Median time to trace rays, less often if it takes long: for large pictures.
-pub(super) fn time(scene: &Scene<'_>, query: Query, rays: &[Ray]) -> Result<Duration, Error> {
+pub(super) fn time(scene: &Scene, query: Query, rays: &[Ray]) -> Result<Duration, Error> {
     let parts = rays.chunks(batch(scene)).map(|part| scene.resident(part));
-    let mut parts = parts.collect::<Result<Vec<Resident<'_>>, _>>()?;
+    let mut parts = parts.collect::<Result<Vec<Resident>, _>>()?;
     let mut all = || parts.iter_mut().map(|part| part.trace(query)).sum::<Result<_, _>>();
     wake(scene)?;
     let first: Duration = all()?;
@@ -205,7 +200,7 @@ pub(super) fn time(scene: &Scene<'_>, query: Query, rays: &[Ray]) -> Result<Dura
 }
 
 /// Most rays that the scene's device takes at once.
-fn batch(scene: &Scene<'_>) -> usize {
+fn batch(scene: &Scene) -> usize {
     ((scene.device().limit().bytes / size_of::<Ray>() as u64) as usize).min(1 << 24)
 }
 

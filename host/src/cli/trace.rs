@@ -238,7 +238,7 @@ impl Found {
 }
 
 /// Asks for the hits of rays, up to a limit a ray if for all of them.
-fn answer(scene: &Scene<'_>, ask: Ask, limit: u32, rays: &[Ray]) -> Result<Answer, Error> {
+fn answer(scene: &Scene, ask: Ask, limit: u32, rays: &[Ray]) -> Result<Answer, Error> {
     let query = match ask {
         Ask::Closest => Query::Closest,
         Ask::Any => Query::Any,

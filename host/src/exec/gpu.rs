@@ -9,7 +9,7 @@ mod staging;
 pub use adapter::{AdapterReport, adapters};
 pub use probe::Verdict;
 
-use super::{Buffer, Device, Groups, Limit, Memory, Step, Timing};
+use super::{Buffer, Device, Groups, Limit, Machine, Memory, Step, Timing};
 use crate::Error;
 use clock::Clock;
 use link::Link;
@@ -19,7 +19,7 @@ use rayon::prelude::*;
 use staging::{CHUNK, Slot};
 use std::{
     collections::{HashMap, HashSet},
-    sync::{Mutex, MutexGuard, PoisonError},
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
     time::Instant,
 };
 
@@ -148,11 +148,11 @@ impl Gpu {
 
     /// Runs the start-up probe.
     fn probed(self) -> Result<(Self, Verdict), Error> {
-        let device = Device::Gpu(Box::new(self));
+        let device = Device::from(self);
         let verdict = probe::check(&device)?;
-        match device {
-            Device::Gpu(gpu) => Ok((*gpu, verdict)),
-            Device::Cpu(_) => unreachable!("made a line above"),
+        match Arc::into_inner(device.0) {
+            Some(Machine::Gpu(gpu)) => Ok((gpu, verdict)),
+            _ => unreachable!("made above, and nobody keeps a device"),
         }
     }
 
@@ -432,7 +432,7 @@ mod tests {
     fn without_timestamps_the_host_takes_the_time() {
         let mut gpu = Gpu::open(None).unwrap();
         gpu.clock = None;
-        let device = Device::Gpu(Box::new(gpu));
+        let device = Device::from(gpu);
         let buffers = ["inputs", "results", "count"].map(|name| device.alloc(name, 64).unwrap());
         let steps = [1, 0, 1].map(|groups| Step::groups(&PROBE, groups, buffers.iter().collect()));
         for profile in [false, true] {

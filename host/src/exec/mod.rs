@@ -12,16 +12,30 @@ pub use gpu::{AdapterReport, Gpu, Verdict, adapters};
 
 use crate::Error;
 use raykd_kernels::Kernel;
-use std::time::Duration;
+use std::{sync::Arc, time::Duration};
 
-/// A machine that kernels run on.
+/// A machine that kernels run on: the processor, by rayon, or a Vulkan device, by wgpu. Clones are the same machine.
+#[derive(Clone, Debug)]
+pub struct Device(Arc<Machine>);
+
 #[derive(Debug)]
-pub enum Device {
-    /// The processor, by rayon.
+enum Machine {
     Cpu(Cpu),
-    /// A Vulkan device, by wgpu.
     #[cfg(feature = "gpu")]
-    Gpu(Box<Gpu>),
+    Gpu(Gpu),
+}
+
+impl From<Cpu> for Device {
+    fn from(cpu: Cpu) -> Self {
+        Self(Arc::new(Machine::Cpu(cpu)))
+    }
+}
+
+#[cfg(feature = "gpu")]
+impl From<Gpu> for Device {
+    fn from(gpu: Gpu) -> Self {
+        Self(Arc::new(Machine::Gpu(gpu)))
+    }
 }
 
 /// A buffer on a [`Device`]. Clones share the memory.
@@ -118,7 +132,15 @@ pub struct Limit {
 impl Device {
     /// The processor, with all its threads.
     pub fn cpu() -> Self {
-        Self::Cpu(Cpu::default())
+        Cpu::default().into()
+    }
+
+    /// The processor, with threads of this device's own.
+    ///
+    /// # Errors
+    /// They could not be started.
+    pub fn cpu_with_threads(threads: usize) -> Result<Self, Error> {
+        Cpu::with_threads(threads).map(Into::into)
     }
 
     /// The best Vulkan adapter, or the best whose name contains `adapter` (any case).
@@ -127,61 +149,76 @@ impl Device {
     /// No adapter, or one that does not compute our float operations exactly.
     #[cfg(feature = "gpu")]
     pub fn gpu(adapter: Option<&str>) -> Result<Self, Error> {
-        Gpu::open(adapter).map(|gpu| Self::Gpu(Box::new(gpu)))
+        Gpu::open(adapter).map(Into::into)
     }
 
     /// A real GPU if there is one that computes exactly, else the CPU.
     pub fn best() -> Self {
         #[cfg(feature = "gpu")]
         if let Ok(gpu) = Gpu::open_hardware() {
-            return Self::Gpu(Box::new(gpu));
+            return gpu.into();
         }
         Self::cpu()
+    }
+
+    /// The GPU, if it is one.
+    #[cfg(feature = "gpu")]
+    #[doc(hidden)]
+    pub fn as_gpu(&self) -> Option<&Gpu> {
+        match &*self.0 {
+            Machine::Cpu(_) => None,
+            Machine::Gpu(gpu) => Some(gpu),
+        }
+    }
+
+    /// Whether this is the processor.
+    pub(crate) fn is_cpu(&self) -> bool {
+        matches!(&*self.0, Machine::Cpu(_))
     }
 
     /// Whether this is a graphics card, and not the CPU, or a GPU that the CPU plays.
     #[cfg(feature = "plan")]
     pub(crate) fn is_card(&self) -> bool {
-        match self {
-            Self::Cpu(_) => false,
+        match &*self.0 {
+            Machine::Cpu(_) => false,
             #[cfg(feature = "gpu")]
-            Self::Gpu(gpu) => !gpu.is_software(),
+            Machine::Gpu(gpu) => !gpu.is_software(),
         }
     }
 
     /// Runs work of the host with the device's threads; a GPU has those of the machine.
     pub(crate) fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
-        match self {
-            Self::Cpu(cpu) => cpu.install(work),
+        match &*self.0 {
+            Machine::Cpu(cpu) => cpu.install(work),
             #[cfg(feature = "gpu")]
-            Self::Gpu(_) => work(),
+            Machine::Gpu(_) => work(),
         }
     }
 
     /// `cpu` or `gpu`.
-    pub const fn kind(&self) -> &'static str {
-        match self {
-            Self::Cpu(_) => "cpu",
+    pub fn kind(&self) -> &'static str {
+        match &*self.0 {
+            Machine::Cpu(_) => "cpu",
             #[cfg(feature = "gpu")]
-            Self::Gpu(_) => "gpu",
+            Machine::Gpu(_) => "gpu",
         }
     }
 
     /// Name of the adapter or the processor, with its driver or thread count.
     pub fn name(&self) -> &str {
-        match self {
-            Self::Cpu(cpu) => cpu.name(),
+        match &*self.0 {
+            Machine::Cpu(cpu) => cpu.name(),
             #[cfg(feature = "gpu")]
-            Self::Gpu(gpu) => gpu.name(),
+            Machine::Gpu(gpu) => gpu.name(),
         }
     }
 
     /// The most one buffer may hold.
     pub fn limit(&self) -> Limit {
-        match self {
-            Self::Cpu(cpu) => cpu.limit(),
+        match &*self.0 {
+            Machine::Cpu(cpu) => cpu.limit(),
             #[cfg(feature = "gpu")]
-            Self::Gpu(gpu) => gpu.limit(),
+            Machine::Gpu(gpu) => gpu.limit(),
         }
     }
 
@@ -196,10 +233,10 @@ impl Device {
         let Some(bytes) = rounded else {
             return Err(Error::TooLarge { buffer: name, bytes, limit: limit.bytes, limit_name: limit.name });
         };
-        let memory = match self {
-            Self::Cpu(cpu) => Memory::Cpu(cpu.alloc(name, bytes)?),
+        let memory = match &*self.0 {
+            Machine::Cpu(cpu) => Memory::Cpu(cpu.alloc(name, bytes)?),
             #[cfg(feature = "gpu")]
-            Self::Gpu(gpu) => Memory::Gpu(gpu.alloc(name, bytes)?),
+            Machine::Gpu(gpu) => Memory::Gpu(gpu.alloc(name, bytes)?),
         };
         let buffer = Buffer { name, bytes, memory };
         watch::poison(self, &buffer)?;
@@ -216,13 +253,13 @@ impl Device {
     #[doc(hidden)]
     pub fn write(&self, buffer: &Buffer, offset: u64, data: &[u8]) -> Result<(), Error> {
         buffer.check("write", offset, Some(data.len()));
-        match (self, &buffer.memory) {
-            (Self::Cpu(_), Memory::Cpu(memory)) => {
+        match (&*self.0, &buffer.memory) {
+            (Machine::Cpu(_), Memory::Cpu(memory)) => {
                 memory.write(buffer.name, offset, data);
                 Ok(())
             }
             #[cfg(feature = "gpu")]
-            (Self::Gpu(gpu), Memory::Gpu(memory)) => gpu.write(memory, offset, data),
+            (Machine::Gpu(gpu), Memory::Gpu(memory)) => gpu.write(memory, offset, data),
             #[cfg(feature = "gpu")]
             _ => panic!("buffer {} belongs to another device", buffer.name),
         }
@@ -246,10 +283,10 @@ impl Device {
         let mut out = vec![T::zeroed(); count];
         if count > 0 {
             let target: &mut [u8] = bytemuck::cast_slice_mut(&mut out);
-            match (self, &buffer.memory) {
-                (Self::Cpu(_), Memory::Cpu(memory)) => memory.read(buffer.name, offset, target),
+            match (&*self.0, &buffer.memory) {
+                (Machine::Cpu(_), Memory::Cpu(memory)) => memory.read(buffer.name, offset, target),
                 #[cfg(feature = "gpu")]
-                (Self::Gpu(gpu), Memory::Gpu(memory)) => gpu.read(memory, offset, target)?,
+                (Machine::Gpu(gpu), Memory::Gpu(memory)) => gpu.read(memory, offset, target)?,
                 #[cfg(feature = "gpu")]
                 _ => panic!("buffer {} belongs to another device", buffer.name),
             }
@@ -279,10 +316,10 @@ impl Device {
         if steps.len() > 1 && watch::is_on() {
             return watch::one_by_one(self, steps);
         }
-        let timing = match self {
-            Self::Cpu(cpu) => Ok(cpu.run(steps, profile)),
+        let timing = match &*self.0 {
+            Machine::Cpu(cpu) => Ok(cpu.run(steps, profile)),
             #[cfg(feature = "gpu")]
-            Self::Gpu(gpu) => gpu.run(steps, profile),
+            Machine::Gpu(gpu) => gpu.run(steps, profile),
         };
         watch::tell(self, steps);
         timing

@@ -89,7 +89,7 @@ impl Moving {
     ///
     /// # Errors
     /// The device failed.
-    pub fn measure(scene: &Scene<'_>, rays: &[Ray]) -> Result<Self, Error> {
+    pub fn measure(scene: &Scene, rays: &[Ray]) -> Result<Self, Error> {
         wake(scene, rays, RESTED)?;
         let time = |rays: &[Ray]| {
             least(scene.device(), || {
@@ -112,13 +112,13 @@ impl Moving {
 ///
 /// # Errors
 /// The mesh does not fit the device, or it failed.
-pub fn measure<'d>(
-    device: &'d Device,
+pub fn measure(
+    device: &Device,
     mesh: &Mesh,
     choice: &Choice,
     rays: &[Ray],
     moving: &Moving,
-) -> Result<(Cost, Scene<'d>), Error> {
+) -> Result<(Cost, Scene), Error> {
     let options = choice.options();
     // The best of each: what else the machine does only ever slows things down.
     let (mut upload, mut build) = (Duration::MAX, Duration::MAX);
@@ -159,7 +159,7 @@ pub fn measure<'d>(
 ///
 /// # Errors
 /// The device failed.
-pub(crate) fn speed(scene: &Scene<'_>, rays: &[Ray]) -> Result<f64, Error> {
+pub(crate) fn speed(scene: &Scene, rays: &[Ray]) -> Result<f64, Error> {
     let brute = scene.traversal() == crate::Traversal::Brute;
     let most = if brute { few_enough(scene.header().refs as usize) } else { rays.len() };
     let rays = spread(rays, most);
@@ -172,7 +172,7 @@ fn few_enough(triangles: usize) -> usize {
 }
 
 /// Best time of tracing rays.
-fn traced(scene: &Scene<'_>, rays: &[Ray]) -> Result<Duration, Error> {
+fn traced(scene: &Scene, rays: &[Ray]) -> Result<Duration, Error> {
     let mut resident = scene.resident(rays)?;
     let time = least(scene.device(), || resident.trace(Query::Closest))?;
     resident.hits()?;
@@ -184,7 +184,7 @@ fn traced(scene: &Scene<'_>, rays: &[Ray]) -> Result<Duration, Error> {
 ///
 /// # Errors
 /// The device failed.
-pub(crate) fn wake(scene: &Scene<'_>, rays: &[Ray], rested: Duration) -> Result<(), Error> {
+pub(crate) fn wake(scene: &Scene, rays: &[Ray], rested: Duration) -> Result<(), Error> {
     if scene.device().is_card() {
         let mut resident = scene.resident(rays)?;
         until_steady(rested, DROWSY, || resident.trace(Query::Closest))?;

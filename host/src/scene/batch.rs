@@ -13,13 +13,13 @@ use raykd_kernels::{
 use raykd_shared::{Hit, status};
 use std::time::{Duration, Instant};
 
-impl Scene<'_> {
+impl Scene {
     /// Puts rays on the device, to trace them as often as one likes.
     ///
     /// # Errors
     /// They do not fit the device, or it failed.
-    pub fn resident(&self, rays: &[impl AnyRay]) -> Result<Resident<'_>, Error> {
-        Ok(Resident { scene: self, batch: Batch::new(self, rays)? })
+    pub fn resident(&self, rays: &[impl AnyRay]) -> Result<Resident, Error> {
+        Ok(Resident { scene: self.clone(), batch: Batch::new(self, rays)? })
     }
 }
 
@@ -28,7 +28,7 @@ impl Scene<'_> {
 /// One trace at a time: it writes the hits of the one before.
 ///
 /// ```compile_fail
-/// fn twice(resident: raykd::Resident<'_>) {
+/// fn twice(resident: raykd::Resident) {
 ///     std::thread::scope(|scope| {
 ///         scope.spawn(|| resident.trace(raykd::Query::Closest));
 ///         scope.spawn(|| resident.trace(raykd::Query::Any));
@@ -36,12 +36,12 @@ impl Scene<'_> {
 /// }
 /// ```
 #[derive(Debug)]
-pub struct Resident<'s> {
-    scene: &'s Scene<'s>,
+pub struct Resident {
+    scene: Scene,
     batch: Batch,
 }
 
-impl Resident<'_> {
+impl Resident {
     /// Traces all rays once and says how long the kernel took.
     ///
     /// # Errors
@@ -55,8 +55,8 @@ impl Resident<'_> {
     /// # Errors
     /// The device failed.
     pub fn hits(&self) -> Result<Vec<Hit>, Error> {
-        self.batch.outcome(self.scene.device)?;
-        self.batch.hits(self.scene.device)
+        self.batch.outcome(&self.scene.device)?;
+        self.batch.hits(&self.scene.device)
     }
 
     /// How many rays of the last trace were none, see [`Traced::invalid`].
@@ -64,7 +64,7 @@ impl Resident<'_> {
     /// # Errors
     /// The device failed.
     pub fn invalid(&self) -> Result<u32, Error> {
-        self.batch.outcome(self.scene.device)
+        self.batch.outcome(&self.scene.device)
     }
 }
 
@@ -80,13 +80,13 @@ pub(super) struct Batch {
 }
 
 impl Batch {
-    pub(super) fn new(scene: &Scene<'_>, rays: &[impl AnyRay]) -> Result<Self, Error> {
+    pub(super) fn new(scene: &Scene, rays: &[impl AnyRay]) -> Result<Self, Error> {
         Self::with_room(scene, rays, 1)
     }
 
     /// With room for so many hits a ray. Rays come in the mesh's own coordinates; here they are moved.
-    pub(super) fn with_room(scene: &Scene<'_>, rays: &[impl AnyRay], room: u32) -> Result<Self, Error> {
-        let (device, rays) = (scene.device, &*AnyRay::local(rays, scene.translation));
+    pub(super) fn with_room(scene: &Scene, rays: &[impl AnyRay], room: u32) -> Result<Self, Error> {
+        let (device, rays) = (&scene.device, &*AnyRay::local(rays, scene.translation));
         let batch = Self {
             count: u32::try_from(rays.len()).unwrap_or(u32::MAX),
             job: device.alloc("job", u64::from(JOB_WORDS) * 4)?,
@@ -99,7 +99,7 @@ impl Batch {
         Ok(batch)
     }
 
-    pub(super) fn buffers<'a>(&'a self, scene: &'a Scene<'_>) -> Vec<&'a Buffer> {
+    pub(super) fn buffers<'a>(&'a self, scene: &'a Scene) -> Vec<&'a Buffer> {
         vec![
             &self.job,
             &scene.header_buffer,

@@ -11,12 +11,12 @@ use raykd_kernels::{Kernel, trace::corners::CORNERS};
 use raykd_shared::TreeHeader;
 use std::time::{Duration, Instant};
 
-impl<'d> Scene<'d> {
+impl Scene {
     /// Builds the tree of a mesh on a device.
     ///
     /// # Errors
     /// An option is out of its range, the mesh does not fit the device, or the device failed.
-    pub fn build(device: &'d Device, mesh: &Mesh, options: &BuildOptions) -> Result<Self, Error> {
+    pub fn build(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Result<Self, Error> {
         options.check()?;
         let triangles = mesh.kept().len() as f32;
         let most = options.budget.map_or(u32::MAX, |b| (b.max(1.0) * triangles) as u32);
@@ -42,8 +42,8 @@ impl<'d> Scene<'d> {
         }
     }
 
-    fn build_once(device: &'d Device, mesh: &Mesh, options: &BuildOptions) -> Result<Self, Error> {
-        let by_host = options.builder == Builder::Exact && matches!(device, Device::Cpu(_));
+    fn build_once(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Result<Self, Error> {
+        let by_host = options.builder == Builder::Exact && device.is_cpu();
         if by_host || options.max_depth == 0 {
             return Self::by_host(device, mesh, options);
         }
@@ -62,7 +62,7 @@ impl<'d> Scene<'d> {
     }
 
     /// Builds by host code.
-    fn by_host(device: &'d Device, mesh: &Mesh, options: &BuildOptions) -> Result<Self, Error> {
+    fn by_host(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Result<Self, Error> {
         let start = Instant::now();
         let (tree, taken) = if options.max_depth == 0 {
             (KdTree::leaf(mesh, options), exact::Taken::default())
@@ -84,7 +84,7 @@ impl<'d> Scene<'d> {
     /// For tests: [`Builder::Exact`] by its kernels, on any device, with lists in nodes of more than `small` references.
     #[doc(hidden)]
     pub fn exact_by_kernels(
-        device: &'d Device,
+        device: &Device,
         mesh: &Mesh,
         options: &BuildOptions,
         small: u32,
@@ -97,14 +97,14 @@ impl<'d> Scene<'d> {
     ///
     /// # Errors
     /// The tree is damaged or not this mesh's, or does not fit the device.
-    pub fn with_tree(device: &'d Device, mesh: &Mesh, tree: &KdTree) -> Result<Self, Error> {
+    pub fn with_tree(device: &Device, mesh: &Mesh, tree: &KdTree) -> Result<Self, Error> {
         tree.validate()?;
         tree.check_mesh(mesh)?;
         Self::place(device, mesh, tree)
     }
 
     /// The same without looking at the tree.
-    fn place(device: &'d Device, mesh: &Mesh, tree: &KdTree) -> Result<Self, Error> {
+    fn place(device: &Device, mesh: &Mesh, tree: &KdTree) -> Result<Self, Error> {
         let header = TreeHeader { mesh: [0; 2], checksum: 0, ..tree.header };
         let start = Instant::now();
         let nodes = device.alloc("nodes", tree.nodes.len() as u64 * 8)?;
@@ -117,7 +117,7 @@ impl<'d> Scene<'d> {
     }
 
     fn assemble(
-        device: &'d Device,
+        device: &Device,
         mesh: &Mesh,
         on_device: MeshBuffers,
         mut built: Built,
@@ -128,14 +128,14 @@ impl<'d> Scene<'d> {
         let (corners, layout) = lay_out(device, &CORNERS, &built.header, &header_buffer, &on_device, refs)?;
         built.times.layout = layout;
         Ok(Self {
-            device,
+            device: device.clone(),
             header: built.header,
             header_buffer,
             nodes: built.nodes,
             refs: built.refs,
             mesh: on_device,
             corners,
-            kept: mesh.kept().to_vec(),
+            kept: mesh.kept().into(),
             translation: mesh.translation(),
             times: built.times,
             traversal: Traversal::default(),

@@ -11,7 +11,7 @@ use raykd_kernels::trace::{
 };
 
 /// What some traversals and triangle tests need beside the tree.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Extras {
     transforms: Option<Buffer>,
     parents: Option<Buffer>,
@@ -20,7 +20,7 @@ pub(super) struct Extras {
     ropes: [Option<Buffer>; 2],
 }
 
-impl Scene<'_> {
+impl Scene {
     /// Chooses how rays find their way through the tree from now on, except for [`Scene::all`]; the hits stay the
     /// same. Makes what the traversal needs beside the tree, once.
     ///
@@ -30,7 +30,7 @@ impl Scene<'_> {
     pub fn traverse_by(&mut self, traversal: Traversal) -> Result<(), Error> {
         self.intersector.check(traversal)?;
         let (device, header, nodes, count) =
-            (self.device, &self.header_buffer, &self.nodes, self.header.nodes);
+            (&self.device, &self.header_buffer, &self.nodes, self.header.nodes);
         let needs = traversal.needs();
         if needs != Needs::Nothing {
             let extras = &mut self.extras;
@@ -74,7 +74,7 @@ impl Scene<'_> {
         intersector.check(self.traversal)?;
         if intersector == Intersector::Baldwin && self.extras.transforms.is_none() {
             let (header, buffer, mesh) = (&self.header, &self.header_buffer, &self.mesh);
-            let (transforms, _) = lay_out(self.device, &TRANSFORMS, header, buffer, mesh, &self.refs)?;
+            let (transforms, _) = lay_out(&self.device, &TRANSFORMS, header, buffer, mesh, &self.refs)?;
             self.extras.transforms = Some(transforms);
         }
         self.intersector = intersector;

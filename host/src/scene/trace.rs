@@ -75,7 +75,7 @@ pub struct Traced {
 const BRUTE_SLICE: u32 = 4096;
 
 /// Rays are given in the mesh's own coordinates, in `f32` or `f64`; `t`, `u` and `v` are the same wherever a mesh is.
-impl Scene<'_> {
+impl Scene {
     /// The closest hit of every ray.
     ///
     /// # Errors
@@ -103,7 +103,7 @@ impl Scene<'_> {
             let batch = Batch::new(self, part)?;
             traced.upload += start.elapsed();
             traced.trace += self.run(&batch, self.traversal, query)?;
-            batch.finish(self.device, &mut traced)?;
+            batch.finish(&self.device, &mut traced)?;
         }
         Ok(traced)
     }
@@ -134,8 +134,8 @@ impl Scene<'_> {
             traced.upload += start.elapsed();
             let mut buffers = batch.buffers(self);
             buffers.push(&but);
-            traced.trace += batch.ask(self.device, &EXCEPT, buffers, query)?;
-            batch.finish(self.device, &mut traced)?;
+            traced.trace += batch.ask(&self.device, &EXCEPT, buffers, query)?;
+            batch.finish(&self.device, &mut traced)?;
         }
         Ok(traced)
     }
@@ -149,8 +149,8 @@ impl Scene<'_> {
         for part in rays.chunks(self.batch_limit()) {
             let batch = Batch::new(self, part)?;
             self.run(&batch, Traversal::Brute, Query::Closest)?;
-            batch.outcome(self.device)?;
-            hits.extend(batch.hits(self.device)?);
+            batch.outcome(&self.device)?;
+            hits.extend(batch.hits(&self.device)?);
         }
         Ok(hits)
     }
@@ -171,10 +171,10 @@ impl Scene<'_> {
             all.upload += start.elapsed();
             let mut buffers = batch.buffers(self);
             buffers.push(&totals);
-            batch.begin(self.device, limit)?;
+            batch.begin(&self.device, limit)?;
             all.trace += self.device.dispatch(&[Step::over(&ALL, batch.count, buffers)], false)?.total;
             let start = Instant::now();
-            all.invalid += batch.outcome(self.device)?;
+            all.invalid += batch.outcome(&self.device)?;
             all.hits.extend(self.device.read::<Hit>(&batch.hits, 0, part.len() * limit as usize)?);
             all.totals.extend(self.device.read::<u32>(&totals, 0, part.len())?);
             all.download += start.elapsed();
@@ -199,9 +199,9 @@ impl Scene<'_> {
             buffers.push(&batch.counts);
             buffers.extend(self.more());
             let kernel = self.traversal.kernel().unwrap_or(&STEPS);
-            batch.ask(self.device, kernel, buffers, Query::Closest)?;
-            batch.outcome(self.device)?;
-            hits.extend(batch.hits(self.device)?);
+            batch.ask(&self.device, kernel, buffers, Query::Closest)?;
+            batch.outcome(&self.device)?;
+            hits.extend(batch.hits(&self.device)?);
             steps.extend(self.device.read::<RaySteps>(&batch.counts, 0, part.len())?);
         }
         Ok((hits, steps))
@@ -223,7 +223,7 @@ impl Scene<'_> {
             (None, None, Query::Closest) => &CLOSEST,
             (None, None, Query::Any) => &ANY,
         };
-        batch.ask(self.device, kernel, buffers, query)
+        batch.ask(&self.device, kernel, buffers, query)
     }
 
     /// Finds the closest hits of a batch by testing every triangle.
@@ -258,7 +258,7 @@ impl Scene<'_> {
         // Without triangles one empty slice still writes the misses.
         let steps: Vec<Step<'_>> =
             if slices.is_empty() { vec![step(&batch.job)] } else { slices.iter().map(step).collect() };
-        batch.begin(self.device, 0)?;
+        batch.begin(&self.device, 0)?;
         Ok(self.device.dispatch(&steps, false)?.total)
     }
 

@@ -78,12 +78,7 @@ impl Method {
     ///
     /// # Errors
     /// The mesh does not fit the device, or the device failed.
-    pub fn scene<'d>(
-        &self,
-        device: &'d Device,
-        mesh: &Mesh,
-        tree: Option<&KdTree>,
-    ) -> Result<Scene<'d>, Error> {
+    pub fn scene(&self, device: &Device, mesh: &Mesh, tree: Option<&KdTree>) -> Result<Scene, Error> {
         let (builder, traversal) = match self.way {
             Way::Brute => (Builder::Binned, Traversal::Brute),
             Way::Tree(builder, traversal) => (builder, traversal),

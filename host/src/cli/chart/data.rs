@@ -242,7 +242,7 @@ pub(super) fn growth<'a>(machines: &'a Machines, effort: Effort) -> Vec<Job<'a>>
             jobs.push((
                 format!("{threads} threads"),
                 Box::new(move |data| {
-                    let device = Device::Cpu(Cpu::with_threads(threads)?);
+                    let device = Device::from(Cpu::with_threads(threads)?);
                     let mesh = Mesh::teapot(teapot_level_for(if effort.quick { 10_000 } else { 100_000 }));
                     for choice in [usual, Choice::named("exact").expect("a choice")] {
                         let rays = data.rays("threads", &mesh, &device, effort)?;

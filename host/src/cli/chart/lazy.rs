@@ -25,7 +25,7 @@ pub(super) struct Share {
 }
 
 /// Shares of a scene whose tree is built already.
-pub(super) fn shares(name: &str, mesh: &Mesh, scene: &Scene<'_>) -> Result<Vec<Share>, Error> {
+pub(super) fn shares(name: &str, mesh: &Mesh, scene: &Scene) -> Result<Vec<Share>, Error> {
     let tree = scene.tree()?;
     let (nodes, scale) = (tree.view().nodes, tree.view().header.scale);
     // Children stand behind their parents.

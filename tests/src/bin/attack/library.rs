@@ -25,7 +25,7 @@ pub(crate) fn cases() -> Vec<Case> {
     for device in ["one thread", "all threads", "the GPU"] {
         all.push(Case::many(format!("library/two threads, {device}"), move |tally| {
             let device = match device {
-                "one thread" => Cpu::with_threads(1).map(Device::Cpu),
+                "one thread" => Cpu::with_threads(1).map(Device::from),
                 "all threads" => Ok(Device::cpu()),
                 _ => Device::gpu(None),
             };
@@ -297,7 +297,7 @@ fn cameras(tally: &mut Tally) {
     }
 }
 
-fn trace_resident(resident: &mut Resident<'_>, query: Query, expected: &[Hit]) -> Result<(), String> {
+fn trace_resident(resident: &mut Resident, query: Query, expected: &[Hit]) -> Result<(), String> {
     resident.trace(query).map_err(|e| e.to_string())?;
     let hits = resident.hits().map_err(|e| e.to_string())?;
     holds(hits == expected, || "hits of resident rays differ".to_owned())
@@ -314,7 +314,7 @@ struct Alone {
 }
 
 impl Alone {
-    fn new(scene: &Scene<'_>, rays: Vec<Ray>) -> Result<Self, Error> {
+    fn new(scene: &Scene, rays: Vec<Ray>) -> Result<Self, Error> {
         let closest = scene.closest(&rays)?;
         let excluded: Vec<u32> = closest.iter().map(|hit| hit.triangle).collect();
         let all = scene.all(&rays, 3)?;
@@ -329,7 +329,7 @@ impl Alone {
     }
 
     /// Everything that can be asked, beside another thread that asks.
-    fn again(&self, scene: &Scene<'_>, digest: &str) -> Result<(), String> {
+    fn again(&self, scene: &Scene, digest: &str) -> Result<(), String> {
         let ask = || -> Result<Vec<(&str, bool)>, Error> {
             let excluded: Vec<u32> = self.closest.iter().map(|hit| hit.triangle).collect();
             let all = scene.all(&self.rays, 3)?;

@@ -34,7 +34,7 @@ pub(crate) fn cases() -> Vec<Case> {
 }
 
 fn hostile(recipe: Recipe, tally: &mut Tally) {
-    let device = Device::Cpu(Cpu::with_threads(1).expect("a thread"));
+    let device = Device::from(Cpu::with_threads(1).expect("a thread"));
     let mesh = recipe.mesh();
     let build = |builder| Scene::build(&device, &mesh, &BuildOptions { builder, ..BuildOptions::default() });
     let mut scene = build(Builder::Binned).expect("a CPU builds it");

@@ -26,7 +26,7 @@ struct Base {
 
 impl Base {
     fn new(family: Family, size: u32, builder: Builder) -> Self {
-        let device = Device::Cpu(Cpu::with_threads(1).expect("a thread"));
+        let device = Device::from(Cpu::with_threads(1).expect("a thread"));
         let mesh = Recipe { family, size, seed: 7 }.mesh();
         let options = BuildOptions { builder, ..BuildOptions::default() };
         let folder = tempfile::tempdir().expect("there is room");
