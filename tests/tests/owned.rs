@@ -1,0 +1,86 @@
+//! Devices, scenes and rays at home in other people's programs: in structs, statics and threads.
+
+use raykd::{BuildOptions, Device, Hit, KdTree, Mesh, Query, Ray, Resident, Scene, Traversal, rays};
+use raykd_tests::{devices, same};
+use std::{sync::OnceLock, thread};
+
+/// As a program would keep them: beside each other, and a scene for whoever asks.
+struct App {
+    device: Device,
+    scene: Scene,
+    rays: Resident,
+}
+
+static ANYWHERE: OnceLock<Scene> = OnceLock::new();
+
+fn mesh() -> Mesh {
+    Mesh::teapot(3)
+}
+
+fn some_rays() -> Vec<Ray> {
+    rays::random(mesh().bounds(), 2000, 5)
+}
+
+fn app(device: &Device) -> App {
+    let scene = Scene::build(device, &mesh(), &BuildOptions::default()).unwrap();
+    // Its mesh, and the borrow of the device, end here.
+    App { device: device.clone(), rays: scene.resident(&some_rays()).unwrap(), scene }
+}
+
+fn expected() -> Vec<Hit> {
+    Scene::build(&Device::cpu(), &mesh(), &BuildOptions::default()).unwrap().brute(&some_rays()).unwrap()
+}
+
+#[test]
+fn everything_may_go_to_other_threads_and_be_seen_by_several() {
+    fn check<T: Send + Sync + 'static>() {}
+    check::<Device>();
+    check::<Scene>();
+    check::<Resident>();
+    check::<KdTree>();
+    check::<Mesh>();
+    check::<raykd::Error>();
+}
+
+#[test]
+fn a_scene_lives_beside_its_device_and_outlives_it() {
+    let expected = expected();
+    for named in devices() {
+        let App { device, scene, mut rays } = thread::scope(|scope| {
+            let made = scope.spawn(|| app(&named.device));
+            made.join().unwrap()
+        });
+        drop(device);
+        let hits = thread::spawn(move || scene.closest(&some_rays())).join().unwrap().unwrap();
+        same(named.name, &expected, &hits).unwrap();
+        // The scene is gone, but for what these rays keep of it.
+        rays.trace(Query::Closest).unwrap();
+        same(named.name, &expected, &rays.hits().unwrap()).unwrap();
+    }
+    let scene = ANYWHERE.get_or_init(|| app(&Device::cpu()).scene);
+    same("static", &expected, &scene.closest(&some_rays()).unwrap()).unwrap();
+}
+
+#[test]
+fn one_scene_is_traced_by_many_threads() {
+    let expected = &expected();
+    for named in devices() {
+        let App { scene, rays, .. } = &app(&named.device);
+        thread::scope(|scope| {
+            for number in 0..4 {
+                scope.spawn(move || {
+                    // A clone goes its own way through the same tree.
+                    let mut own = scene.clone();
+                    own.traverse_by(Traversal::ALL[number]).unwrap();
+                    let mut resident = own.resident(&some_rays()).unwrap();
+                    for _ in 0..5 {
+                        same(named.name, expected, &scene.closest(&some_rays()).unwrap()).unwrap();
+                        resident.trace(Query::Closest).unwrap();
+                        same(named.name, expected, &resident.hits().unwrap()).unwrap();
+                    }
+                });
+            }
+        });
+        assert_eq!(rays.invalid().unwrap(), 0);
+    }
+}
