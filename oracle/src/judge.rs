@@ -93,6 +93,7 @@ impl Oracle {
     /// together than the slack, any of them. The answer's `t` itself may be rounded by 2 ULP; where it is 0 or infinite
     /// for want of room, the hit is where its triangle is.
     pub fn judge(&self, ray: &Ray, crossings: &[Crossing], answer: &Hit, slack: f64) -> Option<Fault> {
+        // Where the answer is, so far as `f32` can tell.
         let mut at = [f64::INFINITY; 2];
         if answer.is_hit() {
             if !(ray.t_min <= answer.t && answer.t <= ray.t_max) {
@@ -103,10 +104,11 @@ impl Oracle {
                 return Some(Fault::Invented);
             }
             let [least, most] = meant(answer.t);
-            at = [least.max(sight.t[0]), most.min(sight.t[1])];
-            if at[0] > at[1] {
+            if most < sight.t[0] || least > sight.t[1] {
                 return Some(Fault::Misplaced);
             }
+            let nearest = sight.t[0] - sight.t[0].abs() * f64::from(f32::EPSILON);
+            at = [least.max(nearest), most.min(sight.t[1])];
         }
         let (t_min, t_max) = (f64::from(ray.t_min), f64::from(ray.t_max));
         let missed = |crossing: &Crossing| {

@@ -212,6 +212,22 @@ mod tests {
         assert_eq!([judge(&beside, miss, 0.0), judge(&beside, 0, 2.0)], [None; 2]);
     }
 
+    /// Of hits whose `t` is rounded alike, the lower number is the closest; nor is the other one wrong.
+    #[test]
+    fn hits_at_one_rounded_t_may_be_either() {
+        use raykd_shared::Hit;
+        let flat = |z| [[0.0, 0.0, z], [4.0, 0.0, z], [0.0, 4.0, z]];
+        let oracle = Oracle::new(&[flat(0.0), flat(2f32.powi(-30))].concat(), &[[0, 1, 2], [3, 4, 5]]);
+        let ray = Ray::new([1.0, 1.0, 2.0], [0.0, 0.0, -1.0]);
+        let crossings = oracle.crossings(&ray);
+        assert_eq!(crossings.iter().map(|c| (c.triangle, c.rank)).collect::<Vec<_>>(), [(0, 0), (1, 0)]);
+        assert!(crossings[0].t > crossings[1].t);
+        for triangle in [0, 1] {
+            let hit = Hit { triangle, t: 2.0, u: 0.25, v: 0.25 };
+            assert_eq!(oracle.judge(&ray, &crossings, &hit, 1.0e-14), None);
+        }
+    }
+
     /// Where `t` has no room in `f32`, order still counts.
     #[test]
     fn wrong_answers_to_long_and_short_directions_are_judged() {

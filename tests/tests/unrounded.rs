@@ -316,6 +316,22 @@ fn where_numbers_end_they_are_rounded_as_elsewhere() {
         [f32::MIN_POSITIVE, f32::MIN_POSITIVE, 0.0]
     );
     check(&mesh, &rays).unwrap();
+    // Hits as near as hits can be, along short directions: ends of ranges that are nearer still keep to their side.
+    let mut rays = Vec::new();
+    let [t, nearer] = [2f32.powi(-116), 2f32.powi(-120)];
+    for (z, side) in [(f32::MIN_POSITIVE, 1.0), (-f32::MIN_POSITIVE, -1.0)] {
+        let ray = Ray::new([0.25, 0.25, z], [0.0, 0.0, -2f32.powi(-10)]);
+        for (near, far) in
+            [(0.0, 1.0), (0.0, t), (0.0, nearer), (nearer, 1.0), (t, t), (2.0 * t, 1.0), (-1.0, nearer)]
+        {
+            let (a, b) = (side * near, side * far);
+            rays.push(Ray { t_min: a.min(b), t_max: a.max(b), ..ray });
+        }
+    }
+    let found = by_all(&loose(&[CORNER]), Intersector::Exact, &rays);
+    let hits: Vec<bool> = found.iter().map(Hit::is_hit).collect();
+    assert_eq!(hits, [[true, true, false, true, true, false, false]; 2].concat());
+    assert!(found.iter().all(|hit| !hit.is_hit() || hit.t.abs() == t));
 }
 
 #[test]
