@@ -104,8 +104,8 @@ fn every_family_ends_with_few_references() -> Result<(), Failure> {
 
 #[test]
 fn where_splitting_separates_nothing_kernels_halve_the_depth_too() -> Result<(), Failure> {
-    let mesh = Recipe { family: Family::Flat, size: 300, seed: 1 }.mesh();
-    let options = BuildOptions { price: 0.0, ..BuildOptions::default() };
+    let mesh = Recipe { family: Family::Flat, size: 150, seed: 1 }.mesh();
+    let options = BuildOptions { price: 0.0, cost_step: 0.0, ..BuildOptions::default() };
     same_by_kernels(&mesh, &options, 64)?;
     let scene = Scene::exact_by_kernels(cpu(), &mesh, &options, 64)?;
     println!("{:?}, {} retries", scene.header(), scene.times().retries);
