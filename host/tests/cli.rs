@@ -729,7 +729,7 @@ fn any_name_names_a_mesh() {
     use std::{ffi::OsStr, os::unix::ffi::OsStrExt as _};
     let folder = folder();
     let name = folder.path().join(OsStr::from_bytes(b"gr\xfc\xdfe.obj"));
-    let faces = "v 0 0 0\nv 4 0 0\nv 1 1 0\nv 0 4 0\nv 4 4 1\nf 2 3 4 1\nf 1 2 5 4\nf 1 3 2 4\nf 3 2 1 4\n";
+    let faces = "v 0 0 0\nv 4 0 0\nv 1 1 0\nv 0 4 0\nv 4 4 1\nv 4 4 0\nf 2 3 4 1\nf 1 2 5 4\nf 1 3 2 4\nf 3 2 1 4\nf 1 2 4 6\n";
     fs::write(&name, faces).unwrap();
     let run = |line: &[&OsStr]| {
         let output =
@@ -739,8 +739,8 @@ fn any_name_names_a_mesh() {
     };
     let (device, cpu) = ("--device".as_ref(), "cpu".as_ref());
     let told = run(&["build".as_ref(), name.as_ref(), device, cpu]);
-    has(&told, &["gr\u{fffd}\u{fffd}e.obj", "4 polygons cut into triangles", "not flat (first: line 7)"]);
-    has(&told, &["2 of them concave", "1 crossed by their own edges, left as fans (first: line 8)"]);
+    has(&told, &["gr\u{fffd}\u{fffd}e.obj", "5 polygons cut into triangles", "1 not flat (first: line 8)"]);
+    has(&told, &["2 of them concave", "1 crossed by their own edges, left as fans (first: line 11)"]);
     let picture = path(&folder, "p.png");
     let small = [device, cpu, "--size".as_ref(), "8x8".as_ref()];
     run(&[&["render".as_ref(), name.as_ref(), "-o".as_ref(), picture.as_ref()], &small[..]].concat());
