@@ -287,7 +287,9 @@ fn gltf_nodes_are_transformed_in_f64() {
     );
     assert_eq!(corners(&in_glb(&json).unwrap()), quad(&|p| [2.0 * p[0] + 2.0, 2.0 * p[1], 2.0 * p[2]]));
     // A translation that f32 cannot hold keeps its digits.
-    json["nodes"] = json!([{"mesh": 0, "translation": [4_500_000.125, 0, 0], "scale": [0.0078125, 0.0078125, 0.0078125]}]);
+    let small = 0.007_812_5;
+    json["nodes"] =
+        json!([{"mesh": 0, "translation": [4_500_000.125, 0, 0], "scale": [small, small, small]}]);
     let far = in_glb(&json).unwrap();
     assert_eq!(corners(&far), quad(&|p| [p[0] / 128.0 + 4_500_000.125, p[1] / 128.0, p[2] / 128.0]));
     assert_eq!((far.kept().len(), far.repairs().rounded), (2, 0));
@@ -399,7 +401,8 @@ fn gltf_accessors_of_every_kind() {
             let mut json = changed(
                 "/accessors/0",
                 json!({
-                    "bufferView": 0, "byteOffset": offset, "componentType": kind, "normalized": normalized, "count": 4, "type": "VEC3",
+                    "bufferView": 0, "byteOffset": offset, "componentType": kind, "normalized": normalized,
+                    "count": 4, "type": "VEC3",
                 }),
             );
             json["extensionsRequired"] = json!(["KHR_mesh_quantization"]);
@@ -434,7 +437,9 @@ fn gltf_sparse_accessors() {
     let sparse = |base: Option<u32>, indices: [u8; 2]| {
         let mut json = quad_json();
         json["accessors"][0]["sparse"] = json!({
-            "count": 2, "indices": {"bufferView": 2, "componentType": 5121}, "values": {"bufferView": 2, "byteOffset": 4},
+            "count": 2,
+            "indices": {"bufferView": 2, "componentType": 5121},
+            "values": {"bufferView": 2, "byteOffset": 4},
         });
         match base {
             Some(view) => json["accessors"][0]["bufferView"] = view.into(),
@@ -463,7 +468,8 @@ fn gltf_extensions_are_refused_by_name() {
     let mut json = changed("/extensionsRequired", json!([draco]));
     assert_eq!(
         in_glb(&json).unwrap_err().to_string(),
-        "a.glb, header: it needs the glTF extension 'KHR_draco_mesh_compression', which is not read; export the mesh without it"
+        "a.glb, header: it needs the glTF extension 'KHR_draco_mesh_compression', which is not read; \
+         export the mesh without it"
     );
     // Not required, with and without other data.
     json = changed("/meshes/0/primitives/0/extensions", json!({draco: {"bufferView": 0}}));
@@ -630,7 +636,10 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(20_000))]
 
     #[test]
-    fn damage_is_no_panic(sample in 0usize..4, damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4)) {
+    fn damage_is_no_panic(
+        sample in 0usize..4,
+        damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
+    ) {
         let (name, mut bytes) = samples().swap_remove(sample);
         for (at, byte) in damage {
             let at = at.index(bytes.len());
@@ -643,9 +652,13 @@ proptest! {
 
     /// Numbers of the structure are where lies are told.
     #[test]
-    fn wrong_numbers_are_no_panic(changes in prop::collection::vec((any::<prop::sample::Index>(), prop::sample::select(vec![
-        "0", "1", "2", "3", "12", "255", "4294967295", "9223372036854775807", "18446744073709551615", "-1", "1e300", "0.5",
-    ])), 1..4)) {
+    fn wrong_numbers_are_no_panic(changes in prop::collection::vec((
+        any::<prop::sample::Index>(),
+        prop::sample::select(vec![
+            "0", "1", "2", "3", "12", "255", "4294967295", "9223372036854775807", "18446744073709551615", "-1",
+            "1e300", "0.5",
+        ]),
+    ), 1..4)) {
         let text = changed("/buffers/0/uri", data_uri(&quad_bytes()).into()).to_string();
         let mut parts: Vec<String> = text.split_inclusive(|c: char| !c.is_ascii_digit()).map(str::to_owned).collect();
         for (at, number) in changes {
@@ -661,15 +674,18 @@ proptest! {
 
     #[test]
     fn word_salad_is_no_panic(words in prop::collection::vec(prop::sample::select(vec![
-        "solid", "facet", "normal", "outer loop", "vertex", "endloop", "endfacet", "endsolid", "0", "1.5", "-1e39", "nan",
-        "0 0 1", "\n", "\n", "\n", "\r", "\0",
+        "solid", "facet", "normal", "outer loop", "vertex", "endloop", "endfacet", "endsolid", "0", "1.5", "-1e39",
+        "nan", "0 0 1", "\n", "\n", "\n", "\r", "\0",
     ]), 0..60)) {
         let _ = read("a.stl", words.join(" "));
     }
 
     /// What is written is what is read, bit for bit.
     #[test]
-    fn stl_round_trips(triangles in prop::collection::vec(prop::array::uniform3(prop::array::uniform3((-1e6f32..1e6).prop_map(f64::from))), 1..20)) {
+    fn stl_round_trips(triangles in prop::collection::vec(
+        prop::array::uniform3(prop::array::uniform3((-1e6f32..1e6).prop_map(f64::from))),
+        1..20,
+    )) {
         let binary = read("a.stl", stl(b"", &triangles)).unwrap();
         prop_assert_eq!(&corners(&binary), &triangles);
         let mut text = "solid\n".to_owned();

@@ -5,8 +5,8 @@
 //!
 //! Triangles are those of the nodes of the file's scene, or of its first one, or of all nodes if there is none, or of
 //! the meshes if there are no nodes either: node by node, children after their parent in the order of its list, then
-//! primitive by primitive. Corners keep the file's order, in mirrored nodes too; strips turn every other triangle round,
-//! as glTF says.
+//! primitive by primitive. Corners keep the file's order, in mirrored nodes too; strips turn every other triangle
+//! round, as glTF says.
 
 use super::load::Raw;
 use super::{MeshError, Place, fits};
@@ -127,7 +127,8 @@ struct Buffer {
 
 /// Extensions that move or multiply triangles, even where a file says that one may do without them.
 const GEOMETRY: [&str; 2] = ["EXT_mesh_gpu_instancing", "CESIUM_RTC"];
-/// Extensions, or how their names begin, that a file may require: triangles are the same without them, or are understood.
+/// Extensions, or how their names begin, that a file may require: triangles are the same without them, or they are
+/// understood.
 const HARMLESS: [&str; 8] = [
     "KHR_materials_",
     "KHR_texture_",

@@ -26,12 +26,12 @@
 //! `u` and `v`. Triangles are numbered
 //!
 //! - in **OBJ** and **PLY** in the order of the faces, a polygon's triangles one after the other;
-//! - in **STL** in the order of the facets; corner `k` of triangle `i` is vertex `3 i + k`, for vertices are not joined;
+//! - in **STL** in the order of the facets; vertices are not joined: corner `k` of triangle `i` is vertex `3 i + k`;
 //! - in **glTF** (with the feature `gltf`) node by node of the default scene, or else the first one, or else all nodes:
 //!   a node's mesh before its children, primitives in the order of their list. Nodes' transforms are applied in `f64`.
 //!   Strips and fans are cut into triangles, points and lines ignored. Skins and morph targets are not applied, but
-//!   counted. `KHR_mesh_quantization` is understood; other extensions that a file requires, or that hold or multiply its
-//!   triangles, are refused by name.
+//!   counted. `KHR_mesh_quantization` is understood; other extensions that a file requires, or that hold or multiply
+//!   its triangles, are refused by name.
 //!
 //! # Numbers
 //! Positions are read as `f64` and rounded to `f32`. If some coordinate is not an `f32`, and larger than eight times
@@ -150,8 +150,8 @@ impl Mesh {
     }
 
     /// Reads an OBJ, PLY, STL or glTF file, each of them also gzipped. The format is told by the extension (`.obj`,
-    /// `.ply`, `.stl`, `.gltf`, `.glb`, each also with `.gz`), or else by the first bytes. Buffers of a glTF file may be
-    /// files beside it.
+    /// `.ply`, `.stl`, `.gltf`, `.glb`, each also with `.gz`), or else by the first bytes. Buffers of a glTF file may
+    /// be files beside it.
     ///
     /// No more than [`usual_max_bytes`](crate::usual_max_bytes) are read, after unpacking too; of a gzipped file
     /// no more than a hundred times its size, or 256 MiB if that is more.

@@ -95,7 +95,9 @@ mod tests {
             let given = [[far, 0.1, 0.2], [far + size, 0.1, 0.2], [far, 0.1 + size * sizes[1], 0.2 + size]];
             let moved = round(&given, &[[0, 1, 2]]);
             let by = moved.translation;
-            prop_assert_eq!(by[0] == 0.0, far.abs().max((far + size).abs()) <= FAR * (given[1][0] - far).max(given[2][2] - 0.2).max((given[2][1] - 0.1).abs()));
+            let sizes = [given[1][0] - far, (given[2][1] - 0.1).abs(), given[2][2] - 0.2];
+            let near = far.abs().max((far + size).abs()) <= FAR * sizes.into_iter().fold(0.0, f64::max);
+            prop_assert_eq!(by[0] == 0.0, near);
             for (p, r) in given.iter().zip(&moved.positions) {
                 for a in 0..3 {
                     prop_assert_eq!(p[a] - by[a] + by[a], p[a]);

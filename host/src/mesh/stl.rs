@@ -3,7 +3,8 @@
 //! The crates for it read text as `f32`, and their errors name no line. A file is binary if its length is what its
 //! count of triangles says, whatever its first word; else text if it begins with `solid`.
 //!
-//! Every triangle has three vertices of its own: corner `k` of triangle `i` is vertex `3 i + k`. Normals are passed over.
+//! Every triangle has three vertices of its own: corner `k` of triangle `i` is vertex `3 i + k`. Normals are passed
+//! over.
 
 use super::load::{Raw, decimal};
 use super::{MeshError, Place, fits};

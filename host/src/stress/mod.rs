@@ -217,8 +217,8 @@ impl Case {
 }
 
 impl Trial {
-    /// A scene of one's own: a mesh, rays in its own coordinates, and only rounding allowed for: that of `f32`, not what
-    /// was rounded when the mesh and its rays were moved ([`Mesh::translation`]).
+    /// A scene of one's own: a mesh, rays in its own coordinates, and only rounding allowed for: that of `f32`, not
+    /// what was rounded when the mesh and its rays were moved ([`Mesh::translation`]).
     ///
     /// # Errors
     /// Its tree does not fit memory.
