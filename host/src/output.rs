@@ -182,8 +182,8 @@ fn at(path: &Path) -> impl Fn(io::Error) -> Error + '_ {
 /// Finds out, before long work is done for it, whether a file could be written.
 ///
 /// # Errors
-/// The path is a folder, a link to nothing, or a file that is read-only or whose owner could not be kept; or nothing can
-/// be written beside it.
+/// The path is a folder, a link to nothing, or a file that is read-only or whose owner could not be kept; or nothing
+/// can be written beside it.
 #[cfg(feature = "cli")]
 pub(crate) fn check(path: &Path) -> Result<(), Error> {
     if is_no_file(path) { Ok(()) } else { Whole::prepare(path).map(drop).map_err(at(path)) }

@@ -1,5 +1,5 @@
-//! An attack on raykd: hostile meshes, trees, places, limits and moments, each case in a process that it may bring down,
-//! each answer judged. `cargo xtask attack` builds what it needs and runs it.
+//! An attack on raykd: hostile meshes, trees, places, limits and moments, each case in a process that it may bring
+//! down, each answer judged. `cargo xtask attack` builds what it needs and runs it.
 #![forbid(unsafe_code)]
 
 mod harness;

@@ -97,8 +97,8 @@ fn hostile(recipe: Recipe, tally: &mut Tally) {
     }
 }
 
-/// The exact closest hit, rounded; nothing where numbers so large or small are met that the contract has rows for them, or
-/// a range ends between `t` and what it is rounded to.
+/// The exact closest hit, rounded; nothing where numbers so large or small are met that the contract has rows for them,
+/// or a range ends between `t` and what it is rounded to.
 fn exactly(ray: &Ray, mesh: &Mesh) -> Option<Hit> {
     let usual = |x: f32| x == 0.0 || (1e-9..1e9).contains(&x.abs());
     let scaled = |x: &f32| usual(*x * mesh.scale());
