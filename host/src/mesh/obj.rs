@@ -89,6 +89,9 @@ pub(super) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(|b| b.is_ascii_whitespace() || *b == b'\x0b').filter(|w| !w.is_empty())
 }
 
+/// A line's number and text.
+type Line<'a> = (u64, Cow<'a, [u8]>);
+
 /// The file's logical lines.
 struct Lines<'a> {
     rest: &'a [u8],
@@ -109,7 +112,7 @@ impl<'a> Lines<'a> {
     }
 
     /// The next line and its number: a backslash at the end, but not of a comment, joins it with the one that follows.
-    fn next(&mut self) -> Result<Option<(u64, Cow<'a, [u8]>)>, MeshError> {
+    fn next(&mut self) -> Result<Option<Line<'a>>, MeshError> {
         let Some(mut part) = self.physical() else { return Ok(None) };
         let number = self.number;
         let mut joined = Vec::new();

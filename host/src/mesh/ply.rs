@@ -56,7 +56,7 @@ fn no_name_twice(header: &[u8]) -> Result<(), MeshError> {
                 properties.clear();
                 (&mut elements, words.find(|word| !word.is_empty()))
             }
-            Some(b"property") => (&mut properties, words.last()),
+            Some(b"property") => (&mut properties, words.next_back()),
             _ => continue,
         };
         if names.contains(&name) {
@@ -161,8 +161,7 @@ impl Sink {
         if header.elements.get("face").is_some_and(|faces| faces.count > MAX_TRIANGLES as usize) {
             return Err(MeshError::TooManyTriangles { at: Place::default(), limit: MAX_TRIANGLES });
         }
-        let mut raw = Raw::default();
-        raw.binary = header.encoding != Encoding::Ascii;
+        let mut raw = Raw { binary: header.encoding != Encoding::Ascii, ..Raw::default() };
         raw.repairs.ignored = edges.try_into().unwrap_or(u32::MAX);
         Ok(Self { raw, vertices: vertices.count as u64 })
     }

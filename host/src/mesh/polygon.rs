@@ -55,7 +55,7 @@ pub(super) fn cut(raw: &mut Raw) -> Result<(), MeshError> {
     let looked_at = |polygon: &Polygon| {
         let fan = &triangles[polygon.first as usize..][..polygon.triangles as usize];
         let corners: Vec<u32> = fan[0][..2].iter().copied().chain(fan.iter().map(|t| t[2])).collect();
-        let points: Vec<[f64; 3]> = corners.iter().map(|&v| positions[v as usize].map(f64::from)).collect();
+        let points: Vec<[f64; 3]> = corners.iter().map(|&v| positions[v as usize]).collect();
         let (cut, bent) = judge(&corners, &points, &work);
         (bent || !matches!(cut, Cut::Fan)).then_some((*polygon, cut, bent))
     };

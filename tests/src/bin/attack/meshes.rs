@@ -136,7 +136,6 @@ fn obj() -> Vec<File> {
             ("joined-face", v("f 1 3 2", "f 1 \\\n3 \\\n2")),
             ("joined-vertex", v("v 4 0 0", "v 4 \\\r\n0 0")),
             ("many-blank-lines", format!("{V}{}{F}", "\n".repeat(1_000_000))),
-            ("unknown-words", format!("{V}xyzzy 1 2 3\ncall other.obj\n{F}")),
         ],
     );
     add(
@@ -216,6 +215,9 @@ fn obj() -> Vec<File> {
     );
     let sixteen: Vec<u8> = format!("\u{feff}{whole}").encode_utf16().flat_map(u16::to_le_bytes).collect();
     files.push(("utf-16.obj".to_owned(), sixteen, Refused(&[])));
+    let after = |line: &str| format!("{V}{line}\n{F}").into_bytes();
+    files.push(("unknown-word.obj".to_owned(), after("xyzzy 1 2 3"), Refused(&["line", "xyzzy"])));
+    files.push(("call.obj".to_owned(), after("call other.obj"), Refused(&["line", "call"])));
     let latin = format!("# caf\u{e9}\n{whole}").chars().map(|c| c as u8).collect();
     files.push(("latin-1.obj".to_owned(), latin, Right(Reference::tetra())));
     // The same as whatever it is called.
