@@ -258,14 +258,18 @@ impl Room {
     }
 
     /// Twice the room, but in lists of references for no more than `most`, if there is not that yet.
-    fn grown(self, most: u32) -> Option<Self> {
+    fn grown(self, most: u32, small: u32) -> Option<Self> {
         let double = |x: u32| x.saturating_mul(2).min(1 << 29);
-        (self.level_refs.min(self.treelet_refs) < most).then(|| Self {
-            level_refs: double(self.level_refs).min(most),
-            treelet_refs: double(self.treelet_refs).min(most),
-            active: double(self.active),
-            treelets: double(self.treelets),
-            levels: self.levels,
+        (self.level_refs.min(self.treelet_refs) < most).then(|| {
+            let level_refs = double(self.level_refs).min(most);
+            Self {
+                level_refs,
+                treelet_refs: double(self.treelet_refs).min(most),
+                // Active nodes hold more than `small` each, and their last chunk may be short.
+                active: double(self.active).min(level_refs / small + level_refs / CHUNK + 4),
+                treelets: double(self.treelets),
+                levels: self.levels,
+            }
         })
     }
 }
@@ -328,12 +332,7 @@ pub(crate) fn build(
     let mut room = Room::first_guess(references, options.builder.small());
     let mut max_depth = options.max_depth.min(MAX_DEPTH);
     // Rounding counts.
-    let most = if options.builder == Builder::Median {
-        // It goes on below the nodes whose references are bounded.
-        most_refs(references)
-    } else {
-        bound(references) / 64 * 65 + 64
-    };
+    let most = bound(references) / 64 * 65 + 64;
     let (mut retries, mut failed) = (0, Duration::ZERO);
     loop {
         let begin = Instant::now();
@@ -348,7 +347,7 @@ pub(crate) fn build(
             // The levels down to the greatest depth are always enough, and so is room for a single leaf.
             Outcome::MoreLevels if room.levels <= MAX_DEPTH => room.levels = MAX_DEPTH + 1,
             Outcome::MoreLevels => return Err(Error::Kernel(status::describe(status::LEVELS))),
-            Outcome::MoreRoom => match room.grown(most) {
+            Outcome::MoreRoom => match room.grown(most, options.builder.small()) {
                 Some(grown) => room = grown,
                 // Splitting does not separate these triangles: fewer levels, longer leaves, bounded memory.
                 None if max_depth > 0 => max_depth /= 2,

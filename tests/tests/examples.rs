@@ -1,6 +1,9 @@
 //! The examples, built and run.
 
-use raykd::{BuildOptions, Mesh, Scene, shared::Content};
+use raykd::{
+    BuildOptions, Mesh, Scene,
+    shared::{Content, LAYOUT_VERSION},
+};
 use raykd_tests::cpu;
 use std::{
     env,
@@ -73,7 +76,8 @@ fn walk_tree_reads_what_raykd_saves() {
     assert!(text.contains(&format!("triangles {listed:?}")) && !listed.is_empty(), "{text}");
 
     let damaged = folder.path().join("damaged.kd");
-    std::fs::write(&damaged, b"raykd-kd\x01\0\0\0and no more").unwrap();
+    let head = [b"raykd-kd", &LAYOUT_VERSION.to_le_bytes()[..], b"and no more"].concat();
+    std::fs::write(&damaged, head).unwrap();
     let output = Command::new(BUILT.join("walk_tree")).arg(damaged).output().unwrap();
     assert!(!output.status.success() && String::from_utf8_lossy(&output.stderr).contains("truncated"));
 }
@@ -84,5 +88,5 @@ fn walk_tree_needs_the_layouts_alone() {
     let (_, after) = manifest.split_once("[dependencies]").unwrap();
     let needs: Vec<_> =
         after.lines().take_while(|line| !line.starts_with('[')).filter(|l| !l.is_empty()).collect();
-    assert_eq!(needs, ["raykd-shared = { workspace = true }"]);
+    assert_eq!(needs, [r#"raykd-shared = { workspace = true, features = ["alloc"] }"#]);
 }

@@ -1,6 +1,6 @@
 //! What can be wrong with a mesh, where it is, and what to do about it.
 
-use crate::error::quoted;
+use crate::error::{QUOTED, quoted};
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -66,9 +66,22 @@ impl fmt::Display for Spot {
     }
 }
 
-/// What a message quotes of a file's bytes.
+/// What a message quotes of a file: the start of it, with what cannot be seen escaped.
 pub(crate) fn quoted_bytes(text: &[u8]) -> String {
-    quoted(String::from_utf8_lossy(text))
+    // No character takes more than four bytes.
+    let text = String::from_utf8_lossy(&text[..text.len().min(4 * QUOTED + 4)]);
+    let mut quote = String::new();
+    for c in text.chars() {
+        if quote.chars().count() >= QUOTED {
+            quote.push('…');
+            break;
+        }
+        match c {
+            '\'' | '"' | '\\' => quote.push(c),
+            _ => quote.extend(c.escape_debug()),
+        }
+    }
+    quote
 }
 
 /// Why a mesh cannot be used.
