@@ -151,7 +151,7 @@ fn gpu(more: &MachineArgs, notes: &Notes) -> Result<Device, Error> {
 
 #[cfg(feature = "gpu")]
 fn hardware() -> Result<Device, Error> {
-    crate::exec::Gpu::open_hardware().map(|gpu| Device::from(gpu))
+    crate::exec::Gpu::open_hardware().map(Device::from)
 }
 
 /// Whether the device is a GPU that the CPU plays.

@@ -151,7 +151,7 @@ impl Gpu {
         let device = Device::from(self);
         let verdict = probe::check(&device)?;
         match Arc::into_inner(device.0) {
-            Some(Machine::Gpu(gpu)) => Ok((gpu, verdict)),
+            Some(Machine::Gpu(gpu)) => Ok((*gpu, verdict)),
             _ => unreachable!("made above, and nobody keeps a device"),
         }
     }

@@ -22,7 +22,7 @@ pub struct Device(Arc<Machine>);
 enum Machine {
     Cpu(Cpu),
     #[cfg(feature = "gpu")]
-    Gpu(Gpu),
+    Gpu(Box<Gpu>),
 }
 
 impl From<Cpu> for Device {
@@ -34,7 +34,7 @@ impl From<Cpu> for Device {
 #[cfg(feature = "gpu")]
 impl From<Gpu> for Device {
     fn from(gpu: Gpu) -> Self {
-        Self(Arc::new(Machine::Gpu(gpu)))
+        Self(Arc::new(Machine::Gpu(Box::new(gpu))))
     }
 }
 
