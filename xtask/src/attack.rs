@@ -15,17 +15,17 @@ pub(crate) struct Args {
 
 /// Builds the program and its attacker (`tests/src/bin/attack`), and lets it loose.
 pub(crate) fn run(args: &Args, root: &Path) -> Result<()> {
-    let cargo = |task: &str| {
-        let mut command = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-        command.args([task, "--workspace", "--bin", "attack"]).current_dir(root);
-        command.args(args.release.then_some("--release"));
-        command
-    };
-    let mut build = cargo("build");
-    let status = build.args(["--bin", "raykd"]).status().context("cannot run cargo")?;
+    let mut build = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    build.args(["build", "--workspace", "--bin", "attack", "--bin", "raykd"]).current_dir(root);
+    build.args(args.release.then_some("--release"));
+    let status = build.status().context("cannot run cargo")?;
     ensure!(status.success(), "the program or its attacker does not compile");
-    let mut attack = cargo("run");
-    let status = attack.arg("--quiet").arg("--").args(&args.names).status().context("cannot run cargo")?;
+    // Beside this program's folder: target/debug or target/release.
+    let this = env::current_exe().context("where is this program?")?;
+    let target = this.ancestors().nth(2).context("this program lies in no target folder")?;
+    let attack = target.join(if args.release { "release" } else { "debug" }).join("attack");
+    let status = Command::new(&attack).args(&args.names).current_dir(root).status();
+    let status = status.with_context(|| format!("cannot run {}", attack.display()))?;
     ensure!(status.success(), "raykd did not stand the attack");
     Ok(())
 }
