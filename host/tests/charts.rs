@@ -2,7 +2,6 @@
 
 use raykd::{
     Device, Mesh, Ray,
-    internals::Cpu,
     plan::{CHOICES, Calibration, Cost, Seen, cache},
     rays,
 };
@@ -37,7 +36,7 @@ fn favouring(name: &str) -> Calibration {
     Calibration {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         device: "cpu".to_owned(),
-        name: Device::from(Cpu::with_threads(1).unwrap()).name().to_owned(),
+        name: Device::cpu_with_threads(1).unwrap().name().to_owned(),
         looks: [100, 1000].map(|n| (n, [Seen { whole: 10.0, halfway: 20.0 }; 2])).to_vec(),
         costs: CHOICES.iter().flat_map(|c| [cost(c.name, 100), cost(c.name, 1000)]).collect(),
     }
@@ -94,7 +93,7 @@ fn auto_tells_what_it_chose_in_words() {
 #[test]
 fn auto_is_checked_against_what_everything_takes() {
     let folder = tempfile::tempdir().unwrap();
-    let device = Device::from(Cpu::with_threads(1).unwrap());
+    let device = Device::cpu_with_threads(1).unwrap();
     let name = cache(&device).unwrap();
     favouring("halfway").save(&folder.path().join(name.file_name().unwrap())).unwrap();
     let check = |more: &[&str]| {

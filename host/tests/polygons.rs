@@ -3,7 +3,6 @@
 use proptest::prelude::*;
 use raykd::{
     Device, Ray, Scene,
-    internals::Cpu,
     mesh::{Mesh, Spot},
 };
 use std::{f64::consts::TAU, fmt::Write, path::Path};
@@ -56,7 +55,7 @@ fn is_inside(points: &[[f32; 2]], [x, y]: [f64; 2]) -> bool {
 /// Rays from above hit the face where, and only where, it is; turned in space too.
 fn hits_where_it_is(points: &[[f32; 2]]) -> Mesh {
     let turned = |[x, y]: [f32; 2]| [[x, y, 0.0], [0.5, x, y], [y, -0.25, x]];
-    let device = Device::from(Cpu::with_threads(1).unwrap());
+    let device = Device::cpu_with_threads(1).unwrap();
     let mut first = None;
     for way in 0..3 {
         let mesh = face(&points.iter().map(|&p| turned(p)[way]).collect::<Vec<_>>());

@@ -7,7 +7,7 @@ mod peers;
 use anyhow::{Context as _, bail};
 use judge::{Verdict, judge};
 use peers::Answer;
-use raykd::{BuildOptions, Device, Mesh, Ray, Scene, internals::Cpu, mesh::scene, rays::sets::Sets};
+use raykd::{BuildOptions, Device, Mesh, Ray, Scene, mesh::scene, rays::sets::Sets};
 use std::{io::Write as _, time::Duration};
 
 /// One crate on one scene.
@@ -82,7 +82,7 @@ fn main() -> anyhow::Result<()> {
 }
 
 fn bench(name: &str, rounds: usize) -> anyhow::Result<Vec<Row>> {
-    let device = Device::from(Cpu::with_threads(1)?);
+    let device = Device::cpu_with_threads(1)?;
     let mesh = scene(name)?.into_local();
     let built = Scene::build(&device, &mesh, &BuildOptions::default())?;
     let sets = Sets::new(name, &mesh, |rays| built.closest(rays))?;

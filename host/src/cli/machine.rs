@@ -4,7 +4,7 @@ use super::{
     args::{MachineArgs, One, Which},
     notes::Notes,
 };
-use crate::{Device, Error, exec::Cpu};
+use crate::{Device, Error};
 use std::io::{self, Write};
 
 /// The device of a command that uses one.
@@ -133,10 +133,10 @@ pub(super) const fn at_fault(error: &Error) -> bool {
 }
 
 fn cpu(more: &MachineArgs) -> Result<Device, Error> {
-    Ok(Device::from(match more.threads {
-        Some(threads) => Cpu::with_threads(threads.into())?,
-        None => Cpu::default(),
-    }))
+    match more.threads {
+        Some(threads) => Device::cpu_with_threads(threads.into()),
+        None => Ok(Device::cpu()),
+    }
 }
 
 #[cfg(feature = "gpu")]

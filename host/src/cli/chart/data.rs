@@ -9,7 +9,6 @@ use super::super::{
 use super::lazy::Share;
 use crate::{
     BuildOptions, Builder, Device, Error, Intersector, Mesh, Ray, Scene, Traversal,
-    exec::Cpu,
     mesh::teapot_level_for,
     plan::{CHOICES, Calibration, Choice, Cost, Moving, measure, usual_rays},
     report::count,
@@ -242,7 +241,7 @@ pub(super) fn growth<'a>(machines: &'a Machines, effort: Effort) -> Vec<Job<'a>>
             jobs.push((
                 format!("{threads} threads"),
                 Box::new(move |data| {
-                    let device = Device::from(Cpu::with_threads(threads)?);
+                    let device = Device::cpu_with_threads(threads)?;
                     let mesh = Mesh::teapot(teapot_level_for(if effort.quick { 10_000 } else { 100_000 }));
                     for choice in [usual, Choice::named("exact").expect("a choice")] {
                         let rays = data.rays("threads", &mesh, &device, effort)?;
