@@ -64,6 +64,19 @@ impl<T> Drop for Listed<T> {
     }
 }
 
+/// A file that is written a mebibyte a call: a signal is seen only between calls.
+pub(crate) struct Pieces<'a>(&'a mut File);
+
+impl Write for Pieces<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.write(&bytes[..bytes.len().min(1 << 20)])
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.flush()
+    }
+}
+
 /// A file beside its target, whose place it takes when it is complete.
 struct Whole {
     file: Listed<NamedTempFile>,
@@ -90,9 +103,9 @@ impl Whole {
         Ok(whole)
     }
 
-    fn fill(&mut self, write: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>) -> io::Result<()> {
+    fn fill(&mut self, write: impl FnOnce(&mut BufWriter<Pieces<'_>>) -> io::Result<()>) -> io::Result<()> {
         let Some(file) = &mut self.file.it else { return Ok(()) };
-        let mut buffered = BufWriter::new(file.as_file_mut());
+        let mut buffered = BufWriter::new(Pieces(file.as_file_mut()));
         write(&mut buffered).and_then(|()| buffered.flush())
     }
 
@@ -196,11 +209,11 @@ pub(crate) fn check(path: &Path) -> Result<(), Error> {
 /// The file cannot be written, see [`check`], or the disk is full; `path` is then as it was.
 pub(crate) fn write_whole(
     path: &Path,
-    write: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>,
+    write: impl FnOnce(&mut BufWriter<Pieces<'_>>) -> io::Result<()>,
 ) -> Result<(), Error> {
     if is_no_file(path) {
         let mut target = fs::OpenOptions::new().write(true).open(path).map_err(at(path))?;
-        let mut buffered = BufWriter::new(&mut target);
+        let mut buffered = BufWriter::new(Pieces(&mut target));
         return write(&mut buffered).and_then(|()| buffered.flush()).map_err(at(path));
     }
     let mut whole = Whole::prepare(path).map_err(at(path))?;
@@ -326,7 +339,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a");
         write_whole(&path, |file| file.write_all(b"old")).unwrap();
-        let half = |file: &mut BufWriter<&mut File>| {
+        let half = |file: &mut BufWriter<Pieces<'_>>| {
             file.write_all(&[0; 100_000])?;
             Err(io::Error::other("no more"))
         };
@@ -339,7 +352,7 @@ mod tests {
     fn a_stopped_program_leaves_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a");
-        let stop = |file: &mut BufWriter<&mut File>| {
+        let stop = |file: &mut BufWriter<Pieces<'_>>| {
             file.write_all(&[0; 100_000])?;
             drop(abandon());
             is(folder.path(), &[]);

@@ -17,7 +17,7 @@ use crate::{
     rays::AnyRay,
     report::{count, three},
 };
-use anyhow::{Context as _, bail};
+use anyhow::bail;
 use std::{
     borrow::Cow,
     io::{StdoutLock, Write as _},
@@ -81,10 +81,6 @@ pub(super) fn run(args: &TraceArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
     let rays = &*rays.local(input.translation);
     let start = Instant::now();
     let tree = args.tree.as_deref().map(|path| KdTree::load_up_to(path, limit)).transpose()?;
-    if let (Some(tree), Some(file)) = (&tree, &args.tree) {
-        tree.check_mesh(&input.mesh)
-            .with_context(|| format!("{} and {}", quoted(file.display()), quoted(args.mesh.display())))?;
-    }
     input.load += start.elapsed();
     let job = (&input.mesh, rays.len() as u64);
     let device = &args.on;
@@ -163,7 +159,12 @@ fn trace(
     let mut scene;
     let (build, upload, digest);
     if let Some(tree) = tree {
-        scene = Scene::with_tree(device, mesh, tree)?;
+        scene = Scene::with_tree(device, mesh, tree).map_err(|error| match (error, &args.tree) {
+            (Error::Tree(what), Some(file)) => {
+                Error::Tree(format!("{} and {}: {what}", quoted(file.display()), quoted(args.mesh.display())))
+            }
+            (other, _) => other,
+        })?;
         (build, upload, digest) = (Duration::ZERO, scene.times().upload, tree.digest());
     } else {
         notes.stage(format_args!("{}: building", input.name));
