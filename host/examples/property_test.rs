@@ -14,7 +14,10 @@ mod tests {
         kernels::{
             glam::Vec3,
             math::div,
-            trace::{NOTHING, frame::Frame, triangle},
+            trace::{
+                frame::Frame,
+                intersect::{Best, strict},
+            },
         },
         shared::TreeHeader,
     };
@@ -23,8 +26,8 @@ mod tests {
     fn hits(ray: &Ray, [a, b, c]: [Vec3; 3]) -> bool {
         let header = TreeHeader { lo: [-4.0; 3], hi: [4.0; 3], scale: 1.0, ..bytemuck::Zeroable::zeroed() };
         let frame = Frame::of(ray, &header);
-        let mut best = NOTHING;
-        triangle::test(&frame, 0, a, b, c, &mut best);
+        let mut best = Best::NOTHING;
+        strict::test(&frame, 0, a, b, c, &mut best);
         best.triangle == 0
     }
 

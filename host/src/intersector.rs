@@ -3,16 +3,10 @@
 use crate::{Error, Traversal};
 use raykd_kernels::{
     Kernel,
-    trace::{
-        baldwin::BALDWIN,
-        brute::{
-            brute_baldwin::BRUTE_BALDWIN, brute_exact::BRUTE_EXACT, brute_moeller::BRUTE_MOELLER,
-            brute_plane::BRUTE_PLANE, brute_strict::BRUTE_STRICT, brute_woop::BRUTE_WOOP,
-        },
-        exact::EXACT,
-        moeller::MOELLER,
-        plane::PLANE,
-        woop::WOOP,
+    trace::queries::{
+        baldwin::BALDWIN, brute_baldwin::BRUTE_BALDWIN, brute_exact::BRUTE_EXACT,
+        brute_moeller::BRUTE_MOELLER, brute_plane::BRUTE_PLANE, brute_strict::BRUTE_STRICT,
+        brute_woop::BRUTE_WOOP, exact::EXACT, moeller::MOELLER, plane::PLANE, woop::WOOP,
     },
 };
 use std::fmt;

@@ -3,13 +3,12 @@
 use raykd_kernels::{
     Kernel,
     trace::{
-        backtrack,
-        optimised_ropes::OPTIMISED_ROPES,
-        pushdown, restart, ropes, sequential,
-        shortstack::{
-            self, shortstack1::SHORTSTACK1, shortstack2::SHORTSTACK2, shortstack4::SHORTSTACK4,
-            shortstack8::SHORTSTACK8,
+        queries::{
+            backtrack::BACKTRACK, optimised_ropes::OPTIMISED_ROPES, pushdown::PUSHDOWN, restart::RESTART,
+            ropes::ROPES, sequential::SEQUENTIAL, shortstack1::SHORTSTACK1, shortstack2::SHORTSTACK2,
+            shortstack4::SHORTSTACK4, shortstack8::SHORTSTACK8,
         },
+        traverse::{backtrack, pushdown, restart, ropes, sequential, shortstack},
     },
 };
 use raykd_shared::limits::MAX_DEPTH;
@@ -115,16 +114,16 @@ impl Traversal {
     pub(crate) const fn kernel(self) -> Option<&'static Kernel> {
         match self {
             Self::Stack | Self::Brute => None,
-            Self::Restart => Some(&restart::RESTART),
-            Self::Pushdown => Some(&pushdown::PUSHDOWN),
+            Self::Restart => Some(&RESTART),
+            Self::Pushdown => Some(&PUSHDOWN),
             Self::ShortStack1 => Some(&SHORTSTACK1),
             Self::ShortStack2 => Some(&SHORTSTACK2),
             Self::ShortStack4 => Some(&SHORTSTACK4),
             Self::ShortStack8 => Some(&SHORTSTACK8),
-            Self::Backtrack => Some(&backtrack::BACKTRACK),
-            Self::Ropes => Some(&ropes::ROPES),
+            Self::Backtrack => Some(&BACKTRACK),
+            Self::Ropes => Some(&ROPES),
             Self::OptimisedRopes => Some(&OPTIMISED_ROPES),
-            Self::Sequential => Some(&sequential::SEQUENTIAL),
+            Self::Sequential => Some(&SEQUENTIAL),
         }
     }
 

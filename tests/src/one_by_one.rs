@@ -5,7 +5,10 @@ use raykd::{
     kernels::{
         glam::Vec3,
         math::{div, ldexp},
-        trace::{NOTHING, frame::Frame, triangle::test},
+        trace::{
+            frame::Frame,
+            intersect::{Best, strict::test},
+        },
     },
     shared::TreeHeader,
 };
@@ -33,7 +36,7 @@ impl<'a> OneByOne<'a> {
     fn test(&self, frame: &Frame, triangle: u32) -> Option<(f32, Hit)> {
         let corners = self.mesh.triangles()[triangle as usize];
         let [a, b, c] = corners.map(|v| Vec3::from_slice(&self.positions[3 * v as usize..]));
-        let mut best = NOTHING;
+        let mut best = Best::NOTHING;
         test(frame, triangle, a, b, c, &mut best);
         (frame.valid && best.triangle == triangle).then(|| {
             // A zero has no sign in hits.

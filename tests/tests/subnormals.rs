@@ -7,8 +7,11 @@ use raykd::{
         glam::Vec3,
         math::div,
         trace::{
-            NOTHING, baldwin::Baldwin, exact::Exact, frame::Frame, intersector::Intersector as Test,
-            moeller::Moeller, plane::Plane, triangle::Strict, woop::Woop,
+            frame::Frame,
+            intersect::{
+                Best, Intersector as Test, baldwin::Baldwin, exact::Exact, moeller::Moeller, plane::Plane,
+                strict::Strict, woop::Woop,
+            },
         },
     },
     rays::Random,
@@ -32,7 +35,7 @@ fn alone<I: Test>(mesh: &Mesh, header: &TreeHeader, rays: &[Ray], flush: bool) -
             let [a, b, c] =
                 mesh.triangles()[id as usize].map(|v| Vec3::from_slice(&positions[3 * v as usize..]));
             let (a, b, c) = I::lay_out(a, b, c);
-            let mut best = NOTHING;
+            let mut best = Best::NOTHING;
             I::new(&frame).test(&frame, id, a, b, c, &mut best);
             if best.triangle == id {
                 assert!(I::new(&frame).may_hit(&frame, a, b, c), "{ray:?} {id}");

@@ -4,7 +4,7 @@ use super::{grid::Grid, usual_rays};
 use crate::{BuildOptions, Builder, Device, Error, Hit, Mesh, Ray, Scene, rays::Camera};
 use raykd_kernels::{
     glam::Vec3,
-    trace::{frame::Frame, triangle::may_hit},
+    trace::{frame::Frame, intersect::strict::may_hit},
 };
 use raykd_shared::TreeHeader;
 use std::{

@@ -8,7 +8,7 @@ use crate::{
 };
 use raykd_kernels::{
     Kernel,
-    trace::{JOB_WORDS, OUTCOME_INVALID, OUTCOME_STATUS, OUTCOME_WORDS},
+    trace::job::{JOB_WORDS, OUTCOME_INVALID, OUTCOME_STATUS, OUTCOME_WORDS},
 };
 use raykd_shared::{Hit, status};
 use std::time::{Duration, Instant};

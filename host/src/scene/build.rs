@@ -7,7 +7,7 @@ use crate::{
     exact::{self, levels},
     exec::{Buffer, Device, Step},
 };
-use raykd_kernels::{Kernel, trace::corners::CORNERS};
+use raykd_kernels::{Kernel, trace::prepare::corners::CORNERS};
 use raykd_shared::TreeHeader;
 use std::time::{Duration, Instant};
 

@@ -6,7 +6,7 @@ use crate::{
     exec::{Buffer, Step},
     traversal::{Needs, Traversal},
 };
-use raykd_kernels::trace::{
+use raykd_kernels::trace::prepare::{
     corners::transforms::TRANSFORMS, node_boxes::NODE_BOXES, parents::PARENTS, rope_links::ROPE_LINKS,
 };
 

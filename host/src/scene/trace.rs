@@ -8,9 +8,8 @@ use crate::{
     traversal::Traversal,
 };
 use raykd_kernels::trace::{
-    JOB_WORDS,
-    all::ALL,
-    stack::{any::ANY, closest::CLOSEST, except::EXCEPT, steps::STEPS},
+    job::JOB_WORDS,
+    queries::{all::ALL, any::ANY, closest::CLOSEST, except::EXCEPT, steps::STEPS},
 };
 use raykd_shared::{Hit, Ray};
 use std::time::{Duration, Instant};

@@ -8,7 +8,10 @@ use crate::{
     kernels::{
         glam::Vec3,
         math::{div, exponent, ldexp},
-        trace::{NOTHING, frame::Frame, intersector::Best, triangle::test},
+        trace::{
+            frame::Frame,
+            intersect::{Best, strict::test},
+        },
     },
     shared::{Content, MISS, TreeView},
 };
@@ -84,7 +87,7 @@ impl Textbook {
                 origin: frame.origin.to_array(),
                 direction: d.map(|x| ldexp(x, -top)),
                 frame,
-                best: NOTHING,
+                best: Best::NOTHING,
             };
             if frame.valid {
                 match self {

@@ -1,16 +1,12 @@
 //! The triangles of the leaves, laid out as the leaves list them: one cache line or two instead of three jumps.
 
-use super::{baldwin::Baldwin, intersector::Intersector, triangle::Strict};
 use crate::{
     glam::Vec4,
     mem::{Buf, Slots},
     mesh::triangle,
+    trace::intersect::{Intersector, NORMAL, baldwin::Baldwin, strict::Strict},
 };
 use raykd_shared::TreeHeader;
-
-/// Added to a triangle's number where it stands among floats: alone its bits are those of a subnormal, and CPUs that
-/// compute all four lanes of a vector take a hundred cycles for one, needed or not.
-pub const NORMAL: u32 = 0x4000_0000;
 
 /// Writes the triangle of reference `i` as a triangle test wants it; the first vector's `w` holds its number, see
 /// [`NORMAL`].

@@ -6,26 +6,29 @@
 //! descent pushes again what is above it. Where the first entry lost begins is kept, too: what lies beyond the best hit is no loss.
 
 use super::{
-    NOTHING, Steps,
-    crossing::{Crossing, Place},
-    frame::Frame,
-    intersector::Best,
+    Steps,
+    crossing::Crossing,
     leaf::{self, Every},
+    pushdown,
     restart::Base,
     trail::Trail,
-    triangle::Strict,
 };
 use crate::{
     glam::{UVec4, Vec4},
     math::{high, low},
     mem::{Buf, Slots, scratch},
+    trace::{
+        frame::Frame,
+        intersect::{Best, strict::Strict},
+        place::Place,
+    },
 };
 use raykd_shared::{MISS, limits::MAX_DEPTH, status};
 
 /// Bytes that a ray keeps between two leaves with a stack of `entries`, beside its best hit: entries, their place,
 /// how many they are, the deepest one lost, where the first lost begins, and what `pushdown` keeps.
 pub const fn state(entries: u32) -> u32 {
-    16 * entries + 16 + super::pushdown::STATE
+    16 * entries + 16 + pushdown::STATE
 }
 
 /// Finds the closest hit, or if `any` will do the best one in the first leaf that has one, with a stack of
@@ -39,7 +42,7 @@ pub fn walk<const ENTRIES: usize>(
     steps: &mut Steps,
 ) -> Best {
     let entries = ENTRIES as u32;
-    let mut best = NOTHING;
+    let mut best = Best::NOTHING;
     // Entries: number of the far child, its parent's level, where the ray enters and leaves it.
     let mut ring = scratch::<UVec4, ENTRIES>();
     // Entries pushed less those popped, modulo the ring's size, and how many of them are still there.
@@ -122,36 +125,4 @@ pub fn walk<const ENTRIES: usize>(
         steps.status |= status::CUT_SHORT;
     }
     best
-}
-
-/// Of one entry.
-pub mod shortstack1 {
-    query! {
-        /// A stack of one entry.
-        SHORTSTACK1 counts = |_, ray, pairs, corners, any, steps| super::walk::<1>(ray, pairs, corners, any, steps), {}
-    }
-}
-
-/// Of two entries.
-pub mod shortstack2 {
-    query! {
-        /// A stack of two entries.
-        SHORTSTACK2 counts = |_, ray, pairs, corners, any, steps| super::walk::<2>(ray, pairs, corners, any, steps), {}
-    }
-}
-
-/// Of four entries.
-pub mod shortstack4 {
-    query! {
-        /// A stack of four entries.
-        SHORTSTACK4 counts = |_, ray, pairs, corners, any, steps| super::walk::<4>(ray, pairs, corners, any, steps), {}
-    }
-}
-
-/// Of eight entries.
-pub mod shortstack8 {
-    query! {
-        /// A stack of eight entries.
-        SHORTSTACK8 counts = |_, ray, pairs, corners, any, steps| super::walk::<8>(ray, pairs, corners, any, steps), {}
-    }
 }

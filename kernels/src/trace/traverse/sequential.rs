@@ -7,19 +7,20 @@
 //! goes on from that plane's other side.
 
 use super::{
-    NOTHING, Steps,
+    Steps,
     crossing::Crossing,
-    frame::Frame,
-    intersector::Best,
     leaf::{self, Every},
     restart::Base,
     trail::Trail,
-    triangle::Strict,
 };
 use crate::{
     glam::{UVec4, Vec4},
     math::{high, low},
     mem::Buf,
+    trace::{
+        frame::Frame,
+        intersect::{Best, strict::Strict},
+    },
 };
 use raykd_shared::{MISS, limits::MAX_DEPTH, status};
 
@@ -30,7 +31,7 @@ pub const STATE: u32 = 16;
 /// Finds the closest hit, or if `any` will do the best one in the first leaf that has one.
 #[inline(always)]
 pub fn walk(ray: &Frame, pairs: &Buf<UVec4>, corners: &Buf<Vec4>, any: bool, steps: &mut Steps) -> Best {
-    let mut best = NOTHING;
+    let mut best = Best::NOTHING;
     let root = Base::root(ray, pairs);
     let mut at = root;
     let mut trail = Trail::ROOT;
@@ -98,9 +99,4 @@ pub fn walk(ray: &Frame, pairs: &Buf<UVec4>, corners: &Buf<Vec4>, any: bool, ste
         steps.status |= status::CUT_SHORT;
     }
     best
-}
-
-query! {
-    /// Locates every leaf from the root.
-    SEQUENTIAL counts = |_, ray, pairs, corners, any, steps| walk(ray, pairs, corners, any, steps), {}
 }

@@ -8,18 +8,20 @@
 //! an empty leaf beside another child.
 
 use super::{
-    NOTHING, Steps,
-    crossing::{Crossing, Place},
-    frame::Frame,
-    intersector::Best,
+    Steps,
+    crossing::Crossing,
     leaf::{self, Every},
     trail::Trail,
-    triangle::Strict,
 };
 use crate::{
     glam::{UVec4, Vec4},
     math::{high, low},
     mem::Buf,
+    trace::{
+        frame::Frame,
+        intersect::{Best, strict::Strict},
+        place::Place,
+    },
 };
 use raykd_shared::{MISS, Node, limits::MAX_DEPTH, status};
 
@@ -57,7 +59,7 @@ pub fn walk<const PUSHDOWN: bool>(
     any: bool,
     steps: &mut Steps,
 ) -> Best {
-    let mut best = NOTHING;
+    let mut best = Best::NOTHING;
     let mut base = Base::root(ray, pairs);
     let mut trail = Trail::ROOT;
     // Levels above this one follow the trail.
@@ -117,9 +119,4 @@ pub fn walk<const PUSHDOWN: bool>(
         steps.status |= status::CUT_SHORT;
     }
     best
-}
-
-query! {
-    /// Restarts at the root.
-    RESTART counts = |_, ray, pairs, corners, any, steps| walk::<false>(ray, pairs, corners, any, steps), {}
 }

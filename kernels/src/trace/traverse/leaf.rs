@@ -1,13 +1,12 @@
 //! The visit of a leaf, the same for every traversal: each triangle it lists is tested.
 
-use super::{
-    corners::NORMAL,
-    frame::Frame,
-    intersector::{Best, Intersector},
-};
 use crate::{
     glam::Vec4,
     mem::{Buf, Slots},
+    trace::{
+        frame::Frame,
+        intersect::{Best, Intersector, NORMAL},
+    },
 };
 use raykd_shared::Node;
 

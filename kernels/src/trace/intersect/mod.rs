@@ -1,28 +1,34 @@
 //! What a triangle test is to a traversal, and what the published ones share.
 //!
-//! `strict` (triangle.rs) is what raykd uses, `exact` (exact.rs) rounds nothing but its answer. The others are there to be
+//! `strict` is what raykd uses, `exact` rounds nothing but its answer. The others are there to be
 //! compared with them: each in a file of its own, with the formulas and thresholds of its source, so that it fails where
 //! it is known to fail. Common to all are the rules of the contract: edges belong to triangles, ranges of `t` are
 //! inclusive, the lowest number wins.
-//!
-//! # Subnormal numbers
-//! Devices may flush them, so none may matter. Differences of points are multiplied with a power of two that
-//! brings the farthest corner of the scene to `2^38` to `2^39` ([`Unit`]), and what is then below `2^-24`, that is
-//! `2^-62` of that distance, is 0. Components of directions are 0 or at least `2^-30`. So are sums of products of up
-//! to three such numbers, differences included, either 0 or normal: no rounding is changed by this.
 
-use super::frame::{Frame, flush};
-use crate::{
-    glam::{Vec3, Vec4},
-    math::{abs, exp2, exponent},
-};
+pub mod baldwin;
+pub mod exact;
+pub mod integers;
+pub mod moeller;
+pub mod pair;
+pub mod plane;
+pub mod strict;
+pub mod unit;
+pub mod woop;
+
+use super::frame::Frame;
+use crate::glam::{Vec3, Vec4};
+use raykd_shared::MISS;
+
+/// Added to a triangle's number where it stands among floats: alone its bits are those of a subnormal, and CPUs that
+/// compute all four lanes of a vector take a hundred cycles for one, needed or not.
+pub const NORMAL: u32 = 0x4000_0000;
 
 /// The best hit of a ray so far. `u` and `v` stay undivided until the end.
 #[derive(Clone, Copy, Debug)]
 pub struct Best {
     /// Scaled ray parameter.
     pub t: f32,
-    /// Triangle, or [`raykd_shared::MISS`].
+    /// Triangle, or [`MISS`].
     pub triangle: u32,
     /// Weight of the second vertex, to be divided by `det`.
     pub u: f32,
@@ -33,6 +39,9 @@ pub struct Best {
 }
 
 impl Best {
+    /// No hit yet.
+    pub const NOTHING: Self = Self { t: f32::INFINITY, triangle: MISS, u: 0.0, v: 0.0, det: 1.0 };
+
     /// Whether a hit at `t` may be taken.
     #[inline(always)]
     pub fn may_take(&self, ray: &Frame, t: f32) -> bool {
@@ -76,64 +85,4 @@ pub trait Intersector: Copy {
 
     /// The whole test of triangle `id`: keeps the better of it and `best`. False if a driver left a loop of it early.
     fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool;
-}
-
-/// Differences of points that are smaller, in a [`Unit`], are 0.
-const FLOOR: f32 = exp2(-24);
-
-/// The power of two that brings the scene's farthest corner, seen from the ray's origin, to `2^38` to `2^39`.
-#[derive(Clone, Copy, Debug)]
-pub struct Unit {
-    /// Its exponent.
-    pub exponent: i32,
-    scale: f32,
-    inverse: f32,
-}
-
-impl Unit {
-    /// For a ray.
-    #[inline(always)]
-    pub fn new(ray: &Frame) -> Self {
-        // The pad is 2^-19 of that distance.
-        let exponent = 38 - 19 - exponent(ray.pad);
-        Self { exponent, scale: exp2(exponent), inverse: exp2(-exponent) }
-    }
-
-    /// The way from `a` to `b` in this unit.
-    #[inline(always)]
-    pub fn between(self, a: Vec3, b: Vec3) -> Vec3 {
-        let way = (b - a) * self.scale;
-        Vec3::new(flush(way.x, FLOOR), flush(way.y, FLOOR), flush(way.z, FLOOR))
-    }
-
-    /// A length in this unit as one in the scene's.
-    #[inline(always)]
-    pub fn undone(self, length: f32) -> f32 {
-        length * self.inverse
-    }
-}
-
-/// Cross product, by products and differences alone.
-#[inline(always)]
-pub fn cross(a: Vec3, b: Vec3) -> Vec3 {
-    Vec3::new(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
-}
-
-/// Scalar product, by products and sums alone.
-#[inline(always)]
-pub fn dot(a: Vec3, b: Vec3) -> f32 {
-    a.x * b.x + a.y * b.y + a.z * b.z
-}
-
-/// Axis of the largest component, the first of several.
-#[inline(always)]
-pub fn largest(v: Vec3) -> u32 {
-    let (x, y, z) = (abs(v.x), abs(v.y), abs(v.z));
-    if x >= y && x >= z {
-        0
-    } else if y >= z {
-        1
-    } else {
-        2
-    }
 }

@@ -9,15 +9,13 @@
 //! corner belongs to the triangle (`<= 1`; the paper has `< 1`).
 
 use super::{
-    corners::NORMAL,
-    frame::{Frame, cycle, flush},
-    intersector::{Best, Intersector, cross, dot, largest},
-    leaf::Every,
-    stack::walk,
+    Best, Intersector, NORMAL,
+    unit::{cross, dot, largest},
 };
 use crate::{
     glam::{Vec3, Vec4},
     math::{abs, div, exp2, exponent},
+    trace::frame::{Frame, cycle, flush},
 };
 
 /// Coefficients, `t` and coordinates of the point below this are 0: their products are normal numbers.
@@ -104,11 +102,4 @@ impl Intersector for Baldwin {
         }
         true
     }
-}
-
-query! {
-    /// The closest or any hit by this test.
-    BALDWIN = |_, ray, pairs, corners, any, steps|
-        walk::<Baldwin, Every, false>(ray, pairs, corners, Every, any, steps),
-    {}
 }

@@ -1,9 +1,9 @@
 //! The parent of every pair of children, for traversals that climb.
 
-use super::crossing::Place;
 use crate::{
     glam::UVec4,
     mem::{Buf, Slots},
+    trace::place::Place,
 };
 use raykd_shared::{MISS, TreeHeader};
 

@@ -4,15 +4,13 @@
 //! A record is three words of four: lower corner and upper corner, then the six ropes in the same order. Records
 //! stand at their leaf's number, so inner nodes waste theirs: 48 bytes a node.
 
-use super::{crossing::Place, node_boxes::climb};
+use super::climb::{NONE, climb};
 use crate::{
     glam::UVec4,
     mem::{Buf, Slots, scratch},
+    trace::place::Place,
 };
 use raykd_shared::TreeHeader;
-
-/// Beyond this side there is nothing.
-pub const NONE: u32 = u32::MAX;
 
 /// Word of the job record: 1 to pull ropes down as far as one node alone lies beyond the whole side.
 pub const JOB_OPTIMISE: u32 = 0;

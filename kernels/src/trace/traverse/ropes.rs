@@ -7,20 +7,26 @@
 //! as the ray is inside its thick plane when it leaves. Mostly that is one side, and its rope leads on. If it is
 //! several, the leaf's parents tell which of the planes is the deepest in the tree; beyond that one the ray's next
 //! leaf lies, and the other planes are crossed later. So every walk goes forward in the ray's order of leaves.
+//!
+//! *Optimised* ropes are pulled down to the smallest node that lies beyond a whole side. Such a rope skips the children
+//! beside it. Those that come before the rope's end in the ray's order would be missed if the ray still were inside the
+//! planes between: then, as at corners, the leaf's parents are asked.
 
 use super::{
-    NOTHING, Steps,
-    crossing::{Crossing, Place, thick},
-    frame::Frame,
-    intersector::Best,
+    Steps,
+    crossing::{Crossing, thick},
     leaf::{self, Every},
-    rope_links::NONE,
-    triangle::Strict,
 };
 use crate::{
     glam::{UVec4, Vec4},
     math::{high, low},
     mem::{Buf, Slots},
+    trace::{
+        frame::Frame,
+        intersect::{Best, strict::Strict},
+        place::Place,
+        prepare::climb::NONE,
+    },
 };
 use raykd_shared::{MISS, status};
 
@@ -50,7 +56,7 @@ fn passage(ray: &Frame, axis: u32, back: bool, lo: u32, hi: u32, ropes: (u32, u3
 }
 
 /// Finds the closest hit, or if `any` will do the best one in the first leaf that has one. `OPTIMISED` ropes skip
-/// nodes, see [`super::optimised_ropes`].
+/// nodes.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 pub fn walk<const OPTIMISED: bool>(
@@ -62,7 +68,7 @@ pub fn walk<const OPTIMISED: bool>(
     any: bool,
     steps: &mut Steps,
 ) -> Best {
-    let mut best = NOTHING;
+    let mut best = Best::NOTHING;
     let mut here = Place::load(0, pairs);
     // What is left of the ray begins here.
     let mut from = ray.enter;
@@ -147,10 +153,4 @@ pub fn walk<const OPTIMISED: bool>(
         steps.status |= status::CUT_SHORT;
     }
     best
-}
-
-query! {
-    /// Follows ropes to the node beyond the whole plane.
-    ROPES counts = |_, ray, pairs, corners, any, steps| walk::<false>(ray, pairs, corners, parents, links, any, steps),
-    { 8 parents: u32, 9 links: UVec4 }
 }

@@ -5,11 +5,11 @@
 //! Four determinants decide: `D = d . (b x c) + d . (c x a) + d . (a x b)`, whose parts are the weights, and
 //! `N = a . (b x c)`; then `t = N / D` (the volumes of Möller & Trumbore 1997, undivided). Quotients are rounded once.
 
-use super::frame::{HEADING, component};
 use crate::{
     glam::Vec3,
     math::exponent,
     mem::{Slots, scratch},
+    trace::frame::{HEADING, component},
 };
 
 /// Digits of a coordinate: the whole range of normal `f32`, and a bit for differences.

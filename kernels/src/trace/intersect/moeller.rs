@@ -7,14 +7,13 @@
 //! The paper leaves as soon as `u` or `v` is out of range; here all is computed and looked at once, without a division.
 
 use super::{
-    frame::{Frame, flush},
-    intersector::{Best, Intersector, Unit, cross, dot},
-    leaf::Every,
-    stack::walk,
+    Best, Intersector,
+    unit::{Unit, cross, dot},
 };
 use crate::{
     glam::Vec4,
     math::{abs, div, exp2, ldexp},
+    trace::frame::{Frame, flush},
 };
 
 /// The paper's `EPSILON`.
@@ -90,11 +89,4 @@ impl Intersector for Moeller {
         }
         true
     }
-}
-
-query! {
-    /// The closest or any hit by this test.
-    MOELLER = |_, ray, pairs, corners, any, steps|
-        walk::<Moeller, Every, false>(ray, pairs, corners, Every, any, steps),
-    {}
 }

@@ -3,33 +3,16 @@
 //! A plane is `pad` thick on either side (see frame.rs), so a ray is inside it from `first` to `last`. The near
 //! child may hold hits up to `last`, the far one hits from `first` on; in between, both.
 
-use super::frame::{Frame, component};
 use crate::{
     glam::UVec4,
     math::abs,
     mem::{Buf, Slots},
+    trace::{
+        frame::{Frame, component},
+        place::Place,
+    },
 };
 use raykd_shared::Node;
-
-/// A node and its number.
-#[derive(Clone, Copy, Debug)]
-pub struct Place {
-    /// The node.
-    pub node: Node,
-    /// Its number.
-    pub index: u32,
-}
-
-impl Place {
-    /// Loads node `index`.
-    #[inline(always)]
-    pub fn load(index: u32, pairs: &Buf<UVec4>) -> Self {
-        let pair = pairs.at(index >> 1);
-        let node =
-            if index & 1 == 0 { Node::from_words(pair.x, pair.y) } else { Node::from_words(pair.z, pair.w) };
-        Self { node, index }
-    }
-}
 
 /// The children of an inner node in the ray's order, and the interval of `t` inside the plane between them.
 #[derive(Clone, Copy, Debug)]

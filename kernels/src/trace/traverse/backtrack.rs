@@ -7,17 +7,19 @@
 //! interval as the planes on the way down, bit by bit, since both are made of the same numbers.
 
 use super::{
-    NOTHING, Steps,
-    crossing::{Crossing, Place},
-    frame::{Frame, slab},
-    intersector::Best,
+    Steps,
+    crossing::Crossing,
     leaf::{self, Every},
-    triangle::Strict,
 };
 use crate::{
     glam::{UVec4, Vec4},
     math::{high, low},
     mem::{Buf, Slots},
+    trace::{
+        frame::{Frame, slab},
+        intersect::{Best, strict::Strict},
+        place::Place,
+    },
 };
 use raykd_shared::{MISS, status};
 
@@ -25,7 +27,7 @@ use raykd_shared::{MISS, status};
 pub const STATE: u32 = 8;
 
 /// Finds the closest hit, or if `any` will do the best one in the first leaf that has one. `boxes` are those of
-/// [`super::node_boxes`].
+/// [`node_boxes`](crate::trace::prepare::node_boxes).
 #[inline(always)]
 pub fn walk(
     ray: &Frame,
@@ -35,7 +37,7 @@ pub fn walk(
     any: bool,
     steps: &mut Steps,
 ) -> Best {
-    let mut best = NOTHING;
+    let mut best = Best::NOTHING;
     let mut here = Place::load(0, pairs);
     let (mut enter, mut exit) = (ray.enter, ray.exit);
     let mut running = ray.valid && enter <= exit;
@@ -95,10 +97,4 @@ pub fn walk(
         steps.status |= status::CUT_SHORT;
     }
     best
-}
-
-query! {
-    /// Climbs by parents.
-    BACKTRACK counts = |_, ray, pairs, corners, any, steps| walk(ray, pairs, corners, boxes, any, steps),
-    { 8 boxes: UVec4 }
 }

@@ -6,14 +6,13 @@
 //! is from the scene's origin: it is rounded to coordinates.
 
 use super::{
-    frame::{Frame, component, cycle, flush},
-    intersector::{Best, Intersector, Unit, cross, dot, largest},
-    leaf::Every,
-    stack::walk,
+    Best, Intersector,
+    unit::{Unit, cross, dot, largest},
 };
 use crate::{
     glam::{Vec3, Vec4},
     math::{abs, div, exp2},
+    trace::frame::{Frame, component, cycle, flush},
 };
 
 /// In a [`Unit`]: `t` that is smaller is 0,
@@ -63,11 +62,4 @@ impl Intersector for Plane {
         }
         true
     }
-}
-
-query! {
-    /// The closest or any hit by this test.
-    PLANE = |_, ray, pairs, corners, any, steps|
-        walk::<Plane, Every, false>(ray, pairs, corners, Every, any, steps),
-    {}
 }

@@ -9,15 +9,13 @@
 //! the direction's reciprocal instead of a quotient, as many programs do: a rounding more, the same for all triangles.
 
 use super::{
-    frame::{Frame, flush},
-    intersector::{Best, Intersector},
-    leaf::Every,
-    stack::walk,
-    triangle::{SMALL, Sheared, shear},
+    Best, Intersector,
+    strict::{SMALL, Sheared, shear},
 };
 use crate::{
     glam::Vec4,
     math::{div, exp2, exponent},
+    trace::frame::{Frame, flush},
 };
 
 /// The test.
@@ -68,11 +66,4 @@ impl Intersector for Woop {
         }
         true
     }
-}
-
-query! {
-    /// The closest or any hit by this test.
-    WOOP = |_, ray, pairs, corners, any, steps|
-        walk::<Woop, Every, false>(ray, pairs, corners, Every, any, steps),
-    {}
 }

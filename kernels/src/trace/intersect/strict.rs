@@ -7,13 +7,11 @@
 //! gaps, at edges and at vertices (the paper falls back to doubles here); and since the edge functions are accurate,
 //! so is `t`, their mean of the vertices' depths, even where the ray grazes the triangle (see frame.rs).
 
-use super::{
-    frame::{Frame, component, cycle, flush},
-    intersector::{Best, Intersector},
-};
+use super::{Best, Intersector};
 use crate::{
     glam::{Vec3, Vec4},
     math::{div, exp2, exponent, is_small, product_difference, product_difference_wide},
+    trace::frame::{Frame, component, cycle, flush},
 };
 
 /// Depths smaller than this count as zero, and so do weights below [`WEIGHT_FLOOR`]: their products stay normal.

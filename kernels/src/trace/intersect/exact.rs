@@ -9,18 +9,11 @@
 //! Since answers are exact, neighbours need not agree about anything, and what was decided in which stage does not show.
 //! Numbers of any size count, but origins' that would be subnormal in the scaled scene, and distances `t` that would.
 
-use super::{
-    frame::{Frame, HEADING, component, cycle},
-    integers,
-    intersector::{Best, Intersector},
-    leaf::Every,
-    pair::Pair,
-    stack::walk,
-    triangle::shear,
-};
+use super::{Best, Intersector, integers, pair::Pair, strict::shear};
 use crate::{
     glam::{Vec3, Vec4},
     math::{abs, div, exp2, exponent, high, is_small, low},
+    trace::frame::{Frame, HEADING, component, cycle},
 };
 
 /// The test.
@@ -235,11 +228,4 @@ impl Intersector for Exact {
         }
         whole
     }
-}
-
-query! {
-    /// The closest or any hit by this test.
-    EXACT = |_, ray, pairs, corners, any, steps|
-        walk::<Exact, Every, false>(&ray.whole(), pairs, corners, Every, any, steps),
-    {}
 }

@@ -7,16 +7,17 @@
 //! equal `t` finds the lowest id.
 
 use super::{
-    NOTHING, Steps,
-    frame::{ByAxis, Frame},
-    intersector::{Best, Intersector},
-    leaf::{self, Every, Except, Filter},
-    triangle::Strict,
+    Steps,
+    leaf::{self, Filter},
 };
 use crate::{
     glam::{UVec4, Vec4},
     math::{abs, high, low},
     mem::{self, Buf, Slots},
+    trace::{
+        frame::{ByAxis, Frame},
+        intersect::{Best, Intersector},
+    },
 };
 use raykd_shared::{MISS, Node, limits::MAX_DEPTH, status};
 
@@ -69,7 +70,7 @@ pub fn walk<I: Intersector, F: Filter, const COUNT: bool>(
     any: bool,
     steps: &mut Steps,
 ) -> Best {
-    let mut best = NOTHING;
+    let mut best = Best::NOTHING;
     let by = I::new(ray);
     // Entries: the node to visit, where its interval ends and where it begins.
     let mut stack = mem::stack::<UVec4, { MAX_DEPTH as usize }>();
@@ -161,54 +162,6 @@ pub fn walk<I: Intersector, F: Filter, const COUNT: bool>(
         steps.status |= status::CUT_SHORT;
     }
     best
-}
-
-/// The closest hit.
-pub mod closest {
-    use super::{Every, Strict, walk};
-
-    query! {
-        /// The closest hit, by the default triangle test.
-        CLOSEST = |_, ray, pairs, corners, _, steps|
-            walk::<Strict, Every, false>(ray, pairs, corners, Every, false, steps),
-        {}
-    }
-}
-
-/// Any hit, for shadows.
-pub mod any {
-    use super::{Every, Strict, walk};
-
-    query! {
-        /// Any hit, by the default triangle test.
-        ANY = |_, ray, pairs, corners, _, steps|
-            walk::<Strict, Every, false>(ray, pairs, corners, Every, true, steps),
-        {}
-    }
-}
-
-/// The closest hit, and what it cost.
-pub mod steps {
-    use super::{Every, Strict, walk};
-
-    query! {
-        /// The closest hit, counting steps.
-        STEPS counts = |_, ray, pairs, corners, _, steps|
-            walk::<Strict, Every, true>(ray, pairs, corners, Every, false, steps),
-        {}
-    }
-}
-
-/// Rays that leave a surface.
-pub mod except {
-    use super::{Except, Strict, walk};
-
-    query! {
-        /// The closest or any hit of another triangle than the one given with the ray.
-        EXCEPT = |i, ray, pairs, corners, any, steps|
-            walk::<Strict, Except, false>(ray, pairs, corners, Except(excluded.at(i)), any, steps),
-        { 7 excluded: u32 }
-    }
 }
 
 #[cfg(test)]

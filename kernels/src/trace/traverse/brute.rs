@@ -3,15 +3,14 @@
 //! A dispatch goes through a slice of the triangles and hands its best hit to the next: no loop gets long
 //! enough for a driver to time out or to cut it short.
 
-use super::{
-    JOB_FROM, JOB_RAYS, JOB_TO, NOTHING, OUTCOME_STATUS,
-    intersector::{Best, Intersector},
-    load, record,
-};
 use crate::{
     glam::{UVec4, Vec4},
     mem::{Atomics, Buf, Slots},
     mesh::triangle,
+    trace::{
+        intersect::{Best, Intersector},
+        job::{JOB_FROM, JOB_RAYS, JOB_TO, OUTCOME_STATUS, load, record},
+    },
 };
 use raykd_shared::{TreeHeader, status};
 
@@ -34,7 +33,7 @@ pub fn brute<I: Intersector>(
         let ray = if I::WHOLE { ray.whole() } else { ray };
         let by = I::new(&ray);
         let from = job.at(JOB_FROM);
-        let mut best = NOTHING;
+        let mut best = Best::NOTHING;
         if from > 0 {
             let (head, tail) = (bests.at(2 * i), bests.at(2 * i + 1));
             best = Best {
@@ -66,52 +65,4 @@ pub fn brute<I: Intersector>(
         bests.put(2 * i + 1, UVec4::new(best.det.to_bits(), 0, 0, 0));
         hits.put(i, record(&ray, &best));
     }
-}
-
-/// Declares the kernel of a triangle test.
-macro_rules! brute {
-    ($name:ident = $test:ty) => {
-        use super::brute;
-        use raykd_shared::TreeHeader;
-        use $crate::glam::{UVec4, Vec4};
-
-        kernel! {
-            /// All rays against a slice of the triangles.
-            map $name = brute::<$test>, threads 64, {
-                0 job: read u32, 1 header: read TreeHeader, 2 kept: read u32, 3 positions: read f32,
-                4 indices: read u32, 5 rays: read Vec4, 6 hits: write UVec4, 7 outcome: write u32,
-                8 bests: write UVec4,
-            }
-        }
-    };
-}
-
-/// By [`Strict`](crate::trace::triangle::Strict).
-pub mod brute_strict {
-    brute!(BRUTE_STRICT = crate::trace::triangle::Strict);
-}
-
-/// By [`Exact`](crate::trace::exact::Exact).
-pub mod brute_exact {
-    brute!(BRUTE_EXACT = crate::trace::exact::Exact);
-}
-
-/// By [`Woop`](crate::trace::woop::Woop).
-pub mod brute_woop {
-    brute!(BRUTE_WOOP = crate::trace::woop::Woop);
-}
-
-/// By [`Moeller`](crate::trace::moeller::Moeller).
-pub mod brute_moeller {
-    brute!(BRUTE_MOELLER = crate::trace::moeller::Moeller);
-}
-
-/// By [`Plane`](crate::trace::plane::Plane).
-pub mod brute_plane {
-    brute!(BRUTE_PLANE = crate::trace::plane::Plane);
-}
-
-/// By [`Baldwin`](crate::trace::baldwin::Baldwin).
-pub mod brute_baldwin {
-    brute!(BRUTE_BALDWIN = crate::trace::baldwin::Baldwin);
 }

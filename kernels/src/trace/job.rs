@@ -1,0 +1,60 @@
+//! What a dispatch is told and what it answers: the records of job and outcome, rays and hits.
+
+use super::{frame::Frame, intersect::Best};
+use crate::{
+    glam::{UVec4, Vec4},
+    math::{div, ldexp},
+    mem::{Atomics, Buf, Slots},
+};
+use raykd_shared::{MISS, TreeHeader};
+
+/// Words of the job record: how many rays this dispatch has.
+pub const JOB_RAYS: u32 = 0;
+/// Brute force: where in the list of triangles this dispatch starts.
+pub const JOB_FROM: u32 = 1;
+/// Brute force: where it ends.
+pub const JOB_TO: u32 = 2;
+/// Queries of either kind: 1 if any hit will do, 0 for the closest.
+pub const JOB_ANY: u32 = 3;
+/// All hits: how many of a ray to write at most.
+pub const JOB_LIMIT: u32 = 3;
+/// Words of the job record.
+pub const JOB_WORDS: u32 = 4;
+
+/// Words of the outcome record: status bits, see [`raykd_shared::status`].
+pub const OUTCOME_STATUS: u32 = 0;
+/// How many rays were none: NaN, infinite or zero direction, origin out of range.
+pub const OUTCOME_INVALID: u32 = 1;
+/// Words of the outcome record.
+pub const OUTCOME_WORDS: u32 = 4;
+
+/// Loads and prepares ray `i`, and counts it if it is none.
+#[inline(always)]
+pub fn load(i: u32, rays: &Buf<Vec4>, header: &TreeHeader, outcome: &mut Buf<u32>) -> Frame {
+    let ray = Frame::new(rays.at(2 * i), rays.at(2 * i + 1), header);
+    if !ray.valid {
+        outcome.add(OUTCOME_INVALID, 1);
+    }
+    ray
+}
+
+/// The bits of a number, without the sign of a zero.
+#[inline(always)]
+fn positive_zero(a: f32) -> u32 {
+    if a == 0.0 { 0 } else { a.to_bits() }
+}
+
+/// The hit record of a finished ray: triangle, `t`, `u`, `v`.
+#[inline(always)]
+pub fn record(ray: &Frame, best: &Best) -> UVec4 {
+    if best.triangle == MISS {
+        UVec4::new(MISS, 0, 0, 0)
+    } else {
+        UVec4::new(
+            best.triangle,
+            positive_zero(ldexp(best.t, -ray.stretch)),
+            positive_zero(div(best.u, best.det)),
+            positive_zero(div(best.v, best.det)),
+        )
+    }
+}

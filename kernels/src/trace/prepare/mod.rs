@@ -1,0 +1,8 @@
+//! What is made of a tree before rays are traced: triangles as leaves keep them, and what some ways through the tree
+//! need beside it.
+
+pub mod climb;
+pub mod corners;
+pub mod node_boxes;
+pub mod parents;
+pub mod rope_links;
