@@ -4,10 +4,10 @@
 //! library, or to look into a kernel:
 //!
 //! ```
-//! use raykd_kernels::{ALL, SPIRV};
+//! use raykd_kernels::{KERNELS, SPIRV};
 //!
 //! assert_eq!(SPIRV[..4], 0x0723_0203u32.to_le_bytes(), "a SPIR-V module");
-//! for kernel in ALL {
+//! for kernel in KERNELS {
 //!     println!("{}: {} lanes a workgroup", kernel.entry_point(), kernel.threads);
 //!     for slot in kernel.slots {
 //!         println!("    {}: {:?}, {} bytes an element", slot.name, slot.access, slot.stride);
@@ -26,8 +26,8 @@
 //! host dispatches. Both come from one declaration, so bindings cannot disagree.
 //!
 //! # Rules for results that must agree to the bit
-//! `+ - *`, comparisons and exact conversions on `f32` only; quotients by [`math::div`]; no `min`/`max` methods;
-//! no float reduction whose order a scheduler decides; no atomic append: count, scan, scatter.
+//! `+ - *`, comparisons and exact conversions on `f32` only; quotients by [`math::div`]; no `min`/`max`
+//! methods; no float reduction whose order a scheduler decides; no atomic append: count, scan, scatter.
 //! `cargo xtask kernels` refuses SPIR-V that breaks the first three.
 //!
 //! # Features
@@ -53,9 +53,12 @@ pub use glam;
 #[cfg(target_arch = "spirv")]
 pub use spirv_std::glam;
 
+/// Whether this is compiled for a GPU. Where bodies differ, one function or number asks this, and says why.
+const ON_GPU: bool = cfg!(target_arch = "spirv");
+
 /// Every kernel, in pipeline order.
 #[cfg(not(target_arch = "spirv"))]
-pub const ALL: &[&Kernel] = &[
+pub const KERNELS: &[&Kernel] = &[
     &probe::PROBE,
     &build::boxes::BOXES,
     &build::alone::ALONE,
@@ -69,28 +72,28 @@ pub const ALL: &[&Kernel] = &[
     &build::place::PLACE,
     &build::top::TOP,
     &build::emit::EMIT,
-    &build::exact::start::START,
-    &build::exact::sort::SORT,
-    &build::exact::weigh::WEIGH,
-    &build::exact::cheapest::CHEAPEST,
-    &build::exact::classify::CLASSIFY,
-    &build::exact::rank::RANK,
-    &build::exact::total::TOTAL,
-    &build::exact::advance::ADVANCE,
-    &build::exact::children::CHILDREN,
-    &build::exact::distribute::DISTRIBUTE,
-    &build::exact::carry::CARRY,
-    &build::exact::insert::INSERT,
-    &build::exact::sizes::SIZES,
-    &build::exact::number::NUMBER,
-    &build::exact::leaves::LEAVES,
+    &build::sweep::start::START,
+    &build::sweep::sort::SORT,
+    &build::sweep::weigh::WEIGH,
+    &build::sweep::cheapest::CHEAPEST,
+    &build::sweep::classify::CLASSIFY,
+    &build::sweep::rank::RANK,
+    &build::sweep::total::TOTAL,
+    &build::sweep::advance::ADVANCE,
+    &build::sweep::children::CHILDREN,
+    &build::sweep::distribute::DISTRIBUTE,
+    &build::sweep::carry::CARRY,
+    &build::sweep::insert::INSERT,
+    &build::sweep::sizes::SIZES,
+    &build::sweep::number::NUMBER,
+    &build::sweep::leaves::LEAVES,
     &trace::prepare::corners::CORNERS,
     &trace::prepare::corners::transforms::TRANSFORMS,
     &trace::queries::closest::CLOSEST,
     &trace::queries::any::ANY,
     &trace::queries::steps::STEPS,
     &trace::queries::except::EXCEPT,
-    &trace::queries::all::ALL,
+    &trace::queries::all::ALL_HITS,
     &trace::queries::moeller::MOELLER,
     &trace::queries::plane::PLANE,
     &trace::queries::baldwin::BALDWIN,

@@ -1,6 +1,10 @@
 //! Exact building blocks: what `+ - *` and comparisons do not give.
 
-use crate::mem::Slots;
+use crate::{
+    ON_GPU,
+    glam::{BVec4A, Vec3, Vec4},
+    mem::Slots,
+};
 use core::ops::{Add, BitAnd, BitOr, Mul, Not, Sub};
 
 /// One number, or on a CPU four side by side.
@@ -64,9 +68,8 @@ impl Number for f32 {
     }
 }
 
-#[cfg(not(target_arch = "spirv"))]
-impl Number for crate::glam::Vec4 {
-    type Mask = crate::glam::BVec4A;
+impl Number for Vec4 {
+    type Mask = BVec4A;
     #[inline(always)]
     fn all(x: f32) -> Self {
         Self::splat(x)
@@ -103,13 +106,71 @@ impl Number for crate::glam::Vec4 {
     }
 }
 
-/// Four words.
+/// How many numbers a lane computes with side by side: a GPU has lanes enough.
+#[cfg(target_arch = "spirv")]
+pub type Wide = f32;
+/// How many numbers a lane computes with side by side: a CPU, which runs the lanes in turn, four.
 #[cfg(not(target_arch = "spirv"))]
+pub type Wide = Vec4;
+
+/// Four words.
 #[inline(always)]
 fn four<const N: usize>(words: &[u32; N], i: u32) -> [u32; 4] {
     let mut four = [0; 4];
     four.copy_from_slice(&words[i as usize..i as usize + 4]);
     four
+}
+
+/// One of the first three numbers. A GPU selects; a CPU, where that would be a jump table, takes it from
+/// memory, and has a fourth so that no tag is out of range.
+#[inline(always)]
+fn on_axis(numbers: &[f32; 4], axis: u32) -> f32 {
+    if !ON_GPU {
+        numbers[axis as usize & 3]
+    } else if axis == 0 {
+        numbers[0]
+    } else if axis == 1 {
+        numbers[1]
+    } else {
+        numbers[2]
+    }
+}
+
+/// The component of a vector on an axis.
+#[inline(always)]
+pub fn component(v: Vec3, axis: u32) -> f32 {
+    on_axis(&[v.x, v.y, v.z, 0.0], axis)
+}
+
+/// The components of a vector, one to be taken again and again by an axis that changes: a CPU keeps them in
+/// memory.
+#[derive(Clone, Copy, Debug)]
+pub struct ByAxis([f32; 4]);
+
+impl ByAxis {
+    /// Those of `v`.
+    #[inline(always)]
+    pub fn new(v: Vec3) -> Self {
+        Self([v.x, v.y, v.z, 0.0])
+    }
+
+    /// The one on an axis.
+    #[inline(always)]
+    pub fn on(&self, axis: u32) -> f32 {
+        on_axis(&self.0, axis)
+    }
+}
+
+/// A vector with `axis` moved last, the others in cyclic order.
+#[inline(always)]
+pub fn cycle(v: Vec3, axis: u32) -> Vec3 {
+    if axis == 0 {
+        Vec3::new(v.y, v.z, v.x)
+    } else if axis == 1 {
+        Vec3::new(v.z, v.x, v.y)
+    } else {
+        v
+    }
 }
 
 /// The smaller of two numbers (`a` if they are equal).
@@ -129,14 +190,12 @@ pub fn high(a: f32, b: f32) -> f32 {
 pub fn whole<const MOST: u32>(a: f32) -> u32 {
     const { assert!(MOST < 1 << 24, "exact in 32 bits") };
     let held = low(high(0.0, a), MOST as f32);
-    #[cfg(target_arch = "spirv")]
-    return held as u32;
-    // What `as` does for numbers out of range takes a CPU longer than the conversion.
-    // SAFETY: `high` leaves no NaN, as no comparison with one holds, and `low` nothing above `MOST`, which fits.
-    #[cfg(not(target_arch = "spirv"))]
-    unsafe {
-        held.to_int_unchecked::<i32>() as u32
+    if ON_GPU {
+        return held as u32;
     }
+    // What `as` does for numbers out of range takes a CPU longer than the conversion. SAFETY: `high` leaves
+    // no NaN, as no comparison with one holds, and `low` nothing above `MOST`, which fits.
+    unsafe { held.to_int_unchecked::<i32>() as u32 }
 }
 
 /// Absolute value, by clearing the sign bit.
@@ -196,8 +255,7 @@ pub fn ldexp(a: f32, e: i32) -> f32 {
 #[inline(always)]
 pub fn div(a: f32, b: f32) -> f32 {
     // A CPU's own division rounds correctly; what is not normal it treats otherwise.
-    #[cfg(not(target_arch = "spirv"))]
-    {
+    if !ON_GPU {
         let quotient = a / b;
         if a.is_normal() && b.is_normal() && abs(quotient) > f32::MIN_POSITIVE {
             return quotient;
@@ -206,8 +264,9 @@ pub fn div(a: f32, b: f32) -> f32 {
     quotient(a, b)
 }
 
-/// [`div`] without a division: Vulkan's may be off by 2.5 ULP. The quotient is estimated by `+ - *` and made exact in
-/// integers: the remainder of a quotient that is off by a few units fits 32 bits although the product does not.
+/// [`div`] without a division: Vulkan's may be off by 2.5 ULP. The quotient is estimated by `+ - *` and made
+/// exact in integers: the remainder of a quotient that is off by a few units fits 32 bits although the
+/// product does not.
 #[inline]
 pub fn quotient(a: f32, b: f32) -> f32 {
     let (bits_a, bits_b) = (a.to_bits(), b.to_bits());
@@ -269,8 +328,8 @@ fn head(a: f32) -> f32 {
     f32::from_bits(a.to_bits() & 0xFFFF_F000)
 }
 
-/// `a * b`, and exactly what rounding took from it (Dekker 1971, with halves cut instead of rounded), for products
-/// that are 0 by a factor or at least `2^-78` in size.
+/// `a * b`, and exactly what rounding took from it (Dekker 1971, with halves cut instead of rounded), for
+/// products that are 0 by a factor or at least `2^-78` in size.
 #[inline(always)]
 pub fn two_product(a: f32, b: f32) -> (f32, f32) {
     let product = a * b;
@@ -282,8 +341,8 @@ pub fn two_product(a: f32, b: f32) -> (f32, f32) {
 /// `a * b - c * d` within `2^-22` of its size, with an exact sign, 0 only if it is; for products as in
 /// [`two_product`].
 ///
-/// If the rounded products are within a factor of two, their difference is exact (Sterbenz), and so is that of the
-/// two rounding errors, which share a grid of 24 bits; else nothing cancels.
+/// If the rounded products are within a factor of two, their difference is exact (Sterbenz), and so is that
+/// of the two rounding errors, which share a grid of 24 bits; else nothing cancels.
 #[inline(always)]
 pub fn product_difference(a: f32, b: f32, c: f32, d: f32) -> f32 {
     let ((p, p_error), (q, q_error)) = (two_product(a, b), two_product(c, d));
@@ -294,11 +353,11 @@ pub fn product_difference(a: f32, b: f32, c: f32, d: f32) -> f32 {
 #[inline(always)]
 fn parts(a: f32) -> (f32, i32) {
     let e = exponent(a);
-    if e == -127 { (0.0, NOTHING) } else { (f32::from_bits((a.to_bits() & 0x807F_FFFF) | 0x3F80_0000), e) }
+    if e == -127 { (0.0, OF_ZERO) } else { (f32::from_bits((a.to_bits() & 0x807F_FFFF) | 0x3F80_0000), e) }
 }
 
-/// Exponent that goes with 0: less than any sum of two others.
-const NOTHING: i32 = -1000;
+/// The exponent of 0: less than any sum of two others.
+const OF_ZERO: i32 = -1000;
 
 /// [`product_difference`] for all normal numbers: the result is the first times two to the second.
 #[inline(always)]

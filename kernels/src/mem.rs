@@ -21,10 +21,10 @@ impl<T> Buf<T> {
     /// A view of `len` elements at `ptr`.
     ///
     /// # Safety
-    /// While the view lives, `ptr` must be aligned, valid for reads of `len` initialised elements, and for writes too
-    /// if anything is put or changed through the view; and no element may be written while another thread reads or
-    /// writes it, unless both do so by [`Atomics`]. That is the contract every kernel keeps: a slot has one writer per
-    /// dispatch.
+    /// While the view lives, `ptr` must be aligned, valid for reads of `len` initialised elements, and for
+    /// writes too if anything is put or changed through the view; and no element may be written while another
+    /// thread reads or writes it, unless both do so by [`Atomics`]. That is the contract every kernel keeps:
+    /// a slot has one writer per dispatch.
     pub const unsafe fn new(ptr: *mut T, len: usize) -> Self {
         Self {
             ptr,
@@ -54,7 +54,8 @@ pub trait Slots<T: Copy> {
     }
     /// Writes element `i`.
     fn put(&mut self, i: u32, value: T);
-    /// Says that element `i` will be read, if there is one: a CPU, which runs few lanes at a time, then fetches it.
+    /// Says that element `i` will be read, if there is one: a CPU, which runs few lanes at a time, then
+    /// fetches it.
     #[inline(always)]
     fn soon(&self, _i: u32) {}
 }
@@ -65,6 +66,14 @@ pub trait Atomics {
     fn add(&mut self, i: u32, value: u32);
     /// Sets bits of word `i`.
     fn or(&mut self, i: u32, value: u32);
+    /// Sets bits of word `i`, perhaps none: lanes of a GPU wait for each other at an atomic, a CPU for what
+    /// it has guessed wrong.
+    #[inline(always)]
+    fn mark(&mut self, i: u32, value: u32) {
+        if !crate::ON_GPU || value != 0 {
+            self.or(i, value);
+        }
+    }
     /// Lowers word `i` to `value` if that is smaller.
     fn lower(&mut self, i: u32, value: u32);
     /// Raises word `i` to `value` if that is larger.
@@ -75,8 +84,8 @@ pub trait Atomics {
 pub trait Table: Slots<u32> + Atomics {}
 impl<const N: usize> Table for [u32; N] {}
 
-/// What each of at most `N` lanes keeps for itself from one block to the next: a GPU's lane in registers, of which there are
-/// more than workgroup memory; a CPU, which runs the lanes in turn, in an array.
+/// What each of at most `N` lanes keeps for itself from one block to the next: a GPU's lane in registers, of
+/// which there are more than workgroup memory; a CPU, which runs the lanes in turn, in an array.
 #[derive(Debug)]
 pub struct PerLane<T, const N: usize> {
     #[cfg(target_arch = "spirv")]
@@ -151,8 +160,8 @@ pub fn scratch<T: Copy + Default, const N: usize>() -> [T; N] {
     [T::default(); N]
 }
 
-/// A traversal's stack of at most `N` entries, written from the bottom up before they are read. Clearing it would
-/// take a CPU as long as a tenth of a ray.
+/// A traversal's stack of at most `N` entries, written from the bottom up before they are read. Clearing it
+/// would take a CPU as long as a tenth of a ray.
 #[inline(always)]
 pub fn stack<T: Copy + Default, const N: usize>() -> impl Slots<T> {
     #[cfg(target_arch = "spirv")]
@@ -170,9 +179,9 @@ mod gpu {
     const SCOPE: u32 = Scope::QueueFamily as u32;
     const NONE: u32 = Semantics::NONE.bits();
 
-    // Storage buffers: an index past the end is bounded by the device's robust buffer access, which wgpu switches on, so
-    // it reads something of the buffer or nothing and harms no other memory. Kernels keep to their buffers all the same:
-    // on a CPU the same body is checked, and tests compare the two.
+    // Storage buffers: an index past the end is bounded by the device's robust buffer access, which wgpu
+    // switches on, so it reads something of the buffer or nothing and harms no other memory. Kernels keep to
+    // their buffers all the same: on a CPU the same body is checked, and tests compare the two.
     impl<T: Copy> Slots<T> for [T] {
         #[inline(always)]
         fn at(&self, i: u32) -> T {
@@ -226,8 +235,8 @@ mod gpu {
         }
     }
 
-    // Workgroup and private memory, which no device bounds: that indices are below N is shown by the same body on a
-    // CPU, where every one is checked.
+    // Workgroup and private memory, which no device bounds: that indices are below N is shown by the same
+    // body on a CPU, where every one is checked.
     impl<T: Copy, const N: usize> Slots<T> for [T; N] {
         #[inline(always)]
         fn at(&self, i: u32) -> T {

@@ -32,10 +32,11 @@ pub struct BuildParams {
     pub long: u32,
     /// How planes are chosen: bits of [`rule`].
     pub rule: u32,
-    /// Nodes of at most this many references leave the level loop; at most [`crate::limits::TREELET`]. In the builder
-    /// `exact`, they have no lists of faces.
+    /// Nodes of at most this many references leave the level loop; at most [`crate::limits::TREELET`]. In the
+    /// builder `exact`, they have no lists of faces.
     pub small: u32,
-    /// What listing a triangle in one more leaf costs, in units of cost times half area; less in nodes where it cannot be saved.
+    /// What listing a triangle in one more leaf costs, in units of cost times half area; less in nodes where
+    /// it cannot be saved.
     pub price: f32,
     /// Factor on the cost of planes that cut off empty space.
     pub empty: f32,

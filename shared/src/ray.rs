@@ -4,10 +4,10 @@ use bytemuck::{Pod, Zeroable};
 
 /// One ray: the points `origin + t * direction` for `t_min <= t <= t_max`.
 ///
-/// The direction need not have unit length; `t` counts in its lengths. What is compared with `t_min` and `t_max`, and what
-/// hits are ordered by, is `t` as it is returned, rounded to the 24 digits of an `f32`, but also where it is too small or too
-/// large for one. `t_max` may be infinite. Subnormal numbers count as 0.
-/// A ray with a NaN anywhere, an infinite origin or direction, or a zero direction hits nothing.
+/// The direction need not have unit length; `t` counts in its lengths. What is compared with `t_min` and
+/// `t_max`, and what hits are ordered by, is `t` as it is returned, rounded to the 24 digits of an `f32`, but
+/// also where it is too small or too large for one. `t_max` may be infinite. Subnormal numbers count as 0. A
+/// ray with a NaN anywhere, an infinite origin or direction, or a zero direction hits nothing.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct Ray {
@@ -39,7 +39,8 @@ pub const MISS: u32 = u32::MAX;
 pub struct Hit {
     /// Triangle number in file order, or [`MISS`].
     pub triangle: u32,
-    /// Ray parameter of the hit, in lengths of the ray's direction: 0 below 2^-126 and infinite from 2^128 on; 0 for a miss.
+    /// Ray parameter of the hit, in lengths of the ray's direction: 0 below 2^-126 and infinite from 2^128
+    /// on; 0 for a miss.
     pub t: f32,
     /// Barycentric weight of the second vertex.
     pub u: f32,

@@ -1,4 +1,5 @@
-//! What kernels report to the host: a bit set, or-ed into one word, that the host turns into an error or a retry.
+//! What kernels report to the host: a bit set, or-ed into one word, that the host turns into an error or a
+//! retry.
 
 /// A buffer of the level loop was too short; the host retries with more room.
 pub const CAPACITY: u32 = 1;

@@ -133,8 +133,8 @@ struct Visit {
 }
 
 impl TreeView<'_> {
-    /// A hash of header, nodes and references. Changing any one word changes it; so, but for one case in 2^32, does
-    /// any other change. It tells damage, not malice.
+    /// A hash of header, nodes and references. Changing any one word changes it; so, but for one case in
+    /// 2^32, does any other change. It tells damage, not malice.
     pub fn checksum(&self) -> u32 {
         let head = TreeHeader { checksum: 0, ..*self.header };
         let head = bytemuck::cast::<TreeHeader, [u32; 16]>(head);
@@ -146,10 +146,10 @@ impl TreeView<'_> {
             .fold(0x811C_9DC5, |hash: u32, word| (hash ^ word).wrapping_mul(0x0100_0193).rotate_left(5))
     }
 
-    /// Checks every node and reference, and measures the tree on the way. `Ok` means that the tree is whole and undamaged,
-    /// that every pair of nodes and every reference is reached exactly once, and that a traversal with a stack of
-    /// `header.depth` entries stays inside the three arrays and ends. What it cannot tell is whether leaves list the
-    /// triangles that lie there.
+    /// Checks every node and reference, and measures the tree on the way. `Ok` means that the tree is whole
+    /// and undamaged, that every pair of nodes and every reference is reached exactly once, and that a
+    /// traversal with a stack of `header.depth` entries stays inside the three arrays and ends. What it
+    /// cannot tell is whether leaves list the triangles that lie there.
     ///
     /// # Errors
     /// The first [`Fault`] found.
@@ -163,7 +163,8 @@ impl TreeView<'_> {
         self.nodes.len().div_ceil(64) + self.refs.len().div_ceil(32)
     }
 
-    /// [`Self::validate`] where there is no allocator: `scratch` holds [`Self::scratch_words`] words of any value.
+    /// [`Self::validate`] where there is no allocator: `scratch` holds [`Self::scratch_words`] words of any
+    /// value.
     ///
     /// # Errors
     /// The first [`Fault`] found.

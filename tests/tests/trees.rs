@@ -49,8 +49,8 @@ proptest! {
 #[test]
 fn every_family_builds_at_sizes_where_something_changes() {
     for family in RANDOM.into_iter().chain(ZOO) {
-        // One triangle, a treelet and one more, a chunk and one more.
-        for size in [1, 32, 33, 2048, 2049] {
+        // One triangle, a treelet and one more, a chunk and one more, several chunks.
+        for size in [1, 32, 33, 512, 513, 2049] {
             let recipe = Recipe { family, size, seed: 7 };
             let mesh = recipe.mesh();
             let tree = build_everywhere(&mesh, &BuildOptions::default());

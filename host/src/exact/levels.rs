@@ -5,7 +5,7 @@ use crate::{
     build::{Arena, BuildTimes, Built, MeshBuffers, Room, add_times, growth, most_refs, params, upload},
     exec::{Buffer, Device, Step},
 };
-use raykd_kernels::build::exact::{
+use raykd_kernels::build::sweep::{
     CHEAPEST_BITS, FRESH_SHARE, LEVEL_WORDS, LISTS, OVER_CELLS, OVER_FACES, OVER_FRESH, OVER_RANKS,
     OVER_REFERENCES, ROWS, SORT_BITS, STATE_CELLS, STATE_DEPTH, STATE_FRESH, STATE_LEVEL, STATE_LISTS,
     STATE_NODES, STATE_REFS, STATE_STATUS, STATE_WORDS,

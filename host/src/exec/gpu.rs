@@ -120,7 +120,7 @@ impl Gpu {
             let descriptor = wgpu::ShaderModuleDescriptorPassthrough {
                 label: Some("raykd"),
                 spirv: Some(words.into()),
-                entry_points: raykd_kernels::ALL.iter().map(entry).collect(),
+                entry_points: raykd_kernels::KERNELS.iter().map(entry).collect(),
                 ..Default::default()
             };
             // SAFETY: the module was validated by spirv-val when it was made; its kernels keep to their buffers,
@@ -445,7 +445,7 @@ mod tests {
     #[test]
     fn module_holds_every_kernel() {
         let names = entry_points(&words(raykd_kernels::SPIRV));
-        for kernel in raykd_kernels::ALL {
+        for kernel in raykd_kernels::KERNELS {
             assert!(
                 names.contains(kernel.entry_point()),
                 "{}: run `cargo xtask kernels`",

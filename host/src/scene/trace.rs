@@ -9,7 +9,7 @@ use crate::{
 };
 use raykd_kernels::trace::{
     job::JOB_WORDS,
-    queries::{all::ALL, any::ANY, closest::CLOSEST, except::EXCEPT, steps::STEPS},
+    queries::{all::ALL_HITS, any::ANY, closest::CLOSEST, except::EXCEPT, steps::STEPS},
 };
 use raykd_shared::{Hit, Ray};
 use std::time::{Duration, Instant};
@@ -171,7 +171,7 @@ impl Scene {
             let mut buffers = batch.buffers(self);
             buffers.push(&totals);
             batch.begin(&self.device, limit)?;
-            all.trace += self.device.dispatch(&[Step::over(&ALL, batch.count, buffers)], false)?.total;
+            all.trace += self.device.dispatch(&[Step::over(&ALL_HITS, batch.count, buffers)], false)?.total;
             let start = Instant::now();
             all.invalid += batch.outcome(&self.device)?;
             all.hits.extend(self.device.read::<Hit>(&batch.hits, 0, part.len() * limit as usize)?);

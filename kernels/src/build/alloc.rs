@@ -5,7 +5,8 @@
 use super::{
     ARGS_ACTIVE, ARGS_BLOCKS, ARGS_CHUNKS, ARGS_SEVERAL_ACTIVE, ARGS_SEVERAL_CHUNKS, ARGS_TREELET_BLOCKS,
     ARGS_TREELETS, Item, LEVEL_ACTIVE, LEVEL_CHUNKS, LEVEL_DEPTH, LEVEL_REFS, LEVEL_TOP, LEVEL_TREELET_REFS,
-    LEVEL_TREELETS, Plane, STATE_STATUS, STATE_TOP, STATE_TREELET_REFS, STATE_TREELETS, cut, growth_left,
+    LEVEL_TREELETS, STATE_STATUS, STATE_TOP, STATE_TREELET_REFS, STATE_TREELETS, SplitPlane, cut,
+    growth_left,
     scan::{LANES, before, total},
     tally::{
         ACTIVE, BLOCKS, CHUNKS, KINDS, PAIRS, REFS, SUMS, TREELET_REFS, TREELETS, blocks_of,
@@ -27,6 +28,251 @@ use raykd_shared::{
 pub const TO_TREELET: u32 = 1 << 31;
 /// Sums over the blocks before this one, then over all.
 const OUTER: usize = 2 * KINDS as usize;
+
+/// The level past the last one is empty, too.
+#[inline(always)]
+fn end(group: Group, next_level: &mut Buf<u32>, next_args: &mut Buf<u32>, state: &Buf<u32>) {
+    lanes!(group, |lane| {
+        if lane == 0 {
+            next_level.put(LEVEL_ACTIVE, 0);
+            next_level.put(LEVEL_CHUNKS, 0);
+            put_groups(next_args, ARGS_ACTIVE, 0);
+            put_groups(next_args, ARGS_CHUNKS, 0);
+            put_groups(next_args, ARGS_SEVERAL_ACTIVE, 0);
+            put_groups(next_args, ARGS_SEVERAL_CHUNKS, 0);
+            put_groups(next_args, ARGS_BLOCKS, blocks_of(0));
+            put_groups(next_args, ARGS_TREELET_BLOCKS, blocks_of(state.at(STATE_TREELETS)));
+        }
+    });
+}
+
+/// Adds up what the blocks before this one need, and what all `number` nodes do.
+#[inline(always)]
+fn add_up(group: Group, parts: &[u32; BLOCKS], outer: &mut [u32; OUTER], blocks: &Buf<u32>, number: u32) {
+    // One block alone is not tallied first.
+    let several = number > LANES;
+    lanes!(group, |lane| {
+        if lane < KINDS {
+            outer.put(lane, 0);
+            outer.put(KINDS + lane, if several { 0 } else { total(KINDS, parts, lane) });
+        }
+    });
+    lanes!(group, |lane| {
+        let mut block = lane;
+        while several && block < blocks_of(number) {
+            let mut kind = 0;
+            while kind < KINDS {
+                let its = blocks.at(block * KINDS + kind);
+                outer.add(KINDS + kind, its);
+                if block < group.id {
+                    outer.add(kind, its);
+                }
+                kind += 1;
+            }
+            block += LANES;
+        }
+    });
+}
+
+/// What all nodes of the level need of a kind.
+#[inline(always)]
+fn all(outer: &[u32; OUTER], kind: u32) -> u32 {
+    outer.at(KINDS + kind)
+}
+
+/// Where what comes from this level starts in lists that all levels share.
+#[derive(Clone, Copy)]
+struct Bases {
+    top: u32,
+    treelets: u32,
+    refs: u32,
+}
+
+impl Bases {
+    #[inline(always)]
+    fn of(level: &Buf<u32>) -> Self {
+        Self {
+            top: level.at(LEVEL_TOP),
+            treelets: level.at(LEVEL_TREELETS),
+            refs: level.at(LEVEL_TREELET_REFS),
+        }
+    }
+
+    /// Where what comes from the next one starts.
+    #[inline(always)]
+    fn next(self, outer: &[u32; OUTER]) -> Self {
+        Self {
+            top: self.top + 2 * all(outer, PAIRS),
+            treelets: self.treelets + all(outer, TREELETS),
+            refs: self.refs + all(outer, TREELET_REFS),
+        }
+    }
+
+    /// Whether all lists have room for this level's children.
+    #[inline(always)]
+    fn fits(self, outer: &[u32; OUTER], params: &BuildParams) -> bool {
+        let next = self.next(outer);
+        next.top <= 2 * params.treelets
+            && next.treelets <= params.treelets
+            && next.refs <= params.treelet_refs
+            && all(outer, ACTIVE) <= params.active
+            && all(outer, CHUNKS) <= params.active
+            && all(outer, REFS) <= params.level_refs
+    }
+}
+
+/// Writes node `k`, that of a lane, and puts its children into the lists.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+#[inline(always)]
+fn put_children(
+    k: u32,
+    place: impl Fn(u32) -> u32,
+    bases: Bases,
+    depth: u32,
+    small: u32,
+    active: &Buf<UVec4>,
+    planes: &Buf<UVec2>,
+    sizes: &Buf<UVec2>,
+    targets: &mut Buf<UVec2>,
+    top: &mut Buf<UVec2>,
+    next_active: &mut Buf<UVec4>,
+    treelets: &mut Buf<UVec4>,
+) {
+    let pair = bases.top + 2 * place(PAIRS);
+    let mut slot = place(ACTIVE);
+    let mut chunk = place(CHUNKS);
+    let mut reference = place(REFS);
+    let mut treelet = bases.treelets + place(TREELETS);
+    let mut treelet_ref = bases.refs + place(TREELET_REFS);
+    let item = Item::load(active, k);
+    let plane = planes.at(k);
+    let size = sizes.at(k);
+    let is_leaf = plane.x == Node::LEAF;
+    let at = f32::from_bits(plane.y);
+    // The node itself as a leaf counts as one child that keeps the slot and the box.
+    let mut starts = [0u32; 2];
+    let mut child = 0;
+    while child < 2 {
+        let count = if child == 0 { size.x } else { size.y };
+        let mut to = Item { first: treelet_ref, count, extra: depth, ..item };
+        if !is_leaf {
+            to.node = pair + child;
+            to.extra = depth + 1;
+            to.growth = growth_left(item.growth, item.count, size.x + size.y);
+            let (hi_below, lo_above) = cut(item.lo, item.hi, SplitPlane { axis: plane.x, at });
+            if child == 0 {
+                to.hi = hi_below;
+            } else {
+                to.lo = lo_above;
+            }
+        }
+        if !is_leaf && count > small {
+            to.first = reference;
+            to.extra = chunk;
+            to.store(next_active, slot);
+            starts.put(child, reference);
+            chunk += count.div_ceil(CHUNK);
+            slot += 1;
+            reference += count;
+        } else if !is_leaf || child == 0 {
+            to.store(treelets, treelet);
+            starts.put(child, treelet_ref | TO_TREELET);
+            treelet += 1;
+            treelet_ref += count;
+        }
+        child += 1;
+    }
+    if !is_leaf {
+        let (word0, word1) = Node::inner(plane.x, at, pair).words();
+        top.put(item.node, UVec2::new(word0, word1));
+    }
+    targets.put(k, UVec2::new(starts.at(0), starts.at(1)));
+}
+
+/// Writes whose the next level's chunks are that come from this block's `rest` nodes: while nodes are few and
+/// have many, several lanes to a child.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+#[inline(always)]
+fn put_chunks(
+    group: Group,
+    sums: &[u32; SUMS],
+    parts: &[u32; BLOCKS],
+    outer: &[u32; OUTER],
+    rest: u32,
+    small: u32,
+    planes: &Buf<UVec2>,
+    sizes: &Buf<UVec2>,
+    next_chunks: &mut Buf<u32>,
+) {
+    lanes!(group, |lane| {
+        let children = 2 * if rest < LANES { rest } else { LANES };
+        let sharers = if children < LANES { LANES / children } else { 1 };
+        let mut turn = lane;
+        while turn < children * sharers {
+            let child = turn / sharers;
+            let k = group.id * LANES + child / 2;
+            let size = sizes.at(k);
+            let is_active = |count: u32| planes.at(k).x != Node::LEAF && count > small;
+            let place = |kind: u32| outer.at(kind) + before(sums, parts, kind, child / 2);
+            let (mut slot, mut chunk) = (place(ACTIVE), place(CHUNKS));
+            if child % 2 == 1 && is_active(size.x) {
+                slot += 1;
+                chunk += size.x.div_ceil(CHUNK);
+            }
+            let count = if child % 2 == 0 { size.x } else { size.y };
+            let mut piece = turn % sharers;
+            while is_active(count) && piece < count.div_ceil(CHUNK) {
+                next_chunks.put(chunk + piece, slot);
+                piece += sharers;
+            }
+            turn += LANES;
+        }
+    });
+}
+
+/// Writes the records of the next level, one without nodes unless its lists fit, and of the build.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+#[inline(always)]
+fn put_records(
+    group: Group,
+    outer: &[u32; OUTER],
+    bases: Bases,
+    depth: u32,
+    fits: bool,
+    next_level: &mut Buf<u32>,
+    next_args: &mut Buf<u32>,
+    state: &mut Buf<u32>,
+) {
+    lanes!(group, |lane| {
+        if lane == 0 && group.id == 0 {
+            let (nodes, pieces, refs) =
+                if fits { (all(outer, ACTIVE), all(outer, CHUNKS), all(outer, REFS)) } else { (0, 0, 0) };
+            next_level.put(LEVEL_ACTIVE, nodes);
+            next_level.put(LEVEL_CHUNKS, pieces);
+            next_level.put(LEVEL_REFS, refs);
+            next_level.put(LEVEL_DEPTH, depth + 1);
+            put_groups(next_args, ARGS_ACTIVE, nodes);
+            put_groups(next_args, ARGS_CHUNKS, pieces);
+            let several = pieces > nodes;
+            put_groups(next_args, ARGS_SEVERAL_ACTIVE, if several { nodes } else { 0 });
+            put_groups(next_args, ARGS_SEVERAL_CHUNKS, if several { pieces } else { 0 });
+            put_groups(next_args, ARGS_BLOCKS, blocks_of(nodes));
+            if fits {
+                let next = bases.next(outer);
+                next_level.put(LEVEL_TOP, next.top);
+                next_level.put(LEVEL_TREELETS, next.treelets);
+                next_level.put(LEVEL_TREELET_REFS, next.refs);
+                state.put(STATE_TOP, next.top);
+                state.put(STATE_TREELETS, next.treelets);
+                state.put(STATE_TREELET_REFS, next.refs);
+                put_groups(state, ARGS_TREELETS, next.treelets);
+                put_groups(next_args, ARGS_TREELET_BLOCKS, blocks_of(next.treelets));
+            } else {
+                state.or(STATE_STATUS, status::CAPACITY);
+            }
+        }
+    });
+}
 
 /// Places the children of block `group.id`, a node a lane.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
@@ -55,173 +301,38 @@ pub fn alloc(
     let depth = level.at(LEVEL_DEPTH);
     // Levels past the last one are dispatched too, with nothing to do.
     if number == 0 {
-        lanes!(group, |lane| {
-            if lane == 0 {
-                next_level.put(LEVEL_ACTIVE, 0);
-                next_level.put(LEVEL_CHUNKS, 0);
-                put_groups(next_args, ARGS_ACTIVE, 0);
-                put_groups(next_args, ARGS_CHUNKS, 0);
-                put_groups(next_args, ARGS_SEVERAL_ACTIVE, 0);
-                put_groups(next_args, ARGS_SEVERAL_CHUNKS, 0);
-                put_groups(next_args, ARGS_BLOCKS, blocks_of(0));
-                put_groups(next_args, ARGS_TREELET_BLOCKS, blocks_of(state.at(STATE_TREELETS)));
-            }
-        });
+        end(group, next_level, next_args, state);
         return;
     }
-    count_block(group, sums, parts, number, params.small, planes, sizes);
-    // One block alone is not tallied first.
-    let several = number > LANES;
-    lanes!(group, |lane| {
-        if lane < KINDS {
-            outer.put(lane, 0);
-            outer.put(KINDS + lane, if several { 0 } else { total(KINDS, parts, lane) });
-        }
-    });
-    lanes!(group, |lane| {
-        let mut block = lane;
-        while several && block < blocks_of(number) {
-            let mut kind = 0;
-            while kind < KINDS {
-                let its = blocks.at(block * KINDS + kind);
-                outer.add(KINDS + kind, its);
-                if block < group.id {
-                    outer.add(kind, its);
-                }
-                kind += 1;
+    let small = params.small;
+    count_block(group, sums, parts, number, small, planes, sizes);
+    add_up(group, parts, outer, blocks, number);
+    let bases = Bases::of(level);
+    let fits = bases.fits(outer, &params);
+    if fits {
+        lanes!(group, |lane| {
+            let k = group.id * LANES + lane;
+            if k < number {
+                let place = |kind: u32| outer.at(kind) + before(sums, parts, kind, lane);
+                put_children(
+                    k,
+                    place,
+                    bases,
+                    depth,
+                    small,
+                    active,
+                    planes,
+                    sizes,
+                    targets,
+                    top,
+                    next_active,
+                    treelets,
+                );
             }
-            block += LANES;
-        }
-    });
-    let (top_base, treelet_base, ref_base) =
-        (level.at(LEVEL_TOP), level.at(LEVEL_TREELETS), level.at(LEVEL_TREELET_REFS));
-    let all = |outer: &[u32; OUTER], kind: u32| outer.at(KINDS + kind);
-    let fits = top_base + 2 * all(outer, PAIRS) <= 2 * params.treelets
-        && treelet_base + all(outer, TREELETS) <= params.treelets
-        && ref_base + all(outer, TREELET_REFS) <= params.treelet_refs
-        && all(outer, ACTIVE) <= params.active
-        && all(outer, CHUNKS) <= params.active
-        && all(outer, REFS) <= params.level_refs;
-    lanes!(group, |lane| {
-        let k = group.id * LANES + lane;
-        if k < number && fits {
-            let place = |kind: u32| outer.at(kind) + before(sums, parts, kind, lane);
-            let pair = top_base + 2 * place(PAIRS);
-            let mut slot = place(ACTIVE);
-            let mut chunk = place(CHUNKS);
-            let mut reference = place(REFS);
-            let mut treelet = treelet_base + place(TREELETS);
-            let mut treelet_ref = ref_base + place(TREELET_REFS);
-            let item = Item::load(active, k);
-            let plane = planes.at(k);
-            let size = sizes.at(k);
-            let is_leaf = plane.x == Node::LEAF;
-            let at = f32::from_bits(plane.y);
-            // The node itself as a leaf counts as one child that keeps the slot and the box.
-            let mut starts = [0u32; 2];
-            let mut child = 0;
-            while child < 2 {
-                let count = if child == 0 { size.x } else { size.y };
-                let mut to = Item {
-                    node: item.node,
-                    first: treelet_ref,
-                    count,
-                    extra: depth,
-                    lo: item.lo,
-                    hi: item.hi,
-                    growth: item.growth,
-                };
-                if !is_leaf {
-                    to.node = pair + child;
-                    to.extra = depth + 1;
-                    to.growth = growth_left(item.growth, item.count, size.x + size.y);
-                    let (hi_below, lo_above) = cut(item.lo, item.hi, Plane { axis: plane.x, at });
-                    if child == 0 {
-                        to.hi = hi_below;
-                    } else {
-                        to.lo = lo_above;
-                    }
-                }
-                if !is_leaf && count > params.small {
-                    to.first = reference;
-                    to.extra = chunk;
-                    to.store(next_active, slot);
-                    starts.put(child, reference);
-                    chunk += count.div_ceil(CHUNK);
-                    slot += 1;
-                    reference += count;
-                } else if !is_leaf || child == 0 {
-                    to.store(treelets, treelet);
-                    starts.put(child, treelet_ref | TO_TREELET);
-                    treelet += 1;
-                    treelet_ref += count;
-                }
-                child += 1;
-            }
-            if !is_leaf {
-                let (word0, word1) = Node::inner(plane.x, at, pair).words();
-                top.put(item.node, UVec2::new(word0, word1));
-            }
-            targets.put(k, UVec2::new(starts.at(0), starts.at(1)));
-        }
-    });
-    // Whose the chunks are: while nodes are few and have many, several lanes to a child.
-    lanes!(group, |lane| {
-        let rest = number - group.id * LANES;
-        let children = 2 * if rest < LANES { rest } else { LANES };
-        let sharers = if children < LANES { LANES / children } else { 1 };
-        let mut turn = lane;
-        while fits && turn < children * sharers {
-            let child = turn / sharers;
-            let k = group.id * LANES + child / 2;
-            let size = sizes.at(k);
-            let is_active = |count: u32| planes.at(k).x != Node::LEAF && count > params.small;
-            let place = |kind: u32| outer.at(kind) + before(sums, parts, kind, child / 2);
-            let (mut slot, mut chunk) = (place(ACTIVE), place(CHUNKS));
-            if child % 2 == 1 && is_active(size.x) {
-                slot += 1;
-                chunk += size.x.div_ceil(CHUNK);
-            }
-            let count = if child % 2 == 0 { size.x } else { size.y };
-            let mut piece = turn % sharers;
-            while is_active(count) && piece < count.div_ceil(CHUNK) {
-                next_chunks.put(chunk + piece, slot);
-                piece += sharers;
-            }
-            turn += LANES;
-        }
-    });
-    lanes!(group, |lane| {
-        if lane == 0 && group.id == 0 {
-            let (nodes, pieces, refs) =
-                if fits { (all(outer, ACTIVE), all(outer, CHUNKS), all(outer, REFS)) } else { (0, 0, 0) };
-            next_level.put(LEVEL_ACTIVE, nodes);
-            next_level.put(LEVEL_CHUNKS, pieces);
-            next_level.put(LEVEL_REFS, refs);
-            next_level.put(LEVEL_DEPTH, depth + 1);
-            put_groups(next_args, ARGS_ACTIVE, nodes);
-            put_groups(next_args, ARGS_CHUNKS, pieces);
-            let several = pieces > nodes;
-            put_groups(next_args, ARGS_SEVERAL_ACTIVE, if several { nodes } else { 0 });
-            put_groups(next_args, ARGS_SEVERAL_CHUNKS, if several { pieces } else { 0 });
-            put_groups(next_args, ARGS_BLOCKS, blocks_of(nodes));
-            if fits {
-                let top = top_base + 2 * all(outer, PAIRS);
-                let treelets = treelet_base + all(outer, TREELETS);
-                let refs = ref_base + all(outer, TREELET_REFS);
-                next_level.put(LEVEL_TOP, top);
-                next_level.put(LEVEL_TREELETS, treelets);
-                next_level.put(LEVEL_TREELET_REFS, refs);
-                state.put(STATE_TOP, top);
-                state.put(STATE_TREELETS, treelets);
-                state.put(STATE_TREELET_REFS, refs);
-                put_groups(state, ARGS_TREELETS, treelets);
-                put_groups(next_args, ARGS_TREELET_BLOCKS, blocks_of(treelets));
-            } else {
-                state.or(STATE_STATUS, status::CAPACITY);
-            }
-        }
-    });
+        });
+        put_chunks(group, sums, parts, outer, number - group.id * LANES, small, planes, sizes, next_chunks);
+    }
+    put_records(group, outer, bases, depth, fits, next_level, next_args, state);
 }
 
 /// Indirect arguments for a dispatch of `groups` workgroups.

@@ -1,5 +1,5 @@
-//! Nodes of one chunk, most of all: what [`super::bin`], [`super::split`] and [`super::count`] do in passes over the others, by
-//! one workgroup at once, which needs no histogram in memory.
+//! Nodes of one chunk, most of all: what [`super::bin`], [`super::split`] and [`super::count`] do in passes
+//! over the others, by one workgroup at once, which needs no histogram in memory.
 
 use super::{
     Item, LEVEL_ACTIVE, LEVEL_DEPTH,
@@ -14,8 +14,8 @@ use crate::{
 };
 use raykd_shared::{BuildParams, rule};
 
-/// Chooses the plane of active node `group.id` and finds its children's sizes; or, if it has several chunks, clears room for
-/// its histogram and those sizes.
+/// Chooses the plane of active node `group.id` and finds its children's sizes; or, if it has several chunks,
+/// clears room for its histogram and those sizes.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 pub fn alone(

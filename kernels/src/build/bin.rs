@@ -3,15 +3,15 @@
 //! Min-max binning (Shevtsov, Soupikov & Kapustin 2007): one counter for the bin where a box starts, one for
 //! where it ends; sums of them give the exact number of boxes on either side of every bin border, up to the
 //! rounding of the bin's index. The tree does not depend on that: `count` and `scatter` use the plane itself.
-//! And the last end and the first start in each bin: planes there cut fewer triangles than one at the bin's border.
+//! And the last end and the first start in each bin: planes there cut fewer triangles than one at the bin's
+//! border.
 
 use super::{Item, LEVEL_CHUNKS, chunk_of, reference::Reference};
 use crate::{
     Group,
     glam::UVec4,
-    math::{div, whole},
+    math::{component, div, whole},
     mem::{Atomics, Buf, Slots},
-    trace::frame::component,
 };
 use raykd_shared::limits::BINS;
 
@@ -22,14 +22,15 @@ pub const STARTS: u32 = 0;
 pub const ENDS: u32 = 3 * BINS;
 /// Where the last of them does, [`ordered`].
 pub const LAST_ENDS: u32 = 6 * BINS;
-/// Where the first that starts in a bin does, [`ordered`] and inverted; [`UNTOLD`] if a flat one does, which lies below a plane
-/// through it.
+/// Where the first that starts in a bin does, [`ordered`] and inverted; [`UNTOLD`] if a flat one does, which
+/// lies below a plane through it.
 pub const FIRST_STARTS: u32 = 9 * BINS;
 /// No first start is told.
 pub const UNTOLD: u32 = u32::MAX;
 /// Words of a node's histogram.
 pub const HIST_WORDS: u32 = 12 * BINS;
-/// Where the histogram starts in workgroup memory: [`super::split`] reads a word before it, which does not matter.
+/// Where the histogram starts in workgroup memory: [`super::split`] reads a word before it, which does not
+/// matter.
 pub const BEFORE: u32 = 1;
 /// Words for it there.
 pub const TABLE: usize = (BEFORE + HIST_WORDS) as usize;

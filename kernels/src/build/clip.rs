@@ -1,23 +1,24 @@
-//! Clipping triangles: how far the part of one in a box or on a side of a plane reaches, rounded outward ("perfect
-//! splits", Wald & Havran 2006, section 4.3).
+//! Clipping triangles: how far the part of one in a box or on a side of a plane reaches, rounded outward
+//! ("perfect splits", Wald & Havran 2006, section 4.3).
 //!
-//! No polygon is kept. What lies of a triangle on one side of a plane is spanned by its vertices there and the points where its
-//! edges meet the plane; the box of that is intersected with the one at hand, from plane to plane. Not always as tight as the clipped
-//! polygon's, since a plane does not cut the edges that another has made, and empty only if the polygon is.
+//! No polygon is kept. What lies of a triangle on one side of a plane is spanned by its vertices there and
+//! the points where its edges meet the plane; the box of that is intersected with the one at hand, from plane
+//! to plane. Not always as tight as the clipped polygon's, since a plane does not cut the edges that another
+//! has made, and empty only if the polygon is.
 //!
 //! # Rounding
-//! Let `u = 2^-24`, `span` the triangle's extent on an axis and `far` its largest coordinate there, by magnitude.
-//! A point `a + t (b - a)` on an edge is off by at most `5.1 u span + u far`: two differences and a quotient in `t`,
-//! a difference and a product, and the sum; moving it by the pad takes another `u far`. Where a vertex lies is decided
-//! exactly. Vertices are not padded, nor is anything on an axis across which the triangle is flat.
+//! Let `u = 2^-24`, `span` the triangle's extent on an axis and `far` its largest coordinate there, by
+//! magnitude. A point `a + t (b - a)` on an edge is off by at most `5.1 u span + u far`: two differences and
+//! a quotient in `t`, a difference and a product, and the sum; moving it by the pad takes another `u far`.
+//! Where a vertex lies is decided exactly. Vertices are not padded, nor is anything on an axis across which
+//! the triangle is flat.
 //!
 //! Coordinates are 0 or at least `DUST` in size, and so are the results; nothing else is subnormal, or it is
 //! flushed, and pads are at least four times what that may lose.
 
 use crate::{
     glam::Vec3,
-    math::{abs, div, exp2, high, low},
-    trace::frame::cycle,
+    math::{abs, cycle, div, exp2, high, low},
 };
 
 /// Smaller numbers count as 0 inside, and are rounded outward in results.
@@ -158,8 +159,8 @@ fn crosses(a: Vec3, b: Vec3, at: f32) -> bool {
     low(a.z, b.z) < at && at < high(a.z, b.z)
 }
 
-/// Cuts `bounds`, a box around some part of a triangle, by a plane: boxes around what lies below and above, each
-/// the box of the triangle's half within `bounds`.
+/// Cuts `bounds`, a box around some part of a triangle, by a plane: boxes around what lies below and above,
+/// each the box of the triangle's half within `bounds`.
 #[inline(always)]
 pub fn clip_plane(a: Vec3, b: Vec3, c: Vec3, bounds: &Bounds, axis: u32, at: f32) -> (Bounds, Bounds) {
     let (mut a, mut b, mut c) = (cycle(a, axis), cycle(b, axis), cycle(c, axis));

@@ -1,8 +1,7 @@
-//! Which references of a chunk go below and above its node's plane, and how many; these are the children's sizes.
+//! Which references of a chunk go below and above its node's plane, and how many; these are the children's
+//! sizes.
 
-#[cfg(not(target_arch = "spirv"))]
-use super::ahead;
-use super::{LEVEL_CHUNKS, Plane, chunk_of, clip::clip_plane, plane_of, reference::Reference};
+use super::{LEVEL_CHUNKS, SplitPlane, ahead, chunk_of, clip::clip_plane, plane_of, reference::Reference};
 use crate::{
     Group,
     glam::{UVec2, UVec4},
@@ -11,8 +10,8 @@ use crate::{
 };
 use raykd_shared::{BuildParams, rule};
 
-/// How many of `number` references from `start` on go below and above `plane`; boxes that straddle it, of triangles that do
-/// not, are clipped.
+/// How many of `number` references from `start` on go below and above `plane`; boxes that straddle it, of
+/// triangles that do not, are clipped.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 pub fn sides_of(
@@ -24,7 +23,7 @@ pub fn sides_of(
     refs: &mut Buf<UVec4>,
     start: u32,
     number: u32,
-    plane: Plane,
+    plane: SplitPlane,
 ) {
     let step = group.sharers();
     lanes!(group, ..step, |lane| {
@@ -54,7 +53,6 @@ pub fn sides_of(
                 }
                 k += 1;
             }
-            #[cfg(not(target_arch = "spirv"))]
             ahead::triangles(group, positions, indices, straddling, |k| {
                 Reference::load(refs, start + i + k * step).triangle
             });
@@ -81,7 +79,8 @@ pub fn sides_of(
     });
 }
 
-/// Adds what chunk `group.id` sends either way to its node's, if that has several; [`super::alone`] has cleared that.
+/// Adds what chunk `group.id` sends either way to its node's, if that has several; [`super::alone`] has
+/// cleared that.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 pub fn count(

@@ -12,14 +12,15 @@ const ROOM: usize = 2 * MOST + 8;
 /// On which side a box lies that is flat and in the plane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Flat {
-    /// Below, as in all kernels but `exact`'s.
+    /// Below, as in all kernels but those of `sweep`.
     Below,
     /// Above.
     Above,
 }
 
-/// The cheapest cut at a face of the boxes: its cost and rank. Of equally cheap ones that of the lowest rank, which is made of
-/// a face's place and number: first come the low ones. `faces` tells those of a box, low and high.
+/// The cheapest cut at a face of the boxes: its cost and rank. Of equally cheap ones that of the lowest rank,
+/// which is made of a face's place and number: first come the low ones. `faces` tells those of a box, low and
+/// high.
 #[inline(always)]
 pub fn cheapest(
     number: usize,
@@ -48,8 +49,8 @@ pub fn cheapest(
     while next < held {
         let mut at = [0.0; 8];
         at.copy_from_slice(&places[next..next + 8]);
-        // What reaches to the one side, and what lies on the other only. Sums of floats a compiler leaves in their order, so it
-        // makes vectors of faces, not of boxes.
+        // What reaches to the one side, and what lies on the other only. Sums of floats a compiler leaves in
+        // their order, so it makes vectors of faces, not of boxes.
         let (mut here, mut there) = ([0.0f32; 8], [0.0f32; 8]);
         for i in 0..number {
             let (low, high) = faces(i);

@@ -1,14 +1,13 @@
 //! Building the tree, in pipeline order.
 //!
-//! Large nodes are split level by level, every node of a level in parallel: [`bin`] counts references per bin,
-//! [`split`] chooses planes, [`count`] sizes the children, or [`alone`] does all that for a node of one chunk; [`tally`] and
-//! [`alloc`] give every child its place, [`scatter`] moves the references there. Nodes of at most 32 references become
-//! treelets, each finished by one workgroup: [`treelet`] builds, [`place`] gives it its place, [`emit`] writes nodes and
-//! references.
+//! Large nodes are split level by level, every node of a level in parallel: [`bin`] counts references per
+//! bin, [`split`] chooses planes, [`count`] sizes the children, or [`alone`] does all that for a node of one
+//! chunk; [`tally`] and [`alloc`] give every child its place, [`scatter`] moves the references there. Nodes
+//! of at most 32 references become treelets, each finished by one workgroup: [`treelet`] builds, [`place`]
+//! gives it its place, [`emit`] writes nodes and references.
 //!
-//! [`exact`] is another builder, with kernels of its own.
+//! [`sweep`] is another builder, `exact`, with kernels of its own.
 
-#[cfg(not(target_arch = "spirv"))]
 mod ahead;
 pub mod alloc;
 pub mod alone;
@@ -17,21 +16,20 @@ pub mod boxes;
 pub mod clip;
 pub mod count;
 pub mod emit;
-pub mod exact;
-#[cfg(not(target_arch = "spirv"))]
 pub mod faces;
 pub mod place;
 pub mod reference;
 mod scan;
 pub mod scatter;
 pub mod split;
+pub mod sweep;
 pub mod tally;
 pub mod top;
 pub mod treelet;
 
 use crate::{
     glam::{UVec2, UVec4, Vec3},
-    math::{Number, abs, div, high, low},
+    math::{Number, abs, cycle, div, high, low},
     mem::{Buf, Slots},
 };
 use raykd_shared::{
@@ -95,18 +93,19 @@ pub const ARGS_WORDS: u32 = 18;
 /// Extents below `2^-60` count as flat: areas stay clear of subnormals, and nothing is split there.
 const FLAT: f32 = crate::math::exp2(-60);
 
-/// What part of its price a reference has in a long node: without any, nodes around a vertex that many triangles share
-/// are cut again and again, as deep as the tree may be.
+/// What part of its price a reference has in a long node: without any, nodes around a vertex that many
+/// triangles share are cut again and again, as deep as the tree may be.
 const LONG: f32 = crate::math::exp2(-7);
 
-/// No reference costs more tests of the rays through its own node than this in a long one, or in another one than it could save
-/// there. Without that limit nothing pays in an object that is a millionth of the scene: a price is for rays through the scene.
+/// No reference costs more tests of the rays through its own node than this in a long one, or in another one
+/// than it could save there. Without that limit nothing pays in an object that is a millionth of the scene: a
+/// price is for rays through the scene.
 const DEAREST: f32 = 0.5;
 /// The least that it is in others.
 const DEAREST_SHORT: u32 = 16;
 
-/// Larger nodes are not split where they are thinner than this part of the scene, on every axis: traversal counts planes as
-/// thicker than a dozen such nodes, so a ray that enters one would visit all leaves in it.
+/// Larger nodes are not split where they are thinner than this part of the scene, on every axis: traversal
+/// counts planes as thicker than a dozen such nodes, so a ray that enters one would visit all leaves in it.
 const THIN: f32 = crate::math::exp2(-24);
 
 /// Of what each reference of a node may become, what is left to its children's: its `count` became `now`.
@@ -177,9 +176,9 @@ pub fn chunk_of(chunk: u32, chunks: &Buf<u32>, active: &Buf<UVec4>) -> (u32, Ite
 
 /// The plane of active node `node`.
 #[inline(always)]
-pub fn plane_of(planes: &Buf<UVec2>, node: u32) -> Plane {
+pub fn plane_of(planes: &Buf<UVec2>, node: u32) -> SplitPlane {
     let words = planes.at(node);
-    Plane { axis: words.x, at: f32::from_bits(words.y) }
+    SplitPlane { axis: words.x, at: f32::from_bits(words.y) }
 }
 
 #[inline(always)]
@@ -194,14 +193,14 @@ fn to_bits(v: Vec3, last: u32) -> UVec4 {
 
 /// A plane that cuts a node.
 #[derive(Clone, Copy, Debug)]
-pub struct Plane {
+pub struct SplitPlane {
     /// Axis it is perpendicular to, or [`raykd_shared::Node::LEAF`] for none: the node becomes a leaf.
     pub axis: u32,
     /// Its position.
     pub at: f32,
 }
 
-impl Plane {
+impl SplitPlane {
     /// As it stands in a list.
     #[inline(always)]
     pub fn words(&self) -> UVec2 {
@@ -209,7 +208,8 @@ impl Plane {
     }
 }
 
-/// Whether a reference with this extent belongs below the plane. One that lies in the plane does, and not above.
+/// Whether a reference with this extent belongs below the plane. One that lies in the plane does, and not
+/// above.
 #[inline(always)]
 pub fn is_below(lo: f32, hi: f32, at: f32) -> bool {
     (lo < at) | (hi <= at)
@@ -223,7 +223,7 @@ pub fn is_above(hi: f32, at: f32) -> bool {
 
 /// A node's box cut by a plane: the boxes of the children.
 #[inline(always)]
-pub fn cut(lo: Vec3, hi: Vec3, plane: Plane) -> (Vec3, Vec3) {
+pub fn cut(lo: Vec3, hi: Vec3, plane: SplitPlane) -> (Vec3, Vec3) {
     (with(hi, plane.axis, plane.at), with(lo, plane.axis, plane.at))
 }
 
@@ -248,8 +248,8 @@ pub struct Costs {
     pub test: f32,
     /// Of a reference, whoever passes: see [`BuildParams::price`].
     pub price: f32,
-    /// But in nodes of more references than this they have hardly any: a long leaf holds up all rays of a warp, more
-    /// than its area tells.
+    /// But in nodes of more references than this they have hardly any: a long leaf holds up all rays of a
+    /// warp, more than its area tells.
     pub long: u32,
     /// Factor on planes that cut off empty space (Wald & Havran 2006, section 3.1), if they pay without it.
     pub empty: f32,
@@ -277,9 +277,10 @@ impl Costs {
         }
     }
 
-    /// How many references the children of a node may have together. Treelets need no such limit, as their memory is bounded. In
-    /// larger nodes each reference may become `growth`, of which [`growth_left`] tells what is left to the children's: so many of
-    /// the root's stay few, whatever the triangles, and what part of them cannot be parted does not take it from the rest.
+    /// How many references the children of a node may have together. Treelets need no such limit, as their
+    /// memory is bounded. In larger nodes each reference may become `growth`, of which [`growth_left`] tells
+    /// what is left to the children's: so many of the root's stay few, whatever the triangles, and what part
+    /// of them cannot be parted does not take it from the rest.
     #[inline(always)]
     pub fn most(&self, lo: Vec3, hi: Vec3, count: u32, growth: f32) -> f32 {
         if count <= TREELET {
@@ -344,7 +345,7 @@ impl Sah {
     /// What planes across `axis` cost.
     #[inline(always)]
     pub fn across(&self, axis: u32) -> Across {
-        let (lo, hi) = (crate::trace::frame::cycle(self.lo, axis), crate::trace::frame::cycle(self.hi, axis));
+        let (lo, hi) = (cycle(self.lo, axis), cycle(self.hi, axis));
         let (b, c) = (flat(hi.x - lo.x), flat(hi.y - lo.y));
         Across {
             lo: lo.z,
@@ -394,8 +395,9 @@ impl Across {
         N::choose(may, cost, all(f32::INFINITY))
     }
 
-    /// What a cut between `from` and `to`, which leaves at least so many references below and above, costs at least if
-    /// neither is none. Rounding keeps the order of numbers, so it is no more than [`Across::cut`] says.
+    /// What a cut between `from` and `to`, which leaves at least so many references below and above, costs at
+    /// least if neither is none. Rounding keeps the order of numbers, so it is no more than [`Across::cut`]
+    /// says.
     #[inline(always)]
     pub fn least<N: Number>(&self, from: N, to: N, below: N, above: N) -> N {
         let all = N::all;

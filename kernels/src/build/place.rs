@@ -1,4 +1,5 @@
-//! Gives every treelet its place in the final lists: an exclusive scan of their sizes, a block of treelets a workgroup.
+//! Gives every treelet its place in the final lists: an exclusive scan of their sizes, a block of treelets a
+//! workgroup.
 
 use super::{
     LEVEL_ACTIVE, STATE_DEPTH, STATE_LEFT, STATE_NODES, STATE_REFS, STATE_STATUS, STATE_TOP, STATE_TREELETS,

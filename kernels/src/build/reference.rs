@@ -1,12 +1,12 @@
 //! References of a level: a triangle, and the box of what its node holds of it.
 
-use super::{Plane, from_bits, is_above, is_below, to_bits};
+use super::{SplitPlane, from_bits, is_above, is_below, to_bits};
 use crate::{
     build::clip::Bounds,
     glam::UVec4,
+    math::component,
     mem::{Buf, Slots},
     mesh,
-    trace::frame::component,
 };
 use raykd_shared::Node;
 
@@ -15,7 +15,7 @@ use raykd_shared::Node;
 pub struct Reference {
     /// The triangle's number.
     pub triangle: u32,
-    /// For [`super::exact`], the number of its node in the level.
+    /// For [`super::sweep`], the number of its node in the level.
     pub cell: u32,
     /// A box around its part in the node; empty if that has turned out to be nothing.
     pub bounds: Bounds,
@@ -51,7 +51,7 @@ impl Reference {
 
     /// Which children it goes to: bit 0 below, bit 1 above. A leaf keeps all its references below.
     #[inline(always)]
-    pub fn sides(&self, plane: Plane) -> u32 {
+    pub fn sides(&self, plane: SplitPlane) -> u32 {
         if plane.axis == Node::LEAF {
             1
         } else if self.bounds.is_empty() {

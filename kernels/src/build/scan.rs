@@ -19,14 +19,15 @@ pub(super) const fn blocks(kinds: u32) -> usize {
     (kinds * BLOCKS + kinds) as usize
 }
 
-/// Where what `lane` adds to `kind` stands: a word is left free behind every block of lanes, or those that add blocks up would all ask
-/// the same bank of a GPU's workgroup memory at a time.
+/// Where what `lane` adds to `kind` stands: a word is left free behind every block of lanes, or those that
+/// add blocks up would all ask the same bank of a GPU's workgroup memory at a time.
 #[inline(always)]
 pub(super) fn word(kind: u32, lane: u32) -> u32 {
     kind * PITCH + lane + lane / BLOCK
 }
 
-/// Replaces each of `count` words, a multiple of four, by the sum of those before it, and returns the sum of all.
+/// Replaces each of `count` words, a multiple of four, by the sum of those before it, and returns the sum of
+/// all.
 #[inline(always)]
 pub(super) fn serial(table: &mut impl Table, from: u32, count: u32) -> u32 {
     let mut sum = 0;

@@ -1,9 +1,8 @@
 //! Moves the references of a chunk to the children's lists, in order.
 
-#[cfg(not(target_arch = "spirv"))]
-use super::ahead;
 use super::{
-    LEVEL_CHUNKS, STATE_STATUS, alloc::TO_TREELET, chunk_of, clip::clip_plane, plane_of, reference::Reference,
+    LEVEL_CHUNKS, STATE_STATUS, SplitPlane, ahead, alloc::TO_TREELET, chunk_of, clip::clip_plane, plane_of,
+    reference::Reference,
 };
 use crate::{
     Group,
@@ -20,8 +19,176 @@ const WORDS: usize = BITS as usize;
 const BLOCK: u32 = 8;
 const BLOCKS: usize = (BITS / BLOCK) as usize;
 
-/// Scatters chunk `group.id`. Which references go below is a bit each, and so is above: how many go there before one is a
-/// count of bits. Those that go both ways are clipped again: [`super::count`] has no room for two boxes.
+/// Marks which of `number` references from `start` on go below and above, and adds up what the node's chunks
+/// before this one, from `first_chunk` on, send either way.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+#[inline(always)]
+fn mark(
+    group: Group,
+    belows: &mut [u32; WORDS],
+    aboves: &mut [u32; WORDS],
+    earlier: &mut [u32; 2],
+    refs: &Buf<UVec4>,
+    sides: &Buf<UVec2>,
+    plane: SplitPlane,
+    (start, number): (u32, u32),
+    first_chunk: u32,
+) {
+    let step = group.sharers();
+    lanes!(group, ..step, |lane| {
+        let mut word = lane;
+        while word < number.div_ceil(32) {
+            belows.put(word, 0);
+            aboves.put(word, 0);
+            word += step;
+        }
+        if lane == 0 {
+            earlier.put(0, 0);
+            earlier.put(1, 0);
+        }
+    });
+    lanes!(group, ..step, |lane| {
+        let mut i = lane;
+        while i < number {
+            let s = Reference::load(refs, start + i).sides(plane);
+            belows.mark(i / 32, (s & 1) << (i % 32));
+            aboves.mark(i / 32, (s >> 1) << (i % 32));
+            i += step;
+        }
+        let mut chunk = first_chunk + lane;
+        while chunk < group.id {
+            let both = sides.at(chunk);
+            earlier.add(0, both.x);
+            earlier.add(1, both.y);
+            chunk += step;
+        }
+    });
+}
+
+/// How many references go below, and in the upper half of a sum above, before each of `words` words: first
+/// before those of its block, then before its block.
+#[inline(always)]
+fn scan(
+    group: Group,
+    belows: &[u32; WORDS],
+    aboves: &[u32; WORDS],
+    sums: &mut [u32; WORDS],
+    blocks: &mut [u32; BLOCKS],
+    words: u32,
+) {
+    lanes!(group, ..words.div_ceil(BLOCK), |lane| {
+        let end = (lane + 1) * BLOCK;
+        let end = if end < words { end } else { words };
+        let mut sum = 0;
+        let mut word = lane * BLOCK;
+        while word < end {
+            sums.put(word, sum);
+            sum += belows.at(word).count_ones() | (aboves.at(word).count_ones() << 16);
+            word += 1;
+        }
+        blocks.put(lane, sum);
+    });
+    lanes!(group, ..words, |lane| {
+        let mut sum = sums.at(lane);
+        let mut block = 0;
+        while block < lane / BLOCK {
+            sum += blocks.at(block);
+            block += 1;
+        }
+        sums.put(lane, sum);
+    });
+}
+
+/// Which references of a chunk go where, as workgroup memory has it.
+#[derive(Clone, Copy)]
+struct Marks<'a> {
+    belows: &'a [u32; WORDS],
+    aboves: &'a [u32; WORDS],
+    sums: &'a [u32; WORDS],
+}
+
+impl Marks<'_> {
+    /// Whether reference `i` goes below, and whether above.
+    #[inline(always)]
+    fn sides(&self, i: u32) -> (bool, bool) {
+        let bit = 1 << (i % 32);
+        (self.belows.at(i / 32) & bit != 0, self.aboves.at(i / 32) & bit != 0)
+    }
+
+    /// How many go below before reference `i`.
+    #[inline(always)]
+    fn below_before(&self, i: u32) -> u32 {
+        (self.sums.at(i / 32) & 0xFFFF) + ones_before(self.belows, i)
+    }
+
+    /// How many go above.
+    #[inline(always)]
+    fn above_before(&self, i: u32) -> u32 {
+        (self.sums.at(i / 32) >> 16) + ones_before(self.aboves, i)
+    }
+}
+
+/// Moves every `step`-th reference from `lane` on, in batches: triangles are clipped together, for which
+/// lanes meet and a CPU asks ahead.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+#[inline(always)]
+fn move_references(
+    group: Group,
+    lane: u32,
+    marks: Marks,
+    clips: bool,
+    plane: SplitPlane,
+    (start, number): (u32, u32),
+    (below, above): (Target, Target),
+    positions: &Buf<f32>,
+    indices: &Buf<u32>,
+    refs: &Buf<UVec4>,
+    next: &mut Buf<UVec4>,
+    treelet_refs: &mut Buf<UVec4>,
+) {
+    let step = group.sharers();
+    let mut i = lane;
+    while i < number {
+        let mut straddling = 0u32;
+        let mut k = 0;
+        while k < 32 && i + k * step < number {
+            let at = i + k * step;
+            let (is_below, is_above) = marks.sides(at);
+            if is_below | is_above {
+                let reference = Reference::load(refs, start + at);
+                if clips && is_below && is_above {
+                    straddling |= 1 << k;
+                    indices.soon(3 * reference.triangle);
+                } else {
+                    if is_below {
+                        below.put(&reference, marks.below_before(at), next, treelet_refs);
+                    }
+                    if is_above {
+                        above.put(&reference, marks.above_before(at), next, treelet_refs);
+                    }
+                }
+            }
+            k += 1;
+        }
+        ahead::triangles(group, positions, indices, straddling, |k| {
+            Reference::load(refs, start + i + k * step).triangle
+        });
+        while straddling != 0 {
+            let at = i + straddling.trailing_zeros() * step;
+            straddling &= straddling - 1;
+            let whole = Reference::load(refs, start + at);
+            let (a, b, c) = triangle(positions, indices, whole.triangle);
+            let (under, over) = clip_plane(a, b, c, &whole.bounds, plane.axis, plane.at);
+            below.put(&Reference { bounds: under, ..whole }, marks.below_before(at), next, treelet_refs);
+            above.put(&Reference { bounds: over, ..whole }, marks.above_before(at), next, treelet_refs);
+        }
+        i += 32 * step;
+    }
+}
+
+/// Scatters chunk `group.id`. Which references go below is a bit each, and so is above: how many go there
+/// before one is a count of bits. Those that go both ways are clipped again: [`super::count`] has no room for
+/// two boxes.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 pub fn scatter(
@@ -49,123 +216,27 @@ pub fn scatter(
         let (node, item, start, number) = chunk_of(group.id, chunks, active);
         let plane = plane_of(planes, node);
         let clips = (params.at(0).rule & rule::CLIP) != 0;
-        let words = number.div_ceil(32);
-        let step = group.sharers();
-        lanes!(group, ..step, |lane| {
-            let mut word = lane;
-            while word < words {
-                belows.put(word, 0);
-                aboves.put(word, 0);
-                word += step;
-            }
-            if lane == 0 {
-                earlier.put(0, 0);
-                earlier.put(1, 0);
-            }
-        });
-        lanes!(group, ..step, |lane| {
-            let mut i = lane;
-            while i < number {
-                let s = Reference::load(refs, start + i).sides(plane);
-                // A GPU's lanes wait for each other here, a CPU for what it has guessed wrong.
-                let always = cfg!(not(target_arch = "spirv"));
-                if always || (s & 1) != 0 {
-                    belows.or(i / 32, (s & 1) << (i % 32));
-                }
-                if always || (s & 2) != 0 {
-                    aboves.or(i / 32, (s >> 1) << (i % 32));
-                }
-                i += step;
-            }
-            // What the node's chunks before this one send either way.
-            let mut chunk = item.extra + lane;
-            while chunk < group.id {
-                let both = sides.at(chunk);
-                earlier.add(0, both.x);
-                earlier.add(1, both.y);
-                chunk += step;
-            }
-        });
-        // How many go either way before each word: before those of its block, then before its block.
-        lanes!(group, ..words.div_ceil(BLOCK), |lane| {
-            let end = (lane + 1) * BLOCK;
-            let end = if end < words { end } else { words };
-            let mut sum = 0;
-            let mut word = lane * BLOCK;
-            while word < end {
-                sums.put(word, sum);
-                sum += belows.at(word).count_ones() | (aboves.at(word).count_ones() << 16);
-                word += 1;
-            }
-            blocks.put(lane, sum);
-        });
-        lanes!(group, ..words, |lane| {
-            let mut sum = sums.at(lane);
-            let mut block = 0;
-            while block < lane / BLOCK {
-                sum += blocks.at(block);
-                block += 1;
-            }
-            sums.put(lane, sum);
-        });
+        let range = (start, number);
+        mark(group, belows, aboves, earlier, refs, sides, plane, range, item.extra);
+        scan(group, belows, aboves, sums, blocks, number.div_ceil(32));
         let target = targets.at(node);
-        let below = Target::new(target.x, earlier.at(0));
-        let above = Target::new(target.y, earlier.at(1));
-        lanes!(group, ..step, |lane| {
-            // In batches: triangles are clipped together, for which lanes meet and a CPU asks ahead.
-            let mut i = lane;
-            while i < number {
-                let mut straddling = 0u32;
-                let mut k = 0;
-                while k < 32 && i + k * step < number {
-                    let at = i + k * step;
-                    let bit = 1 << (at % 32);
-                    let (is_below, is_above) = (belows.at(at / 32) & bit != 0, aboves.at(at / 32) & bit != 0);
-                    if is_below | is_above {
-                        let reference = Reference::load(refs, start + at);
-                        if clips && is_below && is_above {
-                            straddling |= 1 << k;
-                            indices.soon(3 * reference.triangle);
-                        } else {
-                            let before = sums.at(at / 32);
-                            if is_below {
-                                below.put(
-                                    &reference,
-                                    (before & 0xFFFF) + ones_before(belows, at),
-                                    next,
-                                    treelet_refs,
-                                );
-                            }
-                            if is_above {
-                                above.put(
-                                    &reference,
-                                    (before >> 16) + ones_before(aboves, at),
-                                    next,
-                                    treelet_refs,
-                                );
-                            }
-                        }
-                    }
-                    k += 1;
-                }
-                #[cfg(not(target_arch = "spirv"))]
-                ahead::triangles(group, positions, indices, straddling, |k| {
-                    Reference::load(refs, start + i + k * step).triangle
-                });
-                while straddling != 0 {
-                    let at = i + straddling.trailing_zeros() * step;
-                    straddling &= straddling - 1;
-                    let whole = Reference::load(refs, start + at);
-                    let (a, b, c) = triangle(positions, indices, whole.triangle);
-                    let (under, over) = clip_plane(a, b, c, &whole.bounds, plane.axis, plane.at);
-                    let before = sums.at(at / 32);
-                    let (under, over) =
-                        (Reference { bounds: under, ..whole }, Reference { bounds: over, ..whole });
-                    below.put(&under, (before & 0xFFFF) + ones_before(belows, at), next, treelet_refs);
-                    above.put(&over, (before >> 16) + ones_before(aboves, at), next, treelet_refs);
-                }
-                i += 32 * step;
-            }
+        let to = (Target::new(target.x, earlier.at(0)), Target::new(target.y, earlier.at(1)));
+        let marks = Marks { belows, aboves, sums };
+        lanes!(group, ..group.sharers(), |lane| {
+            move_references(
+                group,
+                lane,
+                marks,
+                clips,
+                plane,
+                range,
+                to,
+                positions,
+                indices,
+                refs,
+                next,
+                treelet_refs,
+            );
         });
     }
 }
@@ -193,7 +264,8 @@ impl Target {
     /// Stores a reference, `before` which others come from this chunk.
     #[inline(always)]
     fn put(&self, reference: &Reference, before: u32, next: &mut Buf<UVec4>, treelet_refs: &mut Buf<UVec4>) {
-        // Not one store to either: a choice of buffers is no SPIR-V for Vulkan, and an H200's driver dies of it.
+        // Not one store to either: a choice of buffers is no SPIR-V for Vulkan, and an H200's driver dies of
+        // it.
         if self.is_treelet {
             reference.store(treelet_refs, self.first + before);
         } else {

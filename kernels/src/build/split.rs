@@ -1,25 +1,18 @@
-//! The cheapest plane of every active node, over the last ends before the bin borders of all three axes and the first starts
-//! behind them.
+//! The cheapest plane of every active node, over the last ends before the bin borders of all three axes and
+//! the first starts behind them.
 
 use super::{
-    Costs, Item, LEVEL_ACTIVE, LEVEL_DEPTH, Plane, Sah,
+    Costs, Item, LEVEL_ACTIVE, LEVEL_DEPTH, Sah, SplitPlane,
     bin::{BEFORE, ENDS, FIRST_STARTS, HIST_WORDS, LAST_ENDS, STARTS, TABLE, UNTOLD, unordered},
     scan::{serial, serial_back},
 };
 use crate::{
     Group,
     glam::{UVec2, UVec4, Vec3},
-    math::Number,
+    math::{Number, Wide as Bins, component},
     mem::{Atomics, Buf, Slots},
-    trace::frame::component,
 };
 use raykd_shared::{BuildParams, Node, limits::BINS, rule};
-
-/// Borders that a lane weighs side by side.
-#[cfg(target_arch = "spirv")]
-type Bins = f32;
-#[cfg(not(target_arch = "spirv"))]
-type Bins = crate::glam::Vec4;
 
 // What is found: the cheapest plane by each border, what it costs, its axis and its place;
 const AXES: u32 = BINS;
@@ -48,8 +41,8 @@ fn longest(d: Vec3) -> u32 {
     }
 }
 
-/// Without the surface area heuristic (Zhou et al. 2008, section 3.2): cut off empty space where that is at least a
-/// quarter of an axis, the more the better, else take the middle of the longest axis.
+/// Without the surface area heuristic (Zhou et al. 2008, section 3.2): cut off empty space where that is at
+/// least a quarter of an axis, the more the better, else take the middle of the longest axis.
 #[inline(always)]
 fn median_cost(border: Bins, below: Bins, above: Bins, longest: bool) -> Bins {
     let all = Bins::all;
@@ -62,23 +55,10 @@ fn median_cost(border: Bins, below: Bins, above: Bins, longest: bool) -> Bins {
     Bins::choose(all((BINS / 4) as f32).exceeds(empty), cost, bins - empty)
 }
 
-/// Finds the plane of a node whose histogram stands in `table`, and changes that: a lane a border, or some, ties to the
-/// lowest border, then axis. See [`chosen`].
+/// Turns the last ends and first starts of bins into places, and there is nothing found yet.
 #[inline(always)]
-pub fn find(
-    group: Group,
-    table: &mut [u32; TABLE],
-    found: &mut [u32; FOUND],
-    params: &BuildParams,
-    depth: u32,
-    item: &Item,
-) {
+fn start(group: Group, table: &mut [u32; TABLE], found: &mut [u32; FOUND], leaf: u32) {
     let step = group.sharers();
-    let costs = Costs::of(params);
-    let most = costs.most(item.lo, item.hi, item.count, item.growth);
-    let sah = Sah::new(item.lo, item.hi, item.count, most, costs);
-    let median = (params.rule & rule::MEDIAN) != 0;
-    let leaf = if median { f32::INFINITY } else { sah.leaf }.to_bits();
     lanes!(group, ..step, |lane| {
         let mut word = BEFORE + lane;
         while word < BEFORE + 3 * BINS {
@@ -94,6 +74,99 @@ pub fn find(
             found.put(BORDER, NONE);
         }
     });
+}
+
+/// The cheapest planes by some borders: what they cost, their axes and places.
+#[derive(Clone, Copy)]
+struct Best {
+    cost: Bins,
+    axis: Bins,
+    at: Bins,
+}
+
+impl Best {
+    /// Keeps the cheaper ones of these and planes across `axis`.
+    #[inline(always)]
+    fn weigh(&mut self, cost: Bins, axis: u32, at: Bins) {
+        let better = self.cost.exceeds(cost);
+        self.cost = Bins::choose(better, cost, self.cost);
+        self.axis = Bins::choose(better, Bins::all(axis as f32), self.axis);
+        self.at = Bins::choose(better, at, self.at);
+    }
+}
+
+/// Some borders on an axis: their numbers and places, how many references start before each and how many end
+/// behind it, and the word of their bins.
+#[derive(Clone, Copy)]
+struct Borders {
+    number: Bins,
+    at: Bins,
+    below: Bins,
+    above: Bins,
+    word: u32,
+}
+
+impl Borders {
+    #[inline(always)]
+    fn new(table: &[u32; TABLE], bin: u32, axis: u32, lo: f32, hi: f32) -> Self {
+        let all = Bins::all;
+        let word = BEFORE + axis * BINS + bin;
+        let number = Bins::numbers(bin);
+        Self {
+            number,
+            at: all(lo) + all((hi - lo) * const { 1.0 / BINS as f32 }) * number,
+            below: Bins::counts(table, STARTS + word),
+            above: Bins::counts(table, ENDS + word),
+            word,
+        }
+    }
+
+    /// Weighs faces in the bins on either side of each border, for between faces the cost has no minimum.
+    #[inline(always)]
+    fn weigh_faces(self, table: &[u32; TABLE], sah: &Sah, axis: u32, best: &mut Best) {
+        let Self { number, at: border, below, above, word } = self;
+        let all = Bins::all;
+        // The last end before it,
+        let across = sah.across(axis);
+        let never = all(BEFORE_ALL);
+        let first_bin = all(0.5).exceeds(number);
+        let last = Bins::choose(first_bin, never, Bins::bits(table, LAST_ENDS + word - 1));
+        let first = Bins::bits(table, FIRST_STARTS + word);
+        let is_last = last.exceeds(never);
+        // or, instead of a first start that is not told, the border;
+        let instead = Bins::choose(never.is(first), border, never);
+        let at = Bins::choose(is_last, last, instead);
+        // Nothing ends between there and the border: no more lies above. What starts there or
+        // behind lies not below, if that is all that starts in the bin.
+        let later = is_last & !last.exceeds(Bins::bits(table, FIRST_STARTS + word - 1));
+        let before = Bins::counts(table, STARTS + word - 1);
+        best.weigh(across.cut(at, Bins::choose(later, before, below), above), axis, at);
+        // and the first start behind it. What ends there or before lies not above, if that is all that ends in
+        // the bin; what starts in the last one ends in it, too.
+        let longer = Bins::bits(table, LAST_ENDS + word).exceeds(first);
+        let behind = Bins::counts(table, ENDS + word + 1);
+        best.weigh(across.cut(first, below, Bins::choose(longer, above, behind)), axis, first);
+    }
+}
+
+/// Finds the plane of a node whose histogram stands in `table`, and changes that: a lane a border, or some,
+/// ties to the lowest border, then axis. See [`chosen`].
+#[inline(always)]
+pub fn find(
+    group: Group,
+    table: &mut [u32; TABLE],
+    found: &mut [u32; FOUND],
+    params: &BuildParams,
+    depth: u32,
+    item: &Item,
+) {
+    let step = group.sharers();
+    let costs = Costs::of(params);
+    let most = costs.most(item.lo, item.hi, item.count, item.growth);
+    let sah = Sah::new(item.lo, item.hi, item.count, most, costs);
+    let median = (params.rule & rule::MEDIAN) != 0;
+    let leaf = if median { f32::INFINITY } else { sah.leaf }.to_bits();
+    start(group, table, found, leaf);
     // How many start before each border, and how many end behind it.
     lanes!(group, ..6, |lane| {
         let first = BEFORE + (lane >> 1) * BINS;
@@ -107,56 +180,25 @@ pub fn find(
     lanes!(group, ..BINS / Bins::WIDTH, |lane| {
         let all = Bins::all;
         let bin = lane * Bins::WIDTH;
-        let number = Bins::numbers(bin);
-        let mut best = all(f32::INFINITY);
-        let mut best_axis = all(0.0);
-        let mut place = all(0.0);
+        let mut best = Best { cost: all(f32::INFINITY), axis: all(0.0), at: all(0.0) };
         let mut axis = 0;
         while axis < 3 {
-            let word = BEFORE + axis * BINS + bin;
-            let below = Bins::counts(table, STARTS + word);
-            let above = Bins::counts(table, ENDS + word);
             let (lo, hi) = (component(item.lo, axis), component(item.hi, axis));
-            let border = all(lo) + all((hi - lo) * const { 1.0 / BINS as f32 }) * number;
-            let mut weigh = |cost: Bins, at: Bins| {
-                let better = best.exceeds(cost);
-                best = Bins::choose(better, cost, best);
-                best_axis = Bins::choose(better, all(axis as f32), best_axis);
-                place = Bins::choose(better, at, place);
-            };
+            let borders = Borders::new(table, bin, axis, lo, hi);
             if median {
-                let inside = border.exceeds(all(lo)) & all(hi).exceeds(border);
+                let Borders { number, at, below, above, .. } = borders;
+                let inside = at.exceeds(all(lo)) & all(hi).exceeds(at);
                 let inside = inside & !(below + above).exceeds(all(most));
                 let cost = median_cost(number, below, above, axis == longest);
-                weigh(Bins::choose(inside, cost, all(f32::INFINITY)), border);
+                best.weigh(Bins::choose(inside, cost, all(f32::INFINITY)), axis, at);
             } else {
-                // Faces in the bins on either side of the border, for between faces the cost has no minimum: the last end
-                // before it,
-                let across = sah.across(axis);
-                let never = all(BEFORE_ALL);
-                let first_bin = all(0.5).exceeds(number);
-                let last = Bins::choose(first_bin, never, Bins::bits(table, LAST_ENDS + word - 1));
-                let first = Bins::bits(table, FIRST_STARTS + word);
-                let is_last = last.exceeds(never);
-                // or, instead of a first start that is not told, the border;
-                let instead = Bins::choose(never.is(first), border, never);
-                let at = Bins::choose(is_last, last, instead);
-                // Nothing ends between there and the border: no more lies above. What starts there or
-                // behind lies not below, if that is all that starts in the bin.
-                let later = is_last & !last.exceeds(Bins::bits(table, FIRST_STARTS + word - 1));
-                let before = Bins::counts(table, STARTS + word - 1);
-                weigh(across.cut(at, Bins::choose(later, before, below), above), at);
-                // and the first start behind it. What ends there or before lies not above, if that is all that ends in
-                // the bin; what starts in the last one ends in it, too.
-                let longer = Bins::bits(table, LAST_ENDS + word).exceeds(first);
-                let behind = Bins::counts(table, ENDS + word + 1);
-                weigh(across.cut(first, below, Bins::choose(longer, above, behind)), first);
+                borders.weigh_faces(table, &sah, axis, &mut best);
             }
             axis += 1;
         }
-        best.put(found, bin);
-        best_axis.put(found, AXES + bin);
-        place.put(found, PLACES + bin);
+        best.cost.put(found, bin);
+        best.axis.put(found, AXES + bin);
+        best.at.put(found, PLACES + bin);
     });
     // Costs are positive, so bits order as numbers do.
     lanes!(group, ..step, |lane| {
@@ -179,12 +221,12 @@ pub fn find(
 
 /// The plane that [`find`] found.
 #[inline(always)]
-pub fn chosen(found: &[u32; FOUND]) -> Plane {
+pub fn chosen(found: &[u32; FOUND]) -> SplitPlane {
     let border = found.at(BORDER);
     if border == NONE {
-        Plane { axis: Node::LEAF, at: 0.0 }
+        SplitPlane { axis: Node::LEAF, at: 0.0 }
     } else {
-        Plane {
+        SplitPlane {
             axis: f32::from_bits(found.at(AXES + border)) as u32,
             at: f32::from_bits(found.at(PLACES + border)),
         }

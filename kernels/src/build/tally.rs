@@ -1,4 +1,5 @@
-//! What the children of a level's nodes need, in sums over blocks of nodes; [`super::alloc`] then gives each its place.
+//! What the children of a level's nodes need, in sums over blocks of nodes; [`super::alloc`] then gives each
+//! its place.
 
 use super::{
     LEVEL_ACTIVE,

@@ -1,19 +1,18 @@
 //! Builds the whole subtree of a node of at most 32 references in one workgroup.
 //!
-//! Exact SAH over the box faces of the references, counted one by one (Zhou et al. 2008, section 3.3, whose boxes stay as
-//! they are); boxes that a plane cuts are clipped (Wald & Havran 2006, section 4.3).
+//! Exact SAH over the box faces of the references, counted one by one (Zhou et al. 2008, section 3.3, whose
+//! boxes stay as they are); boxes that a plane cuts are clipped (Wald & Havran 2006, section 4.3).
 
-#[cfg(not(target_arch = "spirv"))]
-use super::faces::{Flat, cheapest};
 use super::{
     Costs, Item, STATE_STATUS, STATE_TREELETS, Sah,
     clip::{Bounds, clip_plane},
+    faces::{Flat, cheapest},
     is_above, is_below, place,
     reference::{Reference, triangle_at},
     tally::BLOCK,
 };
 use crate::{
-    Group,
+    Group, ON_GPU,
     glam::{UVec2, UVec4, Vec3},
     mem::{Atomics, Buf, PerLane, Slots},
     mesh::triangle,
@@ -28,8 +27,9 @@ const LANES: usize = TREELET as usize;
 /// Faces of a box: on each axis the low one, then the high one.
 const FACES: u32 = 6;
 
-/// Room for the references of nodes that wait to be built; the last node's come last. A split that needs more is not made, nor one
-/// that lets more nodes wait: the less memory a workgroup takes, the more of them a GPU runs at once.
+/// Room for the references of nodes that wait to be built; the last node's come last. A split that needs more
+/// is not made, nor one that lets more nodes wait: the less memory a workgroup takes, the more of them a GPU
+/// runs at once.
 const POOL: u32 = 56;
 /// From one component of their boxes to the next: four are read at a time, beyond the last, too.
 const PITCH: u32 = POOL + 4;
@@ -49,7 +49,8 @@ struct Halves {
     number: u32,
 }
 
-// A node waiting to be built: a word of how many references it has, its slot and its depth, a byte each; and its box.
+// A node waiting to be built: a word of how many references it has, its slot and its depth, a byte each; and
+// its box.
 const ENTRY: u32 = 7;
 const SLOT: u32 = 8;
 const DEEP: u32 = 16;
@@ -65,8 +66,8 @@ const REFS: u32 = 2;
 const DEPTH: u32 = 3;
 /// How much of the pool is taken.
 const HELD: u32 = 4;
-// Of the node at hand: its cheapest plane's cost and face, which of its references go below and above, and, if it becomes a leaf,
-// their numbers in the treelet.
+// Of the node at hand: its cheapest plane's cost and face, which of its references go below and above, and,
+// if it becomes a leaf, their numbers in the treelet.
 const COST: u32 = 5;
 const PICK: u32 = 6;
 const BELOW: u32 = 7;
@@ -74,11 +75,15 @@ const ABOVE: u32 = 8;
 const MASK: u32 = 9;
 const OWN: usize = 10;
 
-/// Lanes that weigh a node's candidates: on a CPU one an axis.
-const WEIGHING: u32 = if cfg!(target_arch = "spirv") { TREELET } else { 3 };
+/// Whether a lane weighs the faces of one member of the node, for which it reads the boxes of four at a time.
+/// A CPU's lane weighs all on an axis, eight in a vector.
+const BY_MEMBER: bool = ON_GPU;
 
-/// Lanes that finish a node: on a GPU they write the pad, too.
-const FINISHING: u32 = if cfg!(target_arch = "spirv") { 12 } else { 1 };
+/// Lanes that weigh a node's candidates.
+const WEIGHING: u32 = if BY_MEMBER { TREELET } else { 3 };
+
+/// Lanes that finish a node: one, and those that write the pad.
+const FINISHING: u32 = if BY_MEMBER { 12 } else { 1 };
 
 /// No candidate: the node becomes a leaf.
 const NONE: u32 = u32::MAX;
@@ -128,9 +133,8 @@ fn box_at(boxes: &[u32; BOXES], at: u32) -> Bounds {
     }
 }
 
-/// How many of the `number` references whose low faces on an axis stand at `from` lie below and above planes at `low` and
-/// `high`. Read four at a time: what may follow them ends nowhere.
-#[cfg(target_arch = "spirv")]
+/// How many of the `number` references whose low faces on an axis stand at `from` lie below and above planes
+/// at `low` and `high`. Read four at a time: what may follow them ends nowhere.
 #[inline(always)]
 fn sides(boxes: &[u32; BOXES], from: u32, number: u32, low: f32, high: f32) -> [(u32, u32); 2] {
     let mut sides = [(number, 0); 2];
@@ -170,11 +174,10 @@ pub fn scratch_base(first: u32, treelet: u32) -> u32 {
     2 * first + 9 * treelet
 }
 
-/// Writes what a GPU reads beyond the last box: it ends before every plane.
-#[cfg(target_arch = "spirv")]
+/// Writes what [`sides`] reads beyond the last box: it ends before every plane.
 #[inline(always)]
 fn put_pad(boxes: &mut [u32; BOXES], lane: u32, top: u32) {
-    if lane < FINISHING {
+    if BY_MEMBER && lane < FINISHING {
         boxes.put((2 * (lane >> 2) + 1) * PITCH + top + (lane & 3), f32::NEG_INFINITY.to_bits());
     }
 }
@@ -189,8 +192,300 @@ fn clear(own: &mut [u32; OWN]) {
     own.put(MASK, 0);
 }
 
-/// Builds treelet `group.id`. Its nodes go to `scratch`, numbered from 0, the root; a leaf is the mask of its references
-/// and `local first << 2 | 3`. `sizes` gets nodes without the root and references, and [`place`]'s
+/// Loads the references of a treelet, and has its root wait. A large leaf of the level loop has nothing to
+/// build.
+#[inline(always)]
+fn start(
+    group: Group,
+    boxes: &mut [u32; BOXES],
+    stack: &mut [u32; ENTRIES],
+    own: &mut [u32; OWN],
+    item: &Item,
+    refs: &Buf<UVec4>,
+) {
+    let small = item.count <= TREELET;
+    let members = if small { item.count } else { 0 };
+    lanes!(group, ..if members > FINISHING { members } else { FINISHING }, |lane| {
+        if lane < members {
+            put_reference(boxes, lane, &Reference::load(refs, item.first + lane).bounds, lane);
+        }
+        if lane == 0 {
+            push(stack, 0, head(members, 0, item.extra), item.lo, item.hi);
+            own.put(WAITING, small as u32);
+            own.put(NODES, 0);
+            own.put(REFS, if small { 0 } else { item.count });
+            own.put(DEPTH, item.extra);
+            own.put(HELD, members);
+            clear(own);
+        }
+        put_pad(boxes, lane, members);
+    });
+}
+
+/// The node at hand: the last one that waits.
+#[derive(Clone, Copy)]
+struct Last {
+    /// Its entry of the stack.
+    at: u32,
+    /// Where its references stand in the pool,
+    from: u32,
+    /// and how many they are.
+    number: u32,
+}
+
+impl Last {
+    #[inline(always)]
+    fn of(stack: &[u32; ENTRIES], own: &[u32; OWN]) -> Self {
+        let at = (own.at(WAITING) - 1) * ENTRY;
+        let number = stack.at(at) & BYTE;
+        Self { at, from: own.at(HELD) - number, number }
+    }
+}
+
+/// The cheapest candidate among the faces that a lane weighs, and its cost; none is as cheap as the leaf.
+#[inline(always)]
+fn candidate(boxes: &[u32; BOXES], node: Last, sah: &Sah, lane: u32) -> (f32, u32) {
+    if BY_MEMBER { of_member(boxes, node, sah, lane) } else { of_axis(boxes, node, sah, lane) }
+}
+
+/// [`candidate`] for a lane that has one member, on several axes side by side: as many as members fit the
+/// group's width.
+#[inline(always)]
+fn of_member(boxes: &[u32; BOXES], node: Last, sah: &Sah, lane: u32) -> (f32, u32) {
+    let mut best = sah.leaf;
+    let mut pick = NONE;
+    let mut weigh = |cost: f32, face: u32, member: u32| {
+        if cost < best {
+            best = cost;
+            pick = face * TREELET + member;
+        }
+    };
+    let width = 32 - (node.number - 1).leading_zeros();
+    let member = lane & ones(width);
+    if member < node.number {
+        let mut axis = lane >> width;
+        while axis < 3 {
+            let across = sah.across(axis);
+            let first = 2 * axis * PITCH + node.from;
+            let low = f32::from_bits(boxes.at(first + member));
+            let high = f32::from_bits(boxes.at(first + PITCH + member));
+            if across.holds(low) | across.holds(high) {
+                let [at_low, at_high] = sides(boxes, first, node.number, low, high);
+                weigh(across.cut(low, at_low.0 as f32, at_low.1 as f32), 2 * axis, member);
+                weigh(across.cut(high, at_high.0 as f32, at_high.1 as f32), 2 * axis + 1, member);
+            }
+            axis += TREELET >> width;
+        }
+    }
+    (best, pick)
+}
+
+/// [`candidate`] for a lane that has an axis.
+#[inline(always)]
+fn of_axis(boxes: &[u32; BOXES], node: Last, sah: &Sah, lane: u32) -> (f32, u32) {
+    let start = (2 * lane * PITCH + node.from) as usize;
+    let lows = &boxes[start..][..node.number as usize];
+    let highs = &boxes[start + PITCH as usize..][..node.number as usize];
+    let faces = |i: usize| (f32::from_bits(lows[i]), f32::from_bits(highs[i]));
+    let (cost, face) = cheapest(lows.len(), faces, &sah.across(lane), Flat::Below, |_, face| face);
+    if cost < sah.leaf {
+        let face = face as u32;
+        let high = (face >= node.number) as u32;
+        (cost, (2 * lane + high) * TREELET + face - high * node.number)
+    } else {
+        (sah.leaf, NONE)
+    }
+}
+
+/// Finds the node's cheapest plane.
+#[inline(always)]
+fn weigh(
+    group: Group,
+    boxes: &[u32; BOXES],
+    own: &mut [u32; OWN],
+    picks: &mut PerLane<(u32, u32), LANES>,
+    node: Last,
+    sah: &Sah,
+) {
+    lanes!(group, ..WEIGHING, |lane| {
+        let (best, pick) = candidate(boxes, node, sah, lane);
+        if pick != NONE {
+            own.lower(COST, best.to_bits());
+        }
+        picks.put(lane, (best.to_bits(), pick));
+    });
+    // Of equally cheap candidates the lowest number; costs are positive, so bits order as numbers do.
+    lanes!(group, ..WEIGHING, |lane| {
+        let (cost, pick) = picks.at(lane);
+        if cost == own.at(COST) {
+            own.lower(PICK, pick);
+        }
+    });
+}
+
+/// The node's cheapest plane.
+#[derive(Clone, Copy)]
+struct Cheapest {
+    /// Whether there is one.
+    found: bool,
+    axis: u32,
+    /// The bits of its position.
+    place: u32,
+}
+
+impl Cheapest {
+    #[inline(always)]
+    fn of(boxes: &[u32; BOXES], own: &[u32; OWN], node: Last) -> Self {
+        let pick = own.at(PICK);
+        let found = pick != NONE;
+        let face = if found { (pick / TREELET) * PITCH + node.from + pick % TREELET } else { 0 };
+        Self { found, axis: pick / (2 * TREELET), place: boxes.at(face) }
+    }
+
+    #[inline(always)]
+    fn at(self) -> f32 {
+        f32::from_bits(self.place)
+    }
+}
+
+/// Finds which of the node's references go below and above, and what is left of each on either side. Theirs
+/// is the triangle of reference `first` and those behind.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+#[inline(always)]
+fn divide(
+    group: Group,
+    boxes: &[u32; BOXES],
+    own: &mut [u32; OWN],
+    halves: &mut PerLane<Halves, LANES>,
+    node: Last,
+    cheapest: Cheapest,
+    clips: bool,
+    positions: &Buf<f32>,
+    indices: &Buf<u32>,
+    refs: &Buf<UVec4>,
+    first: u32,
+) {
+    let (axis, plane) = (cheapest.axis, cheapest.at());
+    lanes!(group, ..node.number, |lane| {
+        let bounds = box_at(boxes, node.from + lane);
+        let low = f32::from_bits(boxes.at(2 * axis * PITCH + node.from + lane));
+        let high = f32::from_bits(boxes.at((2 * axis + 1) * PITCH + node.from + lane));
+        let (mut goes_below, mut goes_above) = (is_below(low, high, plane), is_above(high, plane));
+        let (mut under, mut over) = (bounds, bounds);
+        let number = boxes.at(NUMBER * PITCH + node.from + lane);
+        if clips && goes_below && goes_above {
+            let (a, b, c) = triangle(positions, indices, triangle_at(refs, first + number));
+            (under, over) = clip_plane(a, b, c, &bounds, axis, plane);
+            goes_below = !under.is_empty();
+            goes_above = !over.is_empty();
+        }
+        halves.put(lane, Halves { under, over, number });
+        if goes_below {
+            own.or(BELOW, 1 << lane);
+        }
+        if goes_above {
+            own.or(ABOVE, 1 << lane);
+        }
+    });
+}
+
+/// What becomes of the node.
+#[derive(Clone, Copy)]
+struct Children {
+    /// Whether it has any; else it is a leaf.
+    splits: bool,
+    /// A bit for each of its references that goes below,
+    belows: u32,
+    /// and above.
+    aboves: u32,
+}
+
+impl Children {
+    #[inline(always)]
+    fn of(own: &[u32; OWN], node: Last, cheapest: Cheapest) -> Self {
+        let (belows, aboves) = (own.at(BELOW), own.at(ABOVE));
+        let held = node.from + belows.count_ones() + aboves.count_ones();
+        Self { splits: cheapest.found && held <= POOL && own.at(WAITING) < MOST_WAITING, belows, aboves }
+    }
+}
+
+/// Puts the children's references in the place of the node's, those above first; notes a leaf's.
+#[inline(always)]
+fn replace(
+    group: Group,
+    boxes: &mut [u32; BOXES],
+    own: &mut [u32; OWN],
+    halves: &PerLane<Halves, LANES>,
+    node: Last,
+    children: Children,
+) {
+    let Children { splits, belows, aboves } = children;
+    lanes!(group, ..node.number, |lane| {
+        if splits {
+            let Halves { under, over, number } = halves.at(lane);
+            if (aboves >> lane) & 1 == 1 {
+                put_reference(boxes, node.from + (aboves & ones(lane)).count_ones(), &over, number);
+            }
+            if (belows >> lane) & 1 == 1 {
+                let before = aboves.count_ones() + (belows & ones(lane)).count_ones();
+                put_reference(boxes, node.from + before, &under, number);
+            }
+        } else {
+            own.or(MASK, 1 << boxes.at(NUMBER * PITCH + node.from + lane));
+        }
+    });
+}
+
+/// Writes the node to `scratch`, from `base` on, and has its children wait.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+#[inline(always)]
+fn finish(
+    group: Group,
+    boxes: &mut [u32; BOXES],
+    stack: &mut [u32; ENTRIES],
+    own: &mut [u32; OWN],
+    node: Last,
+    cheapest: Cheapest,
+    children: Children,
+    scratch: &mut Buf<UVec2>,
+    base: u32,
+) {
+    let at = node.at;
+    let (number_below, number_above) = (children.belows.count_ones(), children.aboves.count_ones());
+    let held = if children.splits { node.from + number_below + number_above } else { node.from };
+    lanes!(group, ..FINISHING, |lane| {
+        put_pad(boxes, lane, held);
+        if lane == 0 {
+            // Read again, or a GPU would keep it in registers until here.
+            let (lo, hi) = load_box(stack, at);
+            let (slot, depth) = (stack.at(at) >> SLOT & BYTE, stack.at(at) >> DEEP);
+            if children.splits {
+                let nodes = own.at(NODES);
+                let child = nodes + 1;
+                let (word0, word1) = Node::inner(cheapest.axis, cheapest.at(), child).words();
+                scratch.put(base + slot, UVec2::new(word0, word1));
+                // The entry itself becomes the child above, cut off below; the child below comes next.
+                push(stack, at + ENTRY, head(number_below, child, depth + 1), lo, hi);
+                stack.put(at + ENTRY + 4 + cheapest.axis, cheapest.place);
+                stack.put(at, head(number_above, child + 1, depth + 1));
+                stack.put(at + 1 + cheapest.axis, cheapest.place);
+                own.put(WAITING, own.at(WAITING) + 1);
+                own.put(NODES, nodes + 2);
+            } else {
+                let first = own.at(REFS);
+                scratch.put(base + slot, UVec2::new(own.at(MASK), (first << 2) | Node::LEAF));
+                own.put(REFS, first + node.number);
+                own.put(WAITING, own.at(WAITING) - 1);
+                own.raise(DEPTH, depth);
+            }
+            own.put(HELD, held);
+            clear(own);
+        }
+    });
+}
+
+/// Builds treelet `group.id`. Its nodes go to `scratch`, numbered from 0, the root; a leaf is the mask of its
+/// references and `local first << 2 | 3`. `sizes` gets nodes without the root and references, and [`place`]'s
 /// blocks their sums.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
@@ -213,186 +508,42 @@ pub fn treelet(
         let rule = params.at(0).rule;
         let item = Item::load(treelets, group.id);
         let base = scratch_base(item.first, group.id);
-        // A large leaf of the level loop has nothing to build.
-        let small = item.count <= TREELET;
         let clips = (rule & rule::CLIP) != 0;
         let leaves = (rule & rule::LEAVES) != 0;
-        let members = if small { item.count } else { 0 };
-        lanes!(group, ..if members > FINISHING { members } else { FINISHING }, |lane| {
-            if lane < members {
-                put_reference(boxes, lane, &Reference::load(refs, item.first + lane).bounds, lane);
-            }
-            if lane == 0 {
-                push(stack, 0, head(members, 0, item.extra), item.lo, item.hi);
-                own.put(WAITING, small as u32);
-                own.put(NODES, 0);
-                own.put(REFS, if small { 0 } else { item.count });
-                own.put(DEPTH, item.extra);
-                own.put(HELD, members);
-                clear(own);
-            }
-            #[cfg(target_arch = "spirv")]
-            put_pad(boxes, lane, members);
-        });
+        start(group, boxes, stack, own, &item, refs);
         let mut picks = PerLane::<(u32, u32), LANES>::default();
         let mut halves = PerLane::<Halves, LANES>::default();
         while own.at(WAITING) > 0 {
             picks.forget();
             halves.forget();
-            let at = (own.at(WAITING) - 1) * ENTRY;
-            let number = stack.at(at) & BYTE;
-            let from = own.at(HELD) - number;
-            let (lo, hi) = load_box(stack, at);
-            let sah = Sah::new(lo, hi, number, f32::INFINITY, Costs::of(&params.at(0)));
+            let node = Last::of(stack, own);
+            let (lo, hi) = load_box(stack, node.at);
+            let sah = Sah::new(lo, hi, node.number, f32::INFINITY, Costs::of(&params.at(0)));
             let may_split = sah.may_pay & !leaves
-                && stack.at(at) >> DEEP < params.at(0).max_depth
+                && stack.at(node.at) >> DEEP < params.at(0).max_depth
                 && own.at(NODES) + 2 <= treelet_nodes(item.count);
             if may_split {
-                lanes!(group, ..WEIGHING, |lane| {
-                    let mut best = sah.leaf;
-                    let mut pick = NONE;
-                    let mut weigh = |cost: f32, face: u32, member: u32| {
-                        if cost < best {
-                            best = cost;
-                            pick = face * TREELET + member;
-                        }
-                    };
-                    // Several axes side by side: as many as members fit the group's width.
-                    #[cfg(target_arch = "spirv")]
-                    {
-                        let width = 32 - (number - 1).leading_zeros();
-                        let member = lane & ones(width);
-                        if member < number {
-                            let mut axis = lane >> width;
-                            while axis < 3 {
-                                let across = sah.across(axis);
-                                let first = 2 * axis * PITCH + from;
-                                let low = f32::from_bits(boxes.at(first + member));
-                                let high = f32::from_bits(boxes.at(first + PITCH + member));
-                                if across.holds(low) | across.holds(high) {
-                                    let [at_low, at_high] = sides(boxes, first, number, low, high);
-                                    weigh(
-                                        across.cut(low, at_low.0 as f32, at_low.1 as f32),
-                                        2 * axis,
-                                        member,
-                                    );
-                                    weigh(
-                                        across.cut(high, at_high.0 as f32, at_high.1 as f32),
-                                        2 * axis + 1,
-                                        member,
-                                    );
-                                }
-                                axis += TREELET >> width;
-                            }
-                        }
-                    }
-                    // An axis a lane.
-                    #[cfg(not(target_arch = "spirv"))]
-                    {
-                        let start = (2 * lane * PITCH + from) as usize;
-                        let lows = &boxes[start..][..number as usize];
-                        let highs = &boxes[start + PITCH as usize..][..number as usize];
-                        let faces = |i: usize| (f32::from_bits(lows[i]), f32::from_bits(highs[i]));
-                        let (cost, face) =
-                            cheapest(lows.len(), faces, &sah.across(lane), Flat::Below, |_, face| face);
-                        if cost < sah.leaf {
-                            let face = face as u32;
-                            let high = (face >= number) as u32;
-                            weigh(cost, 2 * lane + high, face - high * number);
-                        }
-                    }
-                    if pick != NONE {
-                        own.lower(COST, best.to_bits());
-                    }
-                    picks.put(lane, (best.to_bits(), pick));
-                });
-                // Of equally cheap candidates the lowest number; costs are positive, so bits order as numbers do.
-                lanes!(group, ..WEIGHING, |lane| {
-                    let (cost, pick) = picks.at(lane);
-                    if cost == own.at(COST) {
-                        own.lower(PICK, pick);
-                    }
-                });
+                weigh(group, boxes, own, &mut picks, node, &sah);
             }
-            let pick = own.at(PICK);
-            let axis = pick / (2 * TREELET);
-            let place =
-                boxes.at(if pick == NONE { 0 } else { (pick / TREELET) * PITCH + from + pick % TREELET });
-            let plane = f32::from_bits(place);
-            if pick != NONE {
-                lanes!(group, ..number, |lane| {
-                    let bounds = box_at(boxes, from + lane);
-                    let low = f32::from_bits(boxes.at(2 * axis * PITCH + from + lane));
-                    let high = f32::from_bits(boxes.at((2 * axis + 1) * PITCH + from + lane));
-                    let (mut goes_below, mut goes_above) =
-                        (is_below(low, high, plane), is_above(high, plane));
-                    let (mut under, mut over) = (bounds, bounds);
-                    let number = boxes.at(NUMBER * PITCH + from + lane);
-                    if clips && goes_below && goes_above {
-                        let (a, b, c) = triangle(positions, indices, triangle_at(refs, item.first + number));
-                        (under, over) = clip_plane(a, b, c, &bounds, axis, plane);
-                        goes_below = !under.is_empty();
-                        goes_above = !over.is_empty();
-                    }
-                    halves.put(lane, Halves { under, over, number });
-                    if goes_below {
-                        own.or(BELOW, 1 << lane);
-                    }
-                    if goes_above {
-                        own.or(ABOVE, 1 << lane);
-                    }
-                });
+            let cheapest = Cheapest::of(boxes, own, node);
+            if cheapest.found {
+                divide(
+                    group,
+                    boxes,
+                    own,
+                    &mut halves,
+                    node,
+                    cheapest,
+                    clips,
+                    positions,
+                    indices,
+                    refs,
+                    item.first,
+                );
             }
-            let (belows, aboves) = (own.at(BELOW), own.at(ABOVE));
-            let (number_below, number_above) = (belows.count_ones(), aboves.count_ones());
-            let held = from + number_below + number_above;
-            let splits = pick != NONE && held <= POOL && own.at(WAITING) < MOST_WAITING;
-            // The children's references take the place of the node's, those above first.
-            lanes!(group, ..number, |lane| {
-                if splits {
-                    let Halves { under, over, number } = halves.at(lane);
-                    if (aboves >> lane) & 1 == 1 {
-                        put_reference(boxes, from + (aboves & ones(lane)).count_ones(), &over, number);
-                    }
-                    if (belows >> lane) & 1 == 1 {
-                        let before = number_above + (belows & ones(lane)).count_ones();
-                        put_reference(boxes, from + before, &under, number);
-                    }
-                } else {
-                    own.or(MASK, 1 << boxes.at(NUMBER * PITCH + from + lane));
-                }
-            });
-            lanes!(group, ..FINISHING, |lane| {
-                #[cfg(target_arch = "spirv")]
-                put_pad(boxes, lane, if splits { held } else { from });
-                if lane == 0 {
-                    // Read again, or a GPU would keep it in registers until here.
-                    let (lo, hi) = load_box(stack, at);
-                    let (slot, depth) = (stack.at(at) >> SLOT & BYTE, stack.at(at) >> DEEP);
-                    if splits {
-                        let nodes = own.at(NODES);
-                        let child = nodes + 1;
-                        let (word0, word1) = Node::inner(axis, plane, child).words();
-                        scratch.put(base + slot, UVec2::new(word0, word1));
-                        // The entry itself becomes the child above, cut off below; the child below comes next.
-                        push(stack, at + ENTRY, head(number_below, child, depth + 1), lo, hi);
-                        stack.put(at + ENTRY + 4 + axis, place);
-                        stack.put(at, head(number_above, child + 1, depth + 1));
-                        stack.put(at + 1 + axis, place);
-                        own.put(WAITING, own.at(WAITING) + 1);
-                        own.put(NODES, nodes + 2);
-                        own.put(HELD, held);
-                    } else {
-                        let first = own.at(REFS);
-                        scratch.put(base + slot, UVec2::new(own.at(MASK), (first << 2) | Node::LEAF));
-                        own.put(REFS, first + number);
-                        own.put(WAITING, own.at(WAITING) - 1);
-                        own.raise(DEPTH, depth);
-                        own.put(HELD, from);
-                    }
-                    clear(own);
-                }
-            });
+            let children = Children::of(own, node, cheapest);
+            replace(group, boxes, own, &halves, node, children);
+            finish(group, boxes, stack, own, node, cheapest, children, scratch, base);
         }
         lanes!(group, ..1, |_lane| {
             sizes.put(group.id, UVec2::new(own.at(NODES), own.at(REFS)));

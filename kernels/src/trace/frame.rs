@@ -1,23 +1,22 @@
 //! One ray made ready: scaled, with exact reciprocals, and with the pad that makes traversal conservative.
 //!
 //! # Why nothing is missed
-//! Let `e = 2^-24` and `M` the largest distance along an axis from the origin to a corner of the scene. The triangle
-//! test works on vertices that were translated and sheared in `f32`, which moves each by at most `8 e M` across the
-//! ray and `3 e M` along it. For these vertices it decides exactly, and it finds their mean depth `t` within `10 e M`.
-//! The same mean of the true vertices is a point of the triangle, so: at `t` the ray is within `21 e M`, on every
-//! axis, of a point `q` of the triangle. Some leaf whose cell contains `q` lists the triangle, also if references
-//! were clipped. Traversal counts every plane as [`PAD`] `* M = 32 e M` thick on either side, which covers this and
-//! the rounding of `(split - origin) * inverse` and what follows (`6 e M`). Hence each accepted hit lies in the
-//! interval of some leaf that lists its triangle, whatever the tree looks like: traversal and brute force give the
-//! same bytes. Hits of `exact` are points of the ray and of the triangle but for the rounding of `t`: a special case.
+//! Let `e = 2^-24` and `M` the largest distance along an axis from the origin to a corner of the scene. The
+//! triangle test works on vertices that were translated and sheared in `f32`, which moves each by at most `8
+//! e M` across the ray and `3 e M` along it. For these vertices it decides exactly, and it finds their mean
+//! depth `t` within `10 e M`. The same mean of the true vertices is a point of the triangle, so: at `t` the
+//! ray is within `21 e M`, on every axis, of a point `q` of the triangle. Some leaf whose cell contains `q`
+//! lists the triangle, also if references were clipped. Traversal counts every plane as [`PAD`] `* M = 32 e
+//! M` thick on either side, which covers this and the rounding of `(split - origin) * inverse` and what
+//! follows (`6 e M`). Hence each accepted hit lies in the interval of some leaf that lists its triangle,
+//! whatever the tree looks like: traversal and brute force give the same bytes. Hits of `exact` are points of
+//! the ray and of the triangle but for the rounding of `t`: a special case.
 
 use crate::{
     glam::{Vec3, Vec4},
-    math::{abs, div, exp2, exponent, high, is_nan, ldexp, low},
+    math::{abs, component, cycle, div, exp2, exponent, high, is_nan, ldexp, low},
 };
-#[cfg(not(target_arch = "spirv"))]
-use raykd_shared::Ray;
-use raykd_shared::TreeHeader;
+use raykd_shared::{Ray, TreeHeader};
 
 /// Half width, in units of `M`, of what a splitting plane counts as.
 pub const PAD: f32 = exp2(-19);
@@ -26,20 +25,20 @@ pub const PAD: f32 = exp2(-19);
 /// scene's length the ray then strays less than `PAD` by far.
 const STEEPEST: i32 = 40;
 
-/// The power of two that [`Frame::heading`] is multiplied with: however small a component beside the largest, no digit of it
-/// is lost.
+/// The power of two that [`Frame::heading`] is multiplied with: however small a component beside the largest,
+/// no digit of it is lost.
 pub const HEADING: i32 = 127;
 
 /// Origins are accepted up to this power of two (in scaled units, where scenes are at most `2^20` wide).
 const FARTHEST: i32 = 30;
 
-/// And scenes up to this distance. Theirs is less than `2^45`, as coordinates have 24 digits, but for scenes that are flat
-/// across an axis: farther away, products of lengths would have no room.
+/// And scenes up to this distance. Theirs is less than `2^45`, as coordinates have 24 digits, but for scenes
+/// that are flat across an axis: farther away, products of lengths would have no room.
 const FARTHEST_SCENE: i32 = 50;
 
-/// What is smaller counts as 0, for origins (in scaled units, where scenes are at least `2^-10` wide) and for the
-/// shear: with coordinates of at least `2^-60` of the scene's width no sheared vertex is subnormal, and a ray strays
-/// by a small fraction of what rounding does.
+/// What is smaller counts as 0, for origins (in scaled units, where scenes are at least `2^-10` wide) and for
+/// the shear: with coordinates of at least `2^-60` of the scene's width no sheared vertex is subnormal, and a
+/// ray strays by a small fraction of what rounding does.
 const DUST: f32 = exp2(-70);
 const NO_SHEAR: f32 = exp2(-30);
 
@@ -80,58 +79,6 @@ pub struct Frame {
     pub valid: bool,
 }
 
-/// The component of a vector on an axis. The GPU selects; the CPU, where that would be a jump table, indexes.
-#[inline(always)]
-pub fn component(v: Vec3, axis: u32) -> f32 {
-    #[cfg(not(target_arch = "spirv"))]
-    return v.to_array()[axis as usize];
-    #[cfg(target_arch = "spirv")]
-    if axis == 0 {
-        v.x
-    } else if axis == 1 {
-        v.y
-    } else {
-        v.z
-    }
-}
-
-/// Three numbers, one to be taken again and again by an axis that changes. The GPU selects; the CPU keeps them in
-/// memory, with a fourth so that no tag is out of range.
-#[derive(Clone, Copy, Debug)]
-pub struct ByAxis(#[cfg(target_arch = "spirv")] Vec3, #[cfg(not(target_arch = "spirv"))] [f32; 4]);
-
-impl ByAxis {
-    /// The components of a vector.
-    #[inline(always)]
-    pub fn new(v: Vec3) -> Self {
-        #[cfg(target_arch = "spirv")]
-        return Self(v);
-        #[cfg(not(target_arch = "spirv"))]
-        Self([v.x, v.y, v.z, 0.0])
-    }
-
-    /// The one on an axis.
-    #[inline(always)]
-    pub fn on(&self, axis: u32) -> f32 {
-        #[cfg(target_arch = "spirv")]
-        return component(self.0, axis);
-        #[cfg(not(target_arch = "spirv"))]
-        self.0[axis as usize & 3]
-    }
-}
-
-/// A vector with `axis` moved last, the others in cyclic order.
-#[inline(always)]
-pub fn cycle(v: Vec3, axis: u32) -> Vec3 {
-    if axis == 0 {
-        Vec3::new(v.y, v.z, v.x)
-    } else if axis == 1 {
-        Vec3::new(v.z, v.x, v.y)
-    } else {
-        v
-    }
-}
-
 /// The number, or 0 if it is smaller than `floor` in size.
 #[inline(always)]
 pub fn flush(a: f32, floor: f32) -> f32 {
@@ -158,7 +105,8 @@ pub fn slab(lo: f32, hi: f32, origin: f32, inverse: f32, slack: f32, enter: f32,
     (high(enter, near - wide), low(exit, far + wide))
 }
 
-/// A scaled end of a ray's range, one to which there is no number moved inwards to the next: `least` is that next to 0.
+/// A scaled end of a ray's range, one to which there is no number moved inwards to the next: `least` is that
+/// next to 0.
 #[inline(always)]
 fn bound(t: f32, stretch: i32, least: f32) -> f32 {
     let scaled = ldexp(t, stretch);
@@ -168,7 +116,6 @@ fn bound(t: f32, stretch: i32, least: f32) -> f32 {
 
 impl Frame {
     /// Prepares a ray.
-    #[cfg(not(target_arch = "spirv"))]
     pub fn of(ray: &Ray, header: &TreeHeader) -> Self {
         let ([ox, oy, oz], [dx, dy, dz]) = (ray.origin, ray.direction);
         Self::new(Vec4::new(ox, oy, oz, dx), Vec4::new(dy, dz, ray.t_min, ray.t_max), header)
@@ -176,7 +123,7 @@ impl Frame {
 
     /// Prepares the ray in two words of four, as buffers hold it: origin and `direction.x`; `direction.y`,
     /// `direction.z`, `t_min`, `t_max`.
-    #[cfg_attr(not(target_arch = "spirv"), inline(always))]
+    #[inline(always)]
     pub fn new(first: Vec4, second: Vec4, header: &TreeHeader) -> Self {
         let direction = Vec3::new(first.w, second.x, second.y);
         let (dx, dy, dz) = (exponent(direction.x), exponent(direction.y), exponent(direction.z));

@@ -1,7 +1,7 @@
 //! Tracing rays: one ray an invocation.
 //!
-//! A ray is made ready ([`frame`]), goes to the leaves it meets ([`traverse`]) and tests their triangles ([`intersect`]).
-//! [`queries`] has the kernels, [`prepare`] those that run once a tree.
+//! A ray is made ready ([`frame`]), goes to the leaves it meets ([`traverse`]) and tests their triangles
+//! ([`intersect`]). [`queries`] has the kernels, [`prepare`] those that run once a tree.
 
 pub mod frame;
 pub mod intersect;

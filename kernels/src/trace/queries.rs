@@ -1,5 +1,5 @@
-//! What can be asked of a ray, and the kernels that answer: the default triangle test with every way through the tree, every
-//! other test with a stack, and all tests without a tree.
+//! What can be asked of a ray, and the kernels that answer: the default triangle test with every way through
+//! the tree, every other test with a stack, and all tests without a tree.
 
 use super::{
     intersect::{
@@ -20,8 +20,8 @@ use crate::{
 };
 use raykd_shared::{MISS, TreeHeader, status};
 
-/// Declares the kernel of a query: how it answers ray `i`, whether it writes counts of its steps too, and buffers that
-/// only it binds.
+/// Declares the kernel of a query: how it answers ray `i`, whether it writes counts of its steps too, and
+/// buffers that only it binds.
 macro_rules! query {
     ($(#[$doc:meta])* $file:ident::$name:ident $($counts:ident)? = |$i:pat_param, $ray:ident, $pairs:ident,
      $corners:ident, $any:pat_param, $steps:ident| $walk:expr
@@ -31,7 +31,7 @@ macro_rules! query {
             use super::*;
 
             /// Answers the ray of invocation `i`.
-            #[cfg_attr(not(target_arch = "spirv"), inline(always))]
+            #[inline(always)]
             #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
             pub fn answer(
                 i: u32,
@@ -121,17 +121,19 @@ query! {
         traverse::stack::walk::<Strict, Every, true>(ray, pairs, corners, Every, false, steps)
 }
 query! {
-    /// The closest or any hit of another triangle than the one given with the ray, for rays that leave a surface.
+    /// The closest or any hit of another triangle than the one given with the ray, for rays that leave a
+    /// surface.
     except::EXCEPT = |i, ray, pairs, corners, any, steps|
         traverse::stack::walk::<Strict, Except, false>(ray, pairs, corners, Except(excluded.at(i)), any, steps),
     { 7 excluded: u32 }
 }
 
-/// Answers ray `i`: its first hits in order, as many as the job's limit, the rest filled with misses; and how many it has.
+/// Answers ray `i`: its first hits in order, as many as the job's limit, the rest filled with misses; and how
+/// many it has.
 ///
-/// A triangle may be listed in several leaves, and where a hit lies is too uncertain to say which of them owns it.
-/// But hits have an order, (`t`, triangle), in which each comes once: so this asks for the closest hit after the
-/// last one until there is none. `n` hits take `n + 1` traversals, each from the last hit on.
+/// A triangle may be listed in several leaves, and where a hit lies is too uncertain to say which of them
+/// owns it. But hits have an order, (`t`, triangle), in which each comes once: so this asks for the closest
+/// hit after the last one until there is none. `n` hits take `n + 1` traversals, each from the last hit on.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn each(
     i: u32,
@@ -189,7 +191,7 @@ pub mod all {
 
     kernel! {
         /// [`each`] over all rays.
-        map ALL = each, threads 64, {
+        map ALL_HITS = each, threads 64, {
             0 job: read u32, 1 header: read TreeHeader, 2 pairs: read UVec4, 3 corners: read Vec4,
             4 rays: read Vec4, 5 hits: write UVec4, 6 outcome: write u32, 7 totals: write u32,
         }

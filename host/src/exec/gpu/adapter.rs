@@ -78,7 +78,7 @@ pub(super) fn lacks(adapter: &wgpu::Adapter) -> Option<String> {
     if !missing.is_empty() {
         return Some(format!("the driver lacks {missing}"));
     }
-    raykd_kernels::ALL.iter().find_map(|kernel| {
+    raykd_kernels::KERNELS.iter().find_map(|kernel| {
         let (threads, buffers) = (kernel.threads, kernel.slots.len() as u32);
         if threads > limits.max_compute_invocations_per_workgroup {
             let most = limits.max_compute_invocations_per_workgroup;

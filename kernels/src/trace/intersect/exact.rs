@@ -1,19 +1,20 @@
-//! The test without rounding: a triangle is hit if, and only if, the ray's line passes through it or its border, on the
-//! numbers as they are; `t`, `u` and `v` are correctly rounded.
+//! The test without rounding: a triangle is hit if, and only if, the ray's line passes through it or its
+//! border, on the numbers as they are; `t`, `u` and `v` are correctly rounded.
 //!
-//! Three stages, each for what the one before leaves open: floats turn away triangles that the ray passes at more than
-//! they round; pairs of floats ([`pair`](super::pair)) find signs and quotients with bounds of their errors; what those do
-//! not decide, one triangle of some hundreds, integers do ([`integers`]). The filters follow Shewchuk 1997, the sheared
-//! edge functions Woop, Benthin & Wald 2013.
+//! Three stages, each for what the one before leaves open: floats turn away triangles that the ray passes at
+//! more than they round; pairs of floats ([`pair`](super::pair)) find signs and quotients with bounds of
+//! their errors; what those do not decide, one triangle of some hundreds, integers do ([`integers`]). The
+//! filters follow Shewchuk 1997, the sheared edge functions Woop, Benthin & Wald 2013.
 //!
-//! Since answers are exact, neighbours need not agree about anything, and what was decided in which stage does not show.
-//! Numbers of any size count, but origins' that would be subnormal in the scaled scene, and distances `t` that would.
+//! Since answers are exact, neighbours need not agree about anything, and what was decided in which stage
+//! does not show. Numbers of any size count, but origins' that would be subnormal in the scaled scene, and
+//! distances `t` that would.
 
 use super::{Best, Intersector, integers, pair::Pair, strict::shear};
 use crate::{
     glam::{Vec3, Vec4},
-    math::{abs, div, exp2, exponent, high, is_small, low},
-    trace::frame::{Frame, HEADING, component, cycle},
+    math::{abs, component, cycle, div, exp2, exponent, high, is_small, low},
+    trace::frame::{Frame, HEADING},
 };
 
 /// The test.
@@ -34,9 +35,10 @@ struct Seen {
 }
 
 /// Products of smaller numbers may lose digits below the range of `f32`.
-const SMALL: f32 = exp2(-36);
+const PAIR_FLOOR: f32 = exp2(-36);
 
-/// `x * main - side * z`, within `2^-46` of its size and `2^-63` of the scene's, and whether it is a float, exactly.
+/// `x * main - side * z`, within `2^-46` of its size and `2^-63` of the scene's, and whether it is a float,
+/// exactly.
 #[inline(always)]
 fn across(x: Pair, z: Pair, main: f32, side: f32) -> (Pair, bool) {
     let (p, q) = (Pair::product(x.hi, main), Pair::product(side, z.hi));
@@ -51,9 +53,9 @@ fn across(x: Pair, z: Pair, main: f32, side: f32) -> (Pair, bool) {
     let found = Pair::sum(whole.hi, whole.lo + rest);
     let simple = (x.lo == 0.0)
         & (z.lo == 0.0)
-        & !is_small(x.hi, SMALL)
-        & !is_small(z.hi, SMALL)
-        & !is_small(side, SMALL);
+        & !is_small(x.hi, PAIR_FLOOR)
+        & !is_small(z.hi, PAIR_FLOOR)
+        & !is_small(side, PAIR_FLOOR);
     let known = simple & (first.lo == 0.0) & (second.hi == 0.0) & (second.lo == 0.0);
     (found, known)
 }
@@ -73,10 +75,10 @@ impl Edge {
     fn new(a: &Seen, b: &Seen, error: f32) -> Self {
         let value = a.x.times(b.y).plus(a.y.times(b.x).negative());
         // Of floats the signs are exact; with a corner on the ray the edge function is 0.
-        let small = is_small(a.x.hi, SMALL)
-            | is_small(a.y.hi, SMALL)
-            | is_small(b.x.hi, SMALL)
-            | is_small(b.y.hi, SMALL);
+        let small = is_small(a.x.hi, PAIR_FLOOR)
+            | is_small(a.y.hi, PAIR_FLOOR)
+            | is_small(b.x.hi, PAIR_FLOOR)
+            | is_small(b.y.hi, PAIR_FLOOR);
         let on_ray = (a.known & (a.size == 0.0)) | (b.known & (b.size == 0.0));
         let exact = on_ray | (a.known & b.known & !small);
         let certain = exact | (abs(value.hi) > error);
@@ -96,17 +98,17 @@ struct Verdict {
     v: f32,
 }
 
-/// Between which numbers one lies when rounded, if it may be off by `error` and by what a device that flushes subnormal numbers
-/// may take on the way.
+/// Between which numbers one lies when rounded, if it may be off by `error` and by what a device that flushes
+/// subnormal numbers may take on the way.
 #[inline(always)]
 fn rounded(a: Pair, error: f32) -> (f32, f32) {
     let wide = error + abs(a.lo) * exp2(-20) + exp2(-100);
     (a.hi + (a.lo - wide), a.hi + (a.lo + wide))
 }
 
-/// The second stage. With `M` the scene's size as seen from the origin and `S` that of the triangle across the ray,
-/// `D` the sum of the weights: `x` and `y` of corners are within `2^-62 M + 2^-45 S`, edge functions therefore within
-/// `2^-42 S^2 + 2^-59 M S`, twice what follows; weights and `t` follow from that.
+/// The second stage. With `M` the scene's size as seen from the origin and `S` that of the triangle across
+/// the ray, `D` the sum of the weights: `x` and `y` of corners are within `2^-62 M + 2^-45 S`, edge functions
+/// therefore within `2^-42 S^2 + 2^-59 M S`, twice what follows; weights and `t` follow from that.
 #[inline(always)]
 fn by_pairs(ray: &Frame, id: u32, (a, b, c): (Vec3, Vec3, Vec3), best: &Best) -> Verdict {
     let long = cycle(ray.heading, ray.main);
@@ -164,7 +166,8 @@ fn by_pairs(ray: &Frame, id: u32, (a, b, c): (Vec3, Vec3, Vec3), best: &Best) ->
     let t = depth.over(det, inverse).over(Pair { hi: dz, lo: 0.0 }, along);
     let deep = high(abs(a.z.hi), high(abs(b.z.hi), abs(c.z.hi)));
     let (near, later) = rounded(t, deep * (16.0 * off + exp2(-39)));
-    // Rounding keeps order, so this is certain too, and where the plane is met does not hang on signs of weights.
+    // Rounding keeps order, so this is certain too, and where the plane is met does not hang on signs of
+    // weights.
     let behind = near > best.t || (near == later && near == best.t && id > best.triangle);
     if behind || near > ray.t_max || later < ray.t_min {
         return nothing;

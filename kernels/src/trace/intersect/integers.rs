@@ -1,23 +1,24 @@
 //! A ray against a triangle in integers: exact whatever the numbers, and a hundred times slower than in floats.
 //!
-//! Every float is a multiple of a power of two, the *grid*. Corners seen from the origin, and the direction, become
-//! integers of as many digits as the numbers at hand need, of 16 bits each so that products of digits fit a word.
-//! Four determinants decide: `D = d . (b x c) + d . (c x a) + d . (a x b)`, whose parts are the weights, and
-//! `N = a . (b x c)`; then `t = N / D` (the volumes of Möller & Trumbore 1997, undivided). Quotients are rounded once.
+//! Every float is a multiple of a power of two, the *grid*. Corners seen from the origin, and the direction,
+//! become integers of as many digits as the numbers at hand need, of 16 bits each so that products of digits
+//! fit a word. Four determinants decide: `D = d . (b x c) + d . (c x a) + d . (a x b)`, whose parts are the
+//! weights, and `N = a . (b x c)`; then `t = N / D` (the volumes of Möller & Trumbore 1997, undivided).
+//! Quotients are rounded once.
 
 use crate::{
     glam::Vec3,
-    math::exponent,
+    math::{component, exponent},
     mem::{Slots, scratch},
-    trace::frame::{HEADING, component},
+    trace::frame::HEADING,
 };
 
 /// Digits of a coordinate: the whole range of normal `f32`, and a bit for differences.
 const WIDTH: u32 = 18;
 /// Digits of a determinant.
 const LONG: u32 = 3 * WIDTH + 1;
-/// Where numbers lie: x, y, z of the direction and of the corners `a`, `b`, `c`; a component of a cross product;
-/// three weights and the volume; two numbers to be divided.
+/// Where numbers lie: x, y, z of the direction and of the corners `a`, `b`, `c`; a component of a cross
+/// product; three weights and the volume; two numbers to be divided.
 const CROSS: u32 = 12 * WIDTH;
 const DETERMINANTS: u32 = CROSS + 2 * WIDTH;
 const DIVIDEND: u32 = DETERMINANTS + 4 * LONG;
@@ -182,8 +183,9 @@ fn justify(m: &mut Digits, base: u32, n: u32) -> i32 {
     (16 * away + bits) as i32
 }
 
-/// The positive number of `n` digits from `base` over that from [`DIVISOR`], which was moved up by `moved`, times
-/// `2^e`, rounded to nearest even. Schoolbook division (Knuth 1969, algorithm D) to 32 bits and a remainder.
+/// The positive number of `n` digits from `base` over that from [`DIVISOR`], which was moved up by `moved`,
+/// times `2^e`, rounded to nearest even. Schoolbook division (Knuth 1969, algorithm D) to 32 bits and a
+/// remainder.
 #[inline(always)]
 fn quotient(m: &mut Digits, base: u32, n: u32, moved: i32, e: i32) -> f32 {
     let mut i = 0;
@@ -195,7 +197,8 @@ fn quotient(m: &mut Digits, base: u32, n: u32, moved: i32, e: i32) -> f32 {
         return 0.0;
     }
     let e = e + moved - justify(m, DIVIDEND, n);
-    // Its top bit is set; if a driver left loops early it might not be, and division by 0 would end the kernel unseen.
+    // Its top bit is set; if a driver left loops early it might not be, and division by 0 would end the
+    // kernel unseen.
     let top = m.at(DIVISOR + n - 1) | 0x8000;
     // First whether it goes in once, then two digits.
     let (mut one, mut word, mut over) = (0, 0, 0);
@@ -259,15 +262,38 @@ fn quotient(m: &mut Digits, base: u32, n: u32, moved: i32, e: i32) -> f32 {
     }
 }
 
-/// Whether and where the line `origin + t d / 2^HEADING` meets the triangle, all numbers being 0 or normal ([`HEADING`]).
-pub fn cross(origin: Vec3, d: Vec3, a: Vec3, b: Vec3, c: Vec3) -> Answer {
-    let mut m: Digits = scratch();
-    let none = (127, -127);
-    let places = widen(widen(widen(widen(none, origin), a), b), c);
-    let ways = widen(none, d);
-    let (n, nd) = (digits(places), digits(ways));
-    let (grid, grid_d) = (places.0 - 23, ways.0 - 23);
-    // Sizes and signs of the twelve coordinates.
+/// How the numbers at hand are written down.
+#[derive(Clone, Copy)]
+struct Scale {
+    /// Digits of a coordinate, and the power of two that its lowest bit stands for.
+    places: (u32, i32),
+    /// The same of the direction's.
+    ways: (u32, i32),
+    /// Digits of a determinant.
+    long: u32,
+}
+
+impl Scale {
+    #[inline(always)]
+    fn new(origin: Vec3, d: Vec3, a: Vec3, b: Vec3, c: Vec3) -> Self {
+        let none = (127, -127);
+        let places = widen(widen(widen(widen(none, origin), a), b), c);
+        let ways = widen(none, d);
+        let (n, nd) = (digits(places), digits(ways));
+        let widest = if nd > n { nd } else { n };
+        Self { places: (n, places.0 - 23), ways: (nd, ways.0 - 23), long: widest + 2 * n + 1 }
+    }
+}
+
+/// Where the component of a row on an axis stands: of the direction, then of the corners.
+#[inline(always)]
+fn place(row: u32, axis: u32) -> u32 {
+    (3 * row + axis) * WIDTH
+}
+
+/// Writes the sizes of the twelve coordinates; a bit for each that is negative.
+#[inline(always)]
+fn put_coordinates(m: &mut Digits, scale: Scale, origin: Vec3, d: Vec3, a: Vec3, b: Vec3, c: Vec3) -> u32 {
     let mut signs = 0u32;
     let mut i = 0;
     while i < 12 {
@@ -282,90 +308,141 @@ pub fn cross(origin: Vec3, d: Vec3, a: Vec3, b: Vec3, c: Vec3) -> Answer {
             c
         };
         let (x, from) = (component(v, axis), component(origin, axis));
-        let (n, grid) = if row == 0 { (nd, grid_d) } else { (n, grid) };
-        clear(&mut m, base, n);
-        add_float(&mut m, base, n, x, grid, false);
-        add_float(&mut m, base, n, if row == 0 { 0.0 } else { from }, grid, true);
-        signs |= (settle(&mut m, base, n) as u32) << i;
+        let (n, grid) = if row == 0 { scale.ways } else { scale.places };
+        clear(m, base, n);
+        add_float(m, base, n, x, grid, false);
+        add_float(m, base, n, if row == 0 { 0.0 } else { from }, grid, true);
+        signs |= (settle(m, base, n) as u32) << i;
         i += 1;
     }
-    let widest = if nd > n { nd } else { n };
-    let long = widest + 2 * n + 1;
-    // d . (b x c), d . (c x a), d . (a x b), a . (b x c), rows in two bits each.
+    signs
+}
+
+/// The rows of determinant `det`, which is the first times the cross product of the others: `d . (b x c)`, `d
+/// . (c x a)`, `d . (a x b)`, `a . (b x c)`.
+#[inline(always)]
+fn rows(det: u32) -> (u32, u32, u32) {
+    (
+        if det == 3 { 1 } else { 0 },
+        if det == 1 {
+            3
+        } else if det == 2 {
+            1
+        } else {
+            2
+        },
+        if det == 1 {
+            1
+        } else if det == 2 {
+            2
+        } else {
+            3
+        },
+    )
+}
+
+/// Writes the four determinants, with their signs.
+#[inline(always)]
+fn put_determinants(m: &mut Digits, scale: Scale, signs: u32) {
+    let (n, long) = (scale.places.0, scale.long);
+    let minus = move |row: u32, axis: u32| (signs >> (3 * row + axis)) & 1 != 0;
     let mut det = 0;
     while det < 4 {
-        let (x, y, z) = (
-            if det == 3 { 1 } else { 0 },
-            if det == 1 {
-                3
-            } else if det == 2 {
-                1
-            } else {
-                2
-            },
-            if det == 1 {
-                1
-            } else if det == 2 {
-                2
-            } else {
-                3
-            },
-        );
+        let (x, y, z) = rows(det);
         let to = DETERMINANTS + det * LONG;
-        clear(&mut m, to, long);
+        clear(m, to, long);
         let mut axis = 0;
         while axis < 3 {
             let j = if axis == 2 { 0 } else { axis + 1 };
             let k = if axis == 0 { 2 } else { axis - 1 };
-            let minus = |row: u32, axis: u32| (signs >> (3 * row + axis)) & 1 != 0;
-            let place = |row: u32, axis: u32| (3 * row + axis) * WIDTH;
-            clear(&mut m, CROSS, 2 * n);
-            multiply(&mut m, CROSS, 2 * n, (place(y, j), n), (place(z, k), n), minus(y, j) != minus(z, k));
-            multiply(&mut m, CROSS, 2 * n, (place(y, k), n), (place(z, j), n), minus(y, k) == minus(z, j));
-            let negative = settle(&mut m, CROSS, 2 * n) != minus(x, axis);
-            let nx = if x == 0 { nd } else { n };
-            multiply(&mut m, to, long, (place(x, axis), nx), (CROSS, 2 * n), negative);
+            clear(m, CROSS, 2 * n);
+            multiply(m, CROSS, 2 * n, (place(y, j), n), (place(z, k), n), minus(y, j) != minus(z, k));
+            multiply(m, CROSS, 2 * n, (place(y, k), n), (place(z, j), n), minus(y, k) == minus(z, j));
+            let negative = settle(m, CROSS, 2 * n) != minus(x, axis);
+            let nx = if x == 0 { scale.ways.0 } else { n };
+            multiply(m, to, long, (place(x, axis), nx), (CROSS, 2 * n), negative);
             axis += 1;
         }
         det += 1;
     }
-    // Their sum.
-    clear(&mut m, DIVISOR, long);
+}
+
+/// Writes the sum of the weights, the first three determinants, as divisor.
+#[inline(always)]
+fn put_sum(m: &mut Digits, long: u32) {
+    clear(m, DIVISOR, long);
     let mut det = 0;
     while det < 3 {
         let mut carry = 0;
-        i = 0;
+        let mut i = 0;
         while i < long {
             let digit = m.at(DETERMINANTS + det * LONG + i);
-            carry = accumulate(&mut m, DIVISOR + i, digit + carry, false);
+            carry = accumulate(m, DIVISOR + i, digit + carry, false);
             i += 1;
         }
         det += 1;
     }
+}
+
+/// Makes the determinants and the divisor positive: whether a weight was negative, whether one was positive,
+/// and whether the volume was negative.
+#[inline(always)]
+fn settle_all(m: &mut Digits, long: u32) -> (bool, bool, bool) {
     let (mut negative, mut positive) = (false, false);
     let mut upside_down = false;
-    det = 0;
+    let mut det = 0;
     while det < 4 {
         let base = DETERMINANTS + det * LONG;
-        let minus = settle(&mut m, base, long);
+        let minus = settle(m, base, long);
         if det == 3 {
             upside_down = minus;
         } else if minus {
             negative = true;
-        } else if is_some(&m, base, long) {
+        } else if is_some(m, base, long) {
             positive = true;
         }
         det += 1;
     }
-    settle(&mut m, DIVISOR, long);
+    settle(m, DIVISOR, long);
+    (negative, positive, upside_down)
+}
+
+/// Whether loops go round as often as they should. A driver that leaves a loop early leaves all later ones
+/// after a round, these too. They must not look as if what they count was known.
+#[inline(always)]
+fn is_whole(m: &mut Digits, n: u32) -> bool {
+    clear(m, 0, n);
+    let mut i = 0;
+    while i < n {
+        m.put(i, 1);
+        i += 1;
+    }
+    let (mut rounds, mut counted) = (0, 0);
+    while rounds < n {
+        counted += m.at(rounds);
+        rounds += 1;
+    }
+    counted == n
+}
+
+/// Whether and where the line `origin + t d / 2^HEADING` meets the triangle, all numbers being 0 or normal
+/// ([`HEADING`]).
+pub fn cross(origin: Vec3, d: Vec3, a: Vec3, b: Vec3, c: Vec3) -> Answer {
+    let mut m: Digits = scratch();
+    let scale = Scale::new(origin, d, a, b, c);
+    let long = scale.long;
+    let signs = put_coordinates(&mut m, scale, origin, d, a, b, c);
+    put_determinants(&mut m, scale, signs);
+    put_sum(&mut m, long);
+    let (negative, positive, upside_down) = settle_all(&mut m, long);
     let hit = negative != positive;
     let (mut t, mut u, mut v) = (0.0, 0.0, 0.0);
     if hit {
         let moved = justify(&mut m, DIVISOR, long);
-        det = 1;
+        let mut det = 1;
         while det < 4 {
-            let scale = if det == 3 { grid - grid_d + HEADING } else { 0 };
-            let q = quotient(&mut m, DETERMINANTS + det * LONG, long, moved, scale);
+            let shift = if det == 3 { scale.places.1 - scale.ways.1 + HEADING } else { 0 };
+            let q = quotient(&mut m, DETERMINANTS + det * LONG, long, moved, shift);
             if det == 1 {
                 u = q;
             } else if det == 2 {
@@ -376,18 +453,6 @@ pub fn cross(origin: Vec3, d: Vec3, a: Vec3, b: Vec3, c: Vec3) -> Answer {
             det += 1;
         }
     }
-    // A driver that leaves a loop early leaves all later ones after a round, these too. They must not look as if what
-    // they count was known.
-    clear(&mut m, 0, n);
-    i = 0;
-    while i < n {
-        m.put(i, 1);
-        i += 1;
-    }
-    let (mut rounds, mut counted) = (0, 0);
-    while rounds < n {
-        counted += m.at(rounds);
-        rounds += 1;
-    }
-    Answer { hit, t, u, v, whole: counted == n }
+    let whole = is_whole(&mut m, scale.places.0);
+    Answer { hit, t, u, v, whole }
 }

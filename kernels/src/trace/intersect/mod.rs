@@ -1,9 +1,9 @@
 //! What a triangle test is to a traversal, and what the published ones share.
 //!
-//! `strict` is what raykd uses, `exact` rounds nothing but its answer. The others are there to be
-//! compared with them: each in a file of its own, with the formulas and thresholds of its source, so that it fails where
-//! it is known to fail. Common to all are the rules of the contract: edges belong to triangles, ranges of `t` are
-//! inclusive, the lowest number wins.
+//! `strict` is what raykd uses, `exact` rounds nothing but its answer. The others are there to be compared
+//! with them: each in a file of its own, with the formulas and thresholds of its source, so that it fails
+//! where it is known to fail. Common to all are the rules of the contract: edges belong to triangles, ranges
+//! of `t` are inclusive, the lowest number wins.
 
 pub mod baldwin;
 pub mod exact;
@@ -19,8 +19,8 @@ use super::frame::Frame;
 use crate::glam::{Vec3, Vec4};
 use raykd_shared::MISS;
 
-/// Added to a triangle's number where it stands among floats: alone its bits are those of a subnormal, and CPUs that
-/// compute all four lanes of a vector take a hundred cycles for one, needed or not.
+/// Added to a triangle's number where it stands among floats: alone its bits are those of a subnormal, and
+/// CPUs that compute all four lanes of a vector take a hundred cycles for one, needed or not.
 pub const NORMAL: u32 = 0x4000_0000;
 
 /// The best hit of a ray so far. `u` and `v` stay undivided until the end.
@@ -48,7 +48,8 @@ impl Best {
         t >= ray.t_min && t <= ray.t_max && t <= self.t
     }
 
-    /// Keeps the better of this and a hit that is in the ray's range. Smaller `t` wins, then the smaller number.
+    /// Keeps the better of this and a hit that is in the ray's range. Smaller `t` wins, then the smaller
+    /// number.
     #[inline(always)]
     pub fn offer(&mut self, ray: &Frame, hit: Self) {
         let inside = hit.t >= ray.t_min && hit.t <= ray.t_max;
@@ -59,8 +60,8 @@ impl Best {
     }
 }
 
-/// A triangle test. Triangles come as leaves keep them: what [`Intersector::lay_out`] made of them, `w` of the first
-/// vector not counted.
+/// A triangle test. Triangles come as leaves keep them: what [`Intersector::lay_out`] made of them, `w` of
+/// the first vector not counted.
 pub trait Intersector: Copy {
     /// Whether its test has loops, which a driver may leave early.
     const LOOPS: bool = false;
@@ -76,13 +77,14 @@ pub trait Intersector: Copy {
         (a.extend(0.0), b.extend(0.0), c.extend(0.0))
     }
 
-    /// A cheap first look, false only for triangles that [`Intersector::test`] would not take; always true where the
-    /// test is as quick.
+    /// A cheap first look, false only for triangles that [`Intersector::test`] would not take; always true
+    /// where the test is as quick.
     #[inline(always)]
     fn may_hit(self, _ray: &Frame, _a: Vec4, _b: Vec4, _c: Vec4) -> bool {
         true
     }
 
-    /// The whole test of triangle `id`: keeps the better of it and `best`. False if a driver left a loop of it early.
+    /// The whole test of triangle `id`: keeps the better of it and `best`. False if a driver left a loop of
+    /// it early.
     fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool;
 }

@@ -1,10 +1,12 @@
-//! The test of Möller & Trumbore 1997, "Fast, minimum storage ray/triangle intersection", the one without culling.
+//! The test of Möller & Trumbore 1997, "Fast, minimum storage ray/triangle intersection", the one without
+//! culling.
 //!
-//! Cramer's rule with the ray's direction and two edges. A shared edge is computed from other numbers in each of its
-//! triangles, so rays pass between them. Determinants below `10^-6` count as parallel, in the mesh's own units and
-//! for the direction's own length: small triangles vanish.
+//! Cramer's rule with the ray's direction and two edges. A shared edge is computed from other numbers in each
+//! of its triangles, so rays pass between them. Determinants below `10^-6` count as parallel, in the mesh's
+//! own units and for the direction's own length: small triangles vanish.
 //!
-//! The paper leaves as soon as `u` or `v` is out of range; here all is computed and looked at once, without a division.
+//! The paper leaves as soon as `u` or `v` is out of range; here all is computed and looked at once, without a
+//! division.
 
 use super::{
     Best, Intersector,

@@ -1,9 +1,9 @@
-//! The point where the ray meets the triangle's plane, and whether it is inside, by three edge functions in the
-//! projection along the largest component of the normal (Snyder & Barr 1987, "Ray tracing complex models containing
-//! surface tessellations").
+//! The point where the ray meets the triangle's plane, and whether it is inside, by three edge functions in
+//! the projection along the largest component of the normal (Snyder & Barr 1987, "Ray tracing complex models
+//! containing surface tessellations").
 //!
-//! The point depends on the whole triangle, so neighbours do not agree about their edge, less so the farther the point
-//! is from the scene's origin: it is rounded to coordinates.
+//! The point depends on the whole triangle, so neighbours do not agree about their edge, less so the farther
+//! the point is from the scene's origin: it is rounded to coordinates.
 
 use super::{
     Best, Intersector,
@@ -11,8 +11,8 @@ use super::{
 };
 use crate::{
     glam::{Vec3, Vec4},
-    math::{abs, div, exp2},
-    trace::frame::{Frame, component, cycle, flush},
+    math::{abs, component, cycle, div, exp2},
+    trace::frame::{Frame, flush},
 };
 
 /// In a [`Unit`]: `t` that is smaller is 0,

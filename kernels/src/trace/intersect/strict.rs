@@ -1,24 +1,26 @@
 //! The watertight ray-triangle test (Woop, Benthin & Wald 2013), with signs that are exact.
 //!
 //! Vertices are translated to the ray's origin and sheared so that the ray runs along one axis; in the plane
-//! across it, the origin is inside the triangle if the three edge functions have one sign. Each is a difference
-//! of two products, whose rounding errors are found exactly: it has the right sign and is accurate to its last
-//! digits. The sheared vertices are the same numbers in every triangle that shares them, so a closed mesh has no
-//! gaps, at edges and at vertices (the paper falls back to doubles here); and since the edge functions are accurate,
-//! so is `t`, their mean of the vertices' depths, even where the ray grazes the triangle (see frame.rs).
+//! across it, the origin is inside the triangle if the three edge functions have one sign. Each is a
+//! difference of two products, whose rounding errors are found exactly: it has the right sign and is accurate
+//! to its last digits. The sheared vertices are the same numbers in every triangle that shares them, so a
+//! closed mesh has no gaps, at edges and at vertices (the paper falls back to doubles here); and since the
+//! edge functions are accurate, so is `t`, their mean of the vertices' depths, even where the ray grazes the
+//! triangle (see frame.rs).
 
 use super::{Best, Intersector};
 use crate::{
     glam::{Vec3, Vec4},
-    math::{div, exp2, exponent, is_small, product_difference, product_difference_wide},
-    trace::frame::{Frame, component, cycle, flush},
+    math::{component, cycle, div, exp2, exponent, is_small, product_difference, product_difference_wide},
+    trace::frame::{Frame, flush},
 };
 
-/// Depths smaller than this count as zero, and so do weights below [`WEIGHT_FLOOR`]: their products stay normal.
+/// Depths smaller than this count as zero, and so do weights below [`WEIGHT_FLOOR`]: their products stay
+/// normal.
 const DEPTH_FLOOR: f32 = exp2(-46);
 const WEIGHT_FLOOR: f32 = exp2(-40);
 /// Products of numbers at least this large have exact rounding errors.
-pub(super) const SMALL: f32 = exp2(-39);
+pub(super) const PRODUCT_FLOOR: f32 = exp2(-39);
 
 /// A triangle's vertices seen from a ray: moved to its origin, sheared along it.
 pub(super) struct Sheared {
@@ -84,12 +86,12 @@ pub fn may_hit(ray: &Frame, a: Vec3, b: Vec3, c: Vec3) -> bool {
 #[inline(always)]
 fn edges(s: &Sheared) -> (f32, f32, f32) {
     // Too small for [`product_difference`].
-    let small = is_small(s.ax, SMALL)
-        | is_small(s.ay, SMALL)
-        | is_small(s.bx, SMALL)
-        | is_small(s.by, SMALL)
-        | is_small(s.cx, SMALL)
-        | is_small(s.cy, SMALL);
+    let small = is_small(s.ax, PRODUCT_FLOOR)
+        | is_small(s.ay, PRODUCT_FLOOR)
+        | is_small(s.bx, PRODUCT_FLOOR)
+        | is_small(s.by, PRODUCT_FLOOR)
+        | is_small(s.cx, PRODUCT_FLOOR)
+        | is_small(s.cy, PRODUCT_FLOOR);
     if small {
         let (u, eu) = product_difference_wide(s.cx, s.by, s.cy, s.bx);
         let (v, ev) = product_difference_wide(s.ax, s.cy, s.ay, s.cx);

@@ -1,9 +1,10 @@
 //! Lengths in a unit of the ray's own, for the published triangle tests.
 //!
 //! Devices may flush them, so none may matter. Differences of points are multiplied with a power of two that
-//! brings the farthest corner of the scene to `2^38` to `2^39` ([`Unit`]), and what is then below `2^-24`, that is
-//! `2^-62` of that distance, is 0. Components of directions are 0 or at least `2^-30`. So are sums of products of up
-//! to three such numbers, differences included, either 0 or normal: no rounding is changed by this.
+//! brings the farthest corner of the scene to `2^38` to `2^39` ([`Unit`]), and what is then below `2^-24`,
+//! that is `2^-62` of that distance, is 0. Components of directions are 0 or at least `2^-30`. So are sums of
+//! products of up to three such numbers, differences included, either 0 or normal: no rounding is changed by
+//! this.
 
 use crate::{
     glam::Vec3,
@@ -12,7 +13,7 @@ use crate::{
 };
 
 /// Differences of points that are smaller, in a [`Unit`], are 0.
-const FLOOR: f32 = exp2(-24);
+const LENGTH_FLOOR: f32 = exp2(-24);
 
 /// The power of two that brings the scene's farthest corner, seen from the ray's origin, to `2^38` to `2^39`.
 #[derive(Clone, Copy, Debug)]
@@ -36,7 +37,7 @@ impl Unit {
     #[inline(always)]
     pub fn between(self, a: Vec3, b: Vec3) -> Vec3 {
         let way = (b - a) * self.scale;
-        Vec3::new(flush(way.x, FLOOR), flush(way.y, FLOOR), flush(way.z, FLOOR))
+        Vec3::new(flush(way.x, LENGTH_FLOOR), flush(way.y, LENGTH_FLOOR), flush(way.z, LENGTH_FLOOR))
     }
 
     /// A length in this unit as one in the scene's.

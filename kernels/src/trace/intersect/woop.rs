@@ -1,16 +1,17 @@
 //! The test of Woop, Benthin & Wald 2013, "Watertight ray/triangle intersection", in `f32` throughout.
 //!
-//! Edge functions are differences of rounded products. Where one is 0 the paper computes all three again in `f64`;
-//! there is none on every GPU, so 0 counts as inside. Both triangles at an edge then still agree and there is no gap,
-//! but of rays within rounding of an edge some count as hits that pass it by, and which of two triangles is hit, and `t`
-//! on grazing rays, may be wrong. `strict` has the signs right instead.
+//! Edge functions are differences of rounded products. Where one is 0 the paper computes all three again in
+//! `f64`; there is none on every GPU, so 0 counts as inside. Both triangles at an edge then still agree and
+//! there is no gap, but of rays within rounding of an edge some count as hits that pass it by, and which of
+//! two triangles is hit, and `t` on grazing rays, may be wrong. `strict` has the signs right instead.
 //!
-//! Sheared coordinates below `2^-39` count as 0, for all triangles at a vertex alike. The shear is by a product with
-//! the direction's reciprocal instead of a quotient, as many programs do: a rounding more, the same for all triangles.
+//! Sheared coordinates below `2^-39` count as 0, for all triangles at a vertex alike. The shear is by a
+//! product with the direction's reciprocal instead of a quotient, as many programs do: a rounding more, the
+//! same for all triangles.
 
 use super::{
     Best, Intersector,
-    strict::{SMALL, Sheared, shear},
+    strict::{PRODUCT_FLOOR, Sheared, shear},
 };
 use crate::{
     glam::Vec4,
@@ -27,12 +28,12 @@ pub struct Woop;
 fn seen(ray: &Frame, a: Vec4, b: Vec4, c: Vec4) -> Sheared {
     let s = shear(ray, a.truncate(), b.truncate(), c.truncate());
     Sheared {
-        ax: flush(s.ax, SMALL),
-        ay: flush(s.ay, SMALL),
-        bx: flush(s.bx, SMALL),
-        by: flush(s.by, SMALL),
-        cx: flush(s.cx, SMALL),
-        cy: flush(s.cy, SMALL),
+        ax: flush(s.ax, PRODUCT_FLOOR),
+        ay: flush(s.ay, PRODUCT_FLOOR),
+        bx: flush(s.bx, PRODUCT_FLOOR),
+        by: flush(s.by, PRODUCT_FLOOR),
+        cx: flush(s.cx, PRODUCT_FLOOR),
+        cy: flush(s.cy, PRODUCT_FLOOR),
         ..s
     }
 }

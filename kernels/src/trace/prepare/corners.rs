@@ -8,8 +8,8 @@ use crate::{
 };
 use raykd_shared::TreeHeader;
 
-/// Writes the triangle of reference `i` as a triangle test wants it; the first vector's `w` holds its number, see
-/// [`NORMAL`].
+/// Writes the triangle of reference `i` as a triangle test wants it; the first vector's `w` holds its number,
+/// see [`NORMAL`].
 pub fn lay_out<I: Intersector>(
     i: u32,
     header: &Buf<TreeHeader>,

@@ -1,5 +1,5 @@
-//! What is made of a tree before rays are traced: triangles as leaves keep them, and what some ways through the tree
-//! need beside it.
+//! What is made of a tree before rays are traced: triangles as leaves keep them, and what some ways through
+//! the tree need beside it.
 
 pub mod climb;
 pub mod corners;

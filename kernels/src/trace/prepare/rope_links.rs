@@ -1,8 +1,8 @@
 //! The ropes of every leaf (Popov, Günther, Seidel & Slusallek 2007, "Stackless kd-tree traversal for high
 //! performance GPU ray tracing"): what lies beyond each of the six sides of its box.
 //!
-//! A record is three words of four: lower corner and upper corner, then the six ropes in the same order. Records
-//! stand at their leaf's number, so inner nodes waste theirs: 48 bytes a node.
+//! A record is three words of four: lower corner and upper corner, then the six ropes in the same order.
+//! Records stand at their leaf's number, so inner nodes waste theirs: 48 bytes a node.
 
 use super::climb::{NONE, climb};
 use crate::{
@@ -39,7 +39,8 @@ pub fn rope_links(
                 } else {
                     let axis = node.axis();
                     let (upper, own) = (side >= 3, side == axis || side == axis + 3);
-                    // Across the side's own axis the child at the side; else the one that all of the leaf faces.
+                    // Across the side's own axis the child at the side; else the one that all of the leaf
+                    // faces.
                     let below = if own { upper } else { sides.at(axis + 3) <= node.split() };
                     let above = if own { !upper } else { sides.at(axis) >= node.split() };
                     pulling = below || above;

@@ -1,10 +1,10 @@
 //! Climbing from the leaf to the lowest node with something ahead (Foley & Sugerman 2005, "KD-tree acceleration
 //! structures for a GPU raytracer", kd-backtrack). Nodes know their parents and boxes.
 //!
-//! The paper climbs until a node's box contains the ray after the last `t`; a point that rounding put outside all
-//! boxes climbs past the root. Here a node is left upwards for good when it was left by its far child, or when
-//! its plane is too far ahead: which child that was is a number, not a matter of rounding. A box gives the same
-//! interval as the planes on the way down, bit by bit, since both are made of the same numbers.
+//! The paper climbs until a node's box contains the ray after the last `t`; a point that rounding put outside
+//! all boxes climbs past the root. Here a node is left upwards for good when it was left by its far child, or
+//! when its plane is too far ahead: which child that was is a number, not a matter of rounding. A box gives
+//! the same interval as the planes on the way down, bit by bit, since both are made of the same numbers.
 
 use super::{
     Steps,
@@ -23,7 +23,8 @@ use crate::{
 };
 use raykd_shared::{MISS, status};
 
-/// Bytes that a ray keeps between two leaves, beside its best hit: the leaf's number and where the ray leaves it.
+/// Bytes that a ray keeps between two leaves, beside its best hit: the leaf's number and where the ray leaves
+/// it.
 pub const STATE: u32 = 8;
 
 /// Finds the closest hit, or if `any` will do the best one in the first leaf that has one. `boxes` are those of

@@ -5,12 +5,9 @@
 
 use crate::{
     glam::UVec4,
-    math::abs,
+    math::{abs, component},
     mem::{Buf, Slots},
-    trace::{
-        frame::{Frame, component},
-        place::Place,
-    },
+    trace::{frame::Frame, place::Place},
 };
 use raykd_shared::Node;
 
@@ -39,8 +36,8 @@ impl Crossing {
         Self { near: if back { above } else { below }, far: if back { below } else { above }, first, last }
     }
 
-    /// Whether a ray that enters the node at `enter` goes on to the far child alone, if it is `reached`: it is past the near
-    /// one, or that is an empty leaf, not worth a visit.
+    /// Whether a ray that enters the node at `enter` goes on to the far child alone, if it is `reached`: it
+    /// is past the near one, or that is an empty leaf, not worth a visit.
     #[inline(always)]
     pub fn skips_near(&self, enter: f32, reached: bool) -> bool {
         self.last < enter || (reached && self.near.node.is_empty())

@@ -1,6 +1,7 @@
 //! The visit of a leaf, the same for every traversal: each triangle it lists is tested.
 
 use crate::{
+    ON_GPU,
     glam::Vec4,
     mem::{Buf, Slots},
     trace::{
@@ -12,7 +13,8 @@ use raykd_shared::Node;
 
 /// Which hits count.
 pub trait Filter: Copy {
-    /// Tests triangle `id` by a test; keeps the better of it and `best` if it counts. False as [`Intersector::test`] is.
+    /// Tests triangle `id` by a test; keeps the better of it and `best` if it counts. False as
+    /// [`Intersector::test`] is.
     fn test<I: Intersector>(
         self,
         by: I,
@@ -98,7 +100,7 @@ impl Filter for After {
 }
 
 /// How far ahead triangles are loaded: on a GPU two at a time, for one wait for memory instead of two.
-const AHEAD: u32 = cfg!(target_arch = "spirv") as u32;
+const AHEAD: u32 = ON_GPU as u32;
 
 /// Tests the triangles of `leaf`, counting the hits that `filter` lets through. Returns whether it got through
 /// all: some software drivers leave a loop after so many rounds whatever its condition says.
@@ -111,8 +113,8 @@ pub fn visit<I: Intersector, F: Filter>(
     filter: F,
     best: &mut Best,
 ) -> bool {
-    // A descent that was cut short did not arrive at a leaf. Compilers take the opposite of a loop's condition for
-    // granted after the loop, so what is checked here must not look like it.
+    // A descent that was cut short did not arrive at a leaf. Compilers take the opposite of a loop's
+    // condition for granted after the loop, so what is checked here must not look like it.
     let arrived = (leaf.words().1 | !Node::LEAF) == u32::MAX;
     let mut r = leaf.first();
     let end = if arrived { r + leaf.count() } else { r };

@@ -1,5 +1,6 @@
-//! The ways through the tree. `stack` is what raykd uses; the others are the literature's, made exact. All visit the
-//! leaves that a ray meets in the same order, near before far at every node, so all find the same hits.
+//! The ways through the tree. `stack` is what raykd uses; the others are the literature's, made exact. All
+//! visit the leaves that a ray meets in the same order, near before far at every node, so all find the same
+//! hits.
 
 pub mod backtrack;
 pub mod brute;

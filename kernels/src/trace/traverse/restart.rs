@@ -1,11 +1,11 @@
 //! Restarting at the root after every leaf (Foley & Sugerman 2005, "KD-tree acceleration structures for a GPU
 //! raytracer", kd-restart).
 //!
-//! The paper goes on at the `t` where the last leaf ended, and so may find that leaf again for ever, or skip a
-//! thin one. Here a [`Trail`] says which leaf was last: a new descent follows it to the deepest node whose far
-//! child is still ahead, and turns there. The trail rises with every turn, so each leaf comes once, in the order
-//! of `stack`, and the turns end without an epsilon or a limit on their number. There is none to what lies beyond the best hit, nor to
-//! an empty leaf beside another child.
+//! The paper goes on at the `t` where the last leaf ended, and so may find that leaf again for ever, or skip
+//! a thin one. Here a [`Trail`] says which leaf was last: a new descent follows it to the deepest node whose
+//! far child is still ahead, and turns there. The trail rises with every turn, so each leaf comes once, in
+//! the order of `stack`, and the turns end without an epsilon or a limit on their number. There is none to
+//! what lies beyond the best hit, nor to an empty leaf beside another child.
 
 use super::{
     Steps,

@@ -1,16 +1,17 @@
-//! Following ropes from leaf to leaf, without a stack and without restarts (Popov, Günther, Seidel & Slusallek
-//! 2007, "Stackless kd-tree traversal for high performance GPU ray tracing"). The entry leaf is located from the
-//! root.
+//! Following ropes from leaf to leaf, without a stack and without restarts (Popov, Günther, Seidel &
+//! Slusallek 2007, "Stackless kd-tree traversal for high performance GPU ray tracing"). The entry leaf is
+//! located from the root.
 //!
-//! The paper leaves a leaf by the side that the ray reaches first. Near an edge or a corner rounding may choose
-//! the wrong one, and the walk goes to and fro between two leaves until a cap ends it. Here a side counts as soon
-//! as the ray is inside its thick plane when it leaves. Mostly that is one side, and its rope leads on. If it is
-//! several, the leaf's parents tell which of the planes is the deepest in the tree; beyond that one the ray's next
-//! leaf lies, and the other planes are crossed later. So every walk goes forward in the ray's order of leaves.
+//! The paper leaves a leaf by the side that the ray reaches first. Near an edge or a corner rounding may
+//! choose the wrong one, and the walk goes to and fro between two leaves until a cap ends it. Here a side
+//! counts as soon as the ray is inside its thick plane when it leaves. Mostly that is one side, and its rope
+//! leads on. If it is several, the leaf's parents tell which of the planes is the deepest in the tree; beyond
+//! that one the ray's next leaf lies, and the other planes are crossed later. So every walk goes forward in
+//! the ray's order of leaves.
 //!
-//! *Optimised* ropes are pulled down to the smallest node that lies beyond a whole side. Such a rope skips the children
-//! beside it. Those that come before the rope's end in the ray's order would be missed if the ray still were inside the
-//! planes between: then, as at corners, the leaf's parents are asked.
+//! *Optimised* ropes are pulled down to the smallest node that lies beyond a whole side. Such a rope skips
+//! the children beside it. Those that come before the rope's end in the ray's order would be missed if the
+//! ray still were inside the planes between: then, as at corners, the leaf's parents are asked.
 
 use super::{
     Steps,
@@ -30,7 +31,8 @@ use crate::{
 };
 use raykd_shared::{MISS, status};
 
-/// Bytes that a ray keeps between two leaves, beside its best hit: the leaf's number and where the ray enters it.
+/// Bytes that a ray keeps between two leaves, beside its best hit: the leaf's number and where the ray enters
+/// it.
 pub const STATE: u32 = 8;
 
 /// How a ray passes a leaf along one axis.
@@ -55,8 +57,8 @@ fn passage(ray: &Frame, axis: u32, back: bool, lo: u32, hi: u32, ropes: (u32, u3
     Passage { past: near.1, first: far.0, last: far.1, rope, enter: near.0 }
 }
 
-/// Finds the closest hit, or if `any` will do the best one in the first leaf that has one. `OPTIMISED` ropes skip
-/// nodes.
+/// Finds the closest hit, or if `any` will do the best one in the first leaf that has one. `OPTIMISED` ropes
+/// skip nodes.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 pub fn walk<const OPTIMISED: bool>(

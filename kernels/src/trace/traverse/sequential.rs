@@ -2,9 +2,9 @@
 //! teaching baseline: a point just past the last leaf is located in the tree, and so on.
 //!
 //! No distance is "just past": an absolute one vanishes in a large `t` (an endless loop) or jumps over a thin
-//! leaf. Here the next leaf is located relative to the last, whose place is known by its [`Trail`]: the descent
-//! goes down to it again, remembers the deepest plane that the ray crosses before it leaves the leaf for good, and
-//! goes on from that plane's other side.
+//! leaf. Here the next leaf is located relative to the last, whose place is known by its [`Trail`]: the
+//! descent goes down to it again, remembers the deepest plane that the ray crosses before it leaves the leaf
+//! for good, and goes on from that plane's other side.
 
 use super::{
     Steps,
@@ -24,8 +24,8 @@ use crate::{
 };
 use raykd_shared::{MISS, limits::MAX_DEPTH, status};
 
-/// Bytes that a ray keeps between two leaves, beside its best hit: the last leaf's trail and depth, and where the
-/// ray leaves it.
+/// Bytes that a ray keeps between two leaves, beside its best hit: the last leaf's trail and depth, and where
+/// the ray leaves it.
 pub const STATE: u32 = 16;
 
 /// Finds the closest hit, or if `any` will do the best one in the first leaf that has one.

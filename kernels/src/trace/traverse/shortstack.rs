@@ -1,9 +1,10 @@
 //! A stack of a few entries, the oldest being lost when it is full (Horn, Sugerman, Houston & Hanrahan 2007,
 //! "Interactive k-d tree GPU raytracing"), with restarts at the push-down node when it runs empty.
 //!
-//! Where an entry was lost and the stack is empty, the paper goes on at the last `t`; programs written after it
-//! lose nodes just there. Here the level of the deepest entry lost is kept: a [`Trail`] leads back to it, and the
-//! descent pushes again what is above it. Where the first entry lost begins is kept, too: what lies beyond the best hit is no loss.
+//! Where an entry was lost and the stack is empty, the paper goes on at the last `t`; programs written after
+//! it lose nodes just there. Here the level of the deepest entry lost is kept: a [`Trail`] leads back to it,
+//! and the descent pushes again what is above it. Where the first entry lost begins is kept, too: what lies
+//! beyond the best hit is no loss.
 
 use super::{
     Steps,
@@ -25,8 +26,8 @@ use crate::{
 };
 use raykd_shared::{MISS, limits::MAX_DEPTH, status};
 
-/// Bytes that a ray keeps between two leaves with a stack of `entries`, beside its best hit: entries, their place,
-/// how many they are, the deepest one lost, where the first lost begins, and what `pushdown` keeps.
+/// Bytes that a ray keeps between two leaves with a stack of `entries`, beside its best hit: entries, their
+/// place, how many they are, the deepest one lost, where the first lost begins, and what `pushdown` keeps.
 pub const fn state(entries: u32) -> u32 {
     16 * entries + 16 + pushdown::STATE
 }

@@ -11,26 +11,28 @@ use super::{
     leaf::{self, Filter},
 };
 use crate::{
+    ON_GPU,
     glam::{UVec4, Vec4},
-    math::{abs, high, low},
+    math::{ByAxis, abs, high, low},
     mem::{self, Buf, Slots},
     trace::{
-        frame::{ByAxis, Frame},
+        frame::Frame,
         intersect::{Best, Intersector},
     },
 };
 use raykd_shared::{MISS, Node, limits::MAX_DEPTH, status};
 
-/// A lane in an empty leaf takes the next entry at once while it has passed fewer nodes than this since lanes tested
-/// triangles together: two of three leaves on a ray's way are empty, but a lane that never stops makes the others wait. Found
-/// by trying on an H200. On a CPU nobody waits.
+/// A lane in an empty leaf takes the next entry at once while it has passed fewer nodes than this since lanes
+/// tested triangles together: two of three leaves on a ray's way are empty, but a lane that never stops makes
+/// the others wait. Found by trying on an H200. On a CPU nobody waits.
 const IN_A_ROW: u32 = 12;
 
-/// Whether a ray goes to the far child first, and whether it goes to both; by whether its interval is `past` the near child,
-/// ends `before` the far one, and which of them is empty: such a leaf is not worth a visit beside another child.
+/// Whether a ray goes to the far child first, and whether it goes to both; by whether its interval is `past`
+/// the near child, ends `before` the far one, and which of them is empty: such a leaf is not worth a visit
+/// beside another child.
 #[inline(always)]
 fn way(past: bool, before: bool, near_empty: bool, far_empty: bool) -> (bool, bool) {
-    if cfg!(target_arch = "spirv") {
+    if ON_GPU {
         chosen(past, before, near_empty, far_empty)
     } else {
         taken(past, before, near_empty, far_empty)
@@ -59,8 +61,8 @@ fn taken(past: bool, before: bool, near_empty: bool, far_empty: bool) -> (bool, 
     }
 }
 
-/// Finds the closest hit of a ray by one triangle test, or if `any` will do the best one in the first leaf that has one,
-/// among those that `filter` lets through. With `COUNT`, says what it did.
+/// Finds the closest hit of a ray by one triangle test, or if `any` will do the best one in the first leaf
+/// that has one, among those that `filter` lets through. With `COUNT`, says what it did.
 #[inline(always)]
 pub fn walk<I: Intersector, F: Filter, const COUNT: bool>(
     ray: &Frame,
@@ -78,8 +80,7 @@ pub fn walk<I: Intersector, F: Filter, const COUNT: bool>(
     let mut top = 0;
     let root = pairs.at(0);
     let mut node = Node::from_words(root.x, root.y);
-    let mut enter = ray.enter;
-    let mut exit = ray.exit;
+    let (mut enter, mut exit) = (ray.enter, ray.exit);
     let mut running = ray.valid && enter <= exit;
     // 1 until the last subtree is done.
     let mut open = running as u32;
@@ -118,7 +119,7 @@ pub fn walk<I: Intersector, F: Filter, const COUNT: bool>(
             enter = if over { begins } else { enter };
             exit = if over { exit } else { ends };
             // See [`IN_A_ROW`].
-            if cfg!(target_arch = "spirv") && node.is_empty() & (top != 0) & (passed < IN_A_ROW) {
+            if ON_GPU && node.is_empty() & (top != 0) & (passed < IN_A_ROW) {
                 let entry = stack.at(top - 1);
                 let begin = f32::from_bits(entry.w);
                 // What lies beyond the best hit is left to the search below.

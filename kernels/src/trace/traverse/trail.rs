@@ -1,8 +1,10 @@
-//! The way from the root to a node, a bit a level (after Laine 2010, "Restart trail for stackless BVH traversal").
+//! The way from the root to a node, a bit a level (after Laine 2010, "Restart trail for stackless BVH
+//! traversal").
 //!
-//! Traversals that keep no stack need to know what is behind them. Comparing `t` with what was left last cannot
-//! tell: planes are thick, so intervals overlap, and even where they do not, `t + epsilon == t` for a large `t`.
-//! The leaves of a ray have an order, near before far at every node, and a trail names a leaf's place in it.
+//! Traversals that keep no stack need to know what is behind them. Comparing `t` with what was left last
+//! cannot tell: planes are thick, so intervals overlap, and even where they do not, `t + epsilon == t` for a
+//! large `t`. The leaves of a ray have an order, near before far at every node, and a trail names a leaf's
+//! place in it.
 
 use raykd_shared::limits::MAX_DEPTH;
 

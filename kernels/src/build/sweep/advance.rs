@@ -4,7 +4,7 @@ use super::{
     CLIPPED, FACES, LEAVES, LEVEL_CELLS, LEVEL_DEPTH, LEVEL_FRESH, LEVEL_LEAVES, LEVEL_LISTS, LEVEL_NODES,
     LEVEL_REFS, LISTS, OVER_CELLS, OVER_FACES, OVER_FRESH, OVER_RANKS, OVER_REFERENCES, STATE_CELLS,
     STATE_DEPTH, STATE_FRESH, STATE_LEVEL, STATE_LISTS, STATE_NODES, STATE_REFS, STATE_STATUS, THREADS,
-    WHOLE, blocks, fresh_room, ranked,
+    WHOLE, blocks, fresh_room, ranked, room,
 };
 use crate::{
     build::alloc::put_groups,
@@ -66,7 +66,7 @@ pub fn advance(
         let nodes = level.at(LEVEL_NODES) + level.at(LEVEL_CELLS);
         let mut next = Level { cells: 0, refs: 0, fresh: 0, depth: 0, nodes: 0, leaves: 0, lists: 0 };
         if level.at(LEVEL_CELLS) > 0 {
-            let (room, number) = (params.level_refs, level.at(LEVEL_REFS));
+            let (room, number) = (room(&params), level.at(LEVEL_REFS));
             let whole = ranked(ranks, totals, room, WHOLE, number);
             let clipped = ranked(ranks, totals, room, CLIPPED, number);
             let leaves = ranked(ranks, totals, room, LEAVES, number);

@@ -1,6 +1,6 @@
 //! Sums up the blocks of [`super::rank`]: one workgroup a row.
 
-use super::{FACES, LEVEL_CELLS, LEVEL_LISTS, LEVEL_REFS, blocks};
+use super::{FACES, LEVEL_CELLS, LEVEL_LISTS, LEVEL_REFS, blocks, room};
 use crate::{
     Group,
     build::scan::{self, LANES, before, scan, word},
@@ -24,7 +24,7 @@ pub fn total(
     // Rows without lists and levels past the last one are dispatched too, with nothing to do.
     let is_ranked = level.at(LEVEL_CELLS) > 0 && group.id < FACES + level.at(LEVEL_LISTS);
     let number = if is_ranked { blocks(level.at(LEVEL_REFS)) } else { 0 };
-    let first = group.id * blocks(params.at(0).level_refs);
+    let first = group.id * blocks(room(&params.at(0)));
     let run = number.div_ceil(LANES);
     lanes!(group, |lane| {
         let (mut below, mut above) = (0, 0);

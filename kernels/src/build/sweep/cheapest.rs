@@ -1,4 +1,5 @@
-//! The best candidate of every cell, left with its first reference: one pass, which makes 32 candidates into one.
+//! The best candidate of every cell, left with its first reference: one pass, which makes 32 candidates into
+//! one.
 
 use super::{CHEAPEST_BITS, Cell, LEVEL_REFS, better, cell_of};
 use crate::{

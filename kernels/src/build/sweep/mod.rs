@@ -1,15 +1,18 @@
-//! The builder `exact` in kernels: the plane of every node is the cheapest of all faces of its references' boxes,
-//! breadth first, in O(N log N) (after Wu, Zhao & Liu 2011), with references clipped at every plane.
+//! The builder `exact` in kernels: the plane of every node is the cheapest of all faces of its references'
+//! boxes, found by a sweep over them in order. Breadth first, in O(N log N) (after Wu, Zhao & Liu 2011), with
+//! references clipped at every plane.
 //!
-//! A level holds cells (its nodes) and their references, cell by cell, triangles rising. In cells of more than
-//! [`BuildParams::small`] references, six lists hold the faces of their boxes in order: starts and ends on each axis. All lie
-//! where the cell's references lie, so nothing else needs a place of its own. How many references begin before a
-//! plane and how many end by it are two binary searches, whichever face the plane comes from; smaller cells count one by one.
+//! A level holds cells (its nodes) and their references, cell by cell, triangles rising. In cells of more
+//! than [`BuildParams::small`] references, six lists hold the faces of their boxes in order: starts and ends
+//! on each axis. All lie where the cell's references lie, so nothing else needs a place of its own. How many
+//! references begin before a plane and how many end by it are two binary searches, whichever face the plane
+//! comes from; smaller cells count one by one.
 //!
-//! [`weigh`] finds each reference's best plane and [`cheapest`] the cell's; [`classify`] says where every reference goes,
-//! [`rank`], [`total`] and [`advance`] count, [`children`] makes the next level's cells and [`distribute`] its references.
-//! Faces of references that stay whole keep their order ([`carry`]); those of clipped ones are sorted ([`sort`]) and merged
-//! in ([`insert`]). In the end [`sizes`] and [`number`] number the nodes depth first, and [`leaves`] lists the references.
+//! [`weigh`] finds each reference's best plane and [`cheapest`] the cell's; [`classify`] says where every
+//! reference goes, [`rank`], [`total`] and [`advance`] count, [`children`] makes the next level's cells and
+//! [`distribute`] its references. Faces of references that stay whole keep their order ([`carry`]); those of
+//! clipped ones are sorted ([`sort`]) and merged in ([`insert`]). In the end [`sizes`] and [`number`] number
+//! the nodes depth first, and [`leaves`] lists the references.
 
 pub mod advance;
 pub mod carry;
@@ -28,7 +31,7 @@ pub mod total;
 pub mod weigh;
 
 use super::{
-    Costs, Plane, Sah,
+    Costs, Sah, SplitPlane,
     bin::{ordered, unordered},
     clip::Bounds,
     cut, from_bits,
@@ -38,8 +41,8 @@ use super::{
 };
 use crate::{
     glam::{UVec2, UVec4},
+    math::component,
     mem::{Buf, Slots},
-    trace::frame::component,
 };
 use raykd_shared::{BuildParams, Node};
 
@@ -98,8 +101,8 @@ pub const CHEAPEST_BITS: u32 = 5;
 /// Lanes of the kernels that are functions of an index.
 pub const THREADS: u32 = 128;
 
-/// Rows that are ranked: references that stay whole, references that are clipped, leaves' references and heads, then faces
-/// in their lists.
+/// Rows that are ranked: references that stay whole, references that are clipped, leaves' references and
+/// heads, then faces in their lists.
 pub const ROWS: u32 = FACES + LISTS;
 const WHOLE: u32 = 0;
 const CLIPPED: u32 = 1;
@@ -127,12 +130,20 @@ const AFTER_FLAT: u32 = 1 << 31;
 /// One reference in so many may be clipped on the way to a level, before more room is needed.
 pub const FRESH_SHARE: u32 = 4;
 
+/// From one list of faces, or one row of ranks, to the next: as many as there is room for references of a
+/// level.
+#[inline(always)]
+fn room(params: &BuildParams) -> u32 {
+    params.level_refs
+}
+
 /// Room for the faces of clipped references, a list, where a level has room for so many references.
 pub const fn fresh_room(references: u32) -> u32 {
     references / FRESH_SHARE + 64
 }
 
-/// Blocks that [`rank`] takes references in, where there is room for so many: one more is ranked, past the last.
+/// Blocks that [`rank`] takes references in, where there is room for so many: one more is ranked, past the
+/// last.
 pub const fn blocks(references: u32) -> u32 {
     references / LANES + 1
 }
@@ -203,7 +214,8 @@ fn cell_of(refs: &Buf<UVec4>, i: u32) -> u32 {
     refs.at(2 * i + 1).w
 }
 
-/// Whether a face comes before another in its list: by position, then flat boxes first. Those left over are equal.
+/// Whether a face comes before another in its list: by position, then flat boxes first. Those left over are
+/// equal.
 #[inline(always)]
 fn is_before(a: UVec2, b: UVec2) -> bool {
     a.x < b.x || (a.x == b.x && (a.y & AFTER_FLAT) < (b.y & AFTER_FLAT))
@@ -229,13 +241,13 @@ fn count_before(faces: &Buf<UVec2>, from: u32, to: u32, face: UVec2, equal: bool
 #[derive(Clone, Copy, Debug)]
 pub struct Cutting {
     /// Its axis is [`Node::LEAF`] for none: the cell becomes a leaf.
-    pub plane: Plane,
+    pub plane: SplitPlane,
     /// Above, not below.
     pub flat_above: bool,
 }
 
-/// A candidate as [`weigh`] writes it: words that order as candidates do. The cheapest comes first, then the lower axis,
-/// the lower position, and references in the plane above.
+/// A candidate as [`weigh`] writes it: words that order as candidates do. The cheapest comes first, then the
+/// lower axis, the lower position, and references in the plane above.
 #[inline(always)]
 fn candidate(cost: f32, axis: u32, at: u32, flat_above: bool) -> UVec4 {
     // Costs are not negative: their bits order as they do.
@@ -259,12 +271,12 @@ fn decide(cell: &Cell, bests: &Buf<UVec4>, params: &BuildParams) -> Cutting {
     let best = if cell.count > 0 { bests.at(cell.first) } else { NONE };
     let sah = cell.sah(params);
     let axis = if f32::from_bits(best.x) < sah.leaf { best.y } else { Node::LEAF };
-    Cutting { plane: Plane { axis, at: unordered(best.z) }, flat_above: best.w == 0 }
+    Cutting { plane: SplitPlane { axis, at: unordered(best.z) }, flat_above: best.w == 0 }
 }
 
 /// A box cut by a plane.
 #[inline(always)]
-fn in_two(bounds: &Bounds, plane: Plane) -> (Bounds, Bounds) {
+fn in_two(bounds: &Bounds, plane: SplitPlane) -> (Bounds, Bounds) {
     let (hi_below, lo_above) = cut(bounds.lo, bounds.hi, plane);
     (Bounds { lo: bounds.lo, hi: hi_below }, Bounds { lo: lo_above, hi: bounds.hi })
 }

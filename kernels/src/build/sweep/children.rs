@@ -2,7 +2,7 @@
 
 use super::{
     CLIPPED, Cell, LEAVES, LEVEL_CELLS, LEVEL_LEAVES, LEVEL_NODES, STATE_STATUS, WHOLE, decide, in_two,
-    ranked,
+    ranked, room,
 };
 use crate::{
     build::growth_left,
@@ -28,7 +28,7 @@ pub fn children(
     let number = level.at(LEVEL_CELLS);
     if i < number && state.at(STATE_STATUS) == 0 {
         let params = params.at(0);
-        let room = params.level_refs;
+        let room = room(&params);
         let cell = Cell::load(cells, i);
         let (from, to) = (cell.first, cell.first + cell.count);
         let plane = decide(&cell, bests, &params).plane;

@@ -1,8 +1,9 @@
-//! Moves the faces of references that stay whole to the children's lists, in order, and leaves gaps for the others.
+//! Moves the faces of references that stay whole to the children's lists, in order, and leaves gaps for the
+//! others.
 
 use super::{
     ABOVE, BELOW, Cell, FACES, LEAVES, LEVEL_REFS, LISTED, LISTS, REFERENCE, STATE_STATUS, cell_of,
-    count_before, fresh_room, pick, ranked, row_of,
+    count_before, fresh_room, pick, ranked, room, row_of,
 };
 use crate::{
     glam::{UVec2, UVec4},
@@ -31,7 +32,7 @@ pub fn carry(
     let number = level.at(LEVEL_REFS);
     if i < LISTS * number && state.at(STATE_STATUS) == 0 {
         let params = params.at(0);
-        let room = params.level_refs;
+        let room = room(&params);
         let (list, at) = row_of(i, number);
         if (codes.at(at) & LISTED) != 0 {
             let face = faces.at(list * room + at);

@@ -1,7 +1,7 @@
 //! Puts the faces of references that were clipped among those that [`super::carry`] moves.
 
 use super::{
-    Cell, FACES, LEVEL_FRESH, LISTS, REFERENCE, cell_of, count_before, fresh_room, pick, ranked, row_of,
+    Cell, FACES, LEVEL_FRESH, LISTS, REFERENCE, cell_of, count_before, fresh_room, pick, ranked, room, row_of,
 };
 use crate::{
     glam::{UVec2, UVec4},
@@ -27,7 +27,7 @@ pub fn insert(
     let number = next_level.at(LEVEL_FRESH);
     if i < LISTS * number {
         let params = params.at(0);
-        let room = params.level_refs;
+        let room = room(&params);
         let (list, at) = row_of(i, number);
         let face = fresh.at(list * fresh_room(room) + at);
         let place = cell_of(next_refs, face.y & REFERENCE);

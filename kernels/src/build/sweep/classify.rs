@@ -4,9 +4,9 @@ use super::{ABOVE, BELOW, CLIPPED_SHIFT, CUT, Cell, HEAD, LEAF, LEVEL_REFS, LIST
 use crate::{
     build::clip::clip_plane,
     glam::UVec4,
+    math::component,
     mem::{Buf, Slots},
     mesh::triangle,
-    trace::frame::component,
 };
 use raykd_shared::{BuildParams, Node, rule};
 

@@ -2,13 +2,13 @@
 
 use super::{
     AFTER_FLAT, Cell, LEVEL_DEPTH, LEVEL_REFS, LISTS, NONE, Reference, better, candidate, cell_of,
-    count_before, is_before,
+    count_before, is_before, room,
 };
 use crate::{
     build::{Sah, bin::ordered, bin::unordered},
     glam::{UVec2, UVec4},
+    math::component,
     mem::{Buf, Slots},
-    trace::frame::component,
 };
 use raykd_shared::BuildParams;
 
@@ -68,8 +68,8 @@ fn one_by_one(i: u32, cell: &Cell, sah: &Sah, refs: &Buf<UVec4>) -> UVec4 {
     consider(best, sah, 2, ordered(own.hi.z), cell, &hi_z)
 }
 
-/// The better one of a candidate and that at face `i` of one list of an axis. Of starts at one position the first counts, of
-/// ends the last: how many there are before it, or up to it, is then its place.
+/// The better one of a candidate and that at face `i` of one list of an axis. Of starts at one position the
+/// first counts, of ends the last: how many there are before it, or up to it, is then its place.
 #[inline(always)]
 fn in_list(best: UVec4, i: u32, list: u32, cell: &Cell, sah: &Sah, faces: &Buf<UVec2>, room: u32) -> UVec4 {
     let is_end = (list & 1) == 1;
@@ -125,7 +125,7 @@ pub fn weigh(
             if cell.count > params.small {
                 let mut list = 0;
                 while list < LISTS {
-                    best = in_list(best, i, list, &cell, &sah, faces, params.level_refs);
+                    best = in_list(best, i, list, &cell, &sah, faces, room(&params));
                     list += 1;
                 }
             } else {

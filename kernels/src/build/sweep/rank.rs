@@ -1,6 +1,6 @@
 //! How many go below and above before each reference, and before each face in its list: within one block.
 
-use super::{FACES, LEVEL_REFS, LISTED, REFERENCE, ROWS, blocks, row_of};
+use super::{FACES, LEVEL_REFS, LISTED, REFERENCE, ROWS, blocks, room, row_of};
 use crate::{
     Group,
     build::scan::{self, LANES, before, scan, total, word},
@@ -28,7 +28,7 @@ pub fn rank(
     let number = level.at(LEVEL_REFS);
     let (row, block) = row_of(group.id, blocks(number));
     if row < ROWS {
-        let room = params.at(0).level_refs;
+        let room = room(&params.at(0));
         let base = block * LANES;
         lanes!(group, |lane| {
             let i = base + lane;

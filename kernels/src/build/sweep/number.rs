@@ -1,4 +1,4 @@
-//! Numbers the nodes depth first, as `host/src/exact.rs` does; the level above is done.
+//! Numbers the nodes depth first, as the host form of the builder does; the level above is done.
 
 use super::{LEVEL_CELLS, LEVEL_NODES};
 use crate::{

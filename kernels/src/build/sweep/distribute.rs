@@ -2,7 +2,7 @@
 
 use super::{
     BELOW, CLIPPED, CLIPPED_SHIFT, CUT, Cell, LEAF, LEAVES, LEVEL_LEAVES, LEVEL_NODES, LEVEL_REFS, LISTS,
-    Reference, STATE_STATUS, WHOLE, decide, face, fresh_room, in_two, pick, ranked,
+    Reference, STATE_STATUS, WHOLE, decide, face, fresh_room, in_two, pick, ranked, room,
 };
 use crate::{
     build::clip::clip_plane,
@@ -35,7 +35,7 @@ pub fn distribute(
 ) {
     if i < level.at(LEVEL_REFS) && state.at(STATE_STATUS) == 0 {
         let params = params.at(0);
-        let room = params.level_refs;
+        let room = room(&params);
         let code = codes.at(i);
         let reference = Reference::load(refs, i);
         let leaves = ranked(ranks, totals, room, LEAVES, i);

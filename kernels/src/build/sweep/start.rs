@@ -1,6 +1,6 @@
 //! The references of the root, and their faces in no order.
 
-use super::{LEVEL_REFS, LISTS, Reference, face};
+use super::{LEVEL_REFS, LISTS, Reference, face, room};
 use crate::{
     glam::{UVec2, UVec4},
     mem::{Buf, Slots},
@@ -20,7 +20,7 @@ pub fn start(
     faces: &mut Buf<UVec2>,
 ) {
     if i < level.at(LEVEL_REFS) {
-        let room = params.at(0).level_refs;
+        let room = room(&params.at(0));
         let reference = Reference::whole(positions, indices, kept.at(i));
         reference.store(refs, i);
         let mut list = 0;
