@@ -114,6 +114,9 @@ pub enum Error {
         /// What is wrong with it.
         what: String,
     },
+    /// What was given to be used with wgpu cannot be.
+    #[error("{0}")]
+    Wgpu(String),
     /// An option of a build is out of its range.
     #[error("{name} is {value}, and must be from {least} to {most}")]
     Options {

@@ -70,7 +70,7 @@ mod tree;
 pub use build::{BuildOptions, BuildTimes, Builder, KernelTimes};
 pub use error::Error;
 #[cfg(feature = "gpu")]
-pub use exec::{AdapterReport, Verdict, adapters};
+pub use exec::{AdapterReport, Verdict, adapters, required_features, required_limits};
 pub use exec::{Device, Limit};
 pub use intersector::Intersector;
 pub use mesh::Mesh;
@@ -79,8 +79,12 @@ pub use raykd_shared as shared;
 pub use raykd_shared::{Hit, Ray};
 pub use rays::Ray64;
 pub use read::usual_max_bytes;
-pub use scene::{AllHits, Query, RaySteps, Resident, Scene, Traced};
+#[cfg(feature = "gpu")]
+pub use scene::{Encoded, RayCount, SceneBuffers};
+pub use scene::{AllHits, Query, RaySteps, Resident, Scene, Traced, Tracer};
 pub use traversal::Traversal;
+#[cfg(feature = "gpu")]
+pub use wgpu;
 #[cfg(feature = "cli")]
 use tree::digest_of;
 pub use tree::{KdTree, hits_digest};

@@ -2,10 +2,16 @@
 
 mod batch;
 mod build;
+#[cfg(feature = "gpu")]
+mod encode;
 mod extras;
 mod trace;
+mod tracer;
 
 pub use batch::Resident;
+#[cfg(feature = "gpu")]
+pub use encode::{Encoded, RayCount, SceneBuffers};
+pub use tracer::Tracer;
 pub use trace::{AllHits, Query, RaySteps, Traced};
 
 use crate::{

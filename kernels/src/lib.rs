@@ -87,6 +87,7 @@ pub const KERNELS: &[&Kernel] = &[
     &build::sweep::sizes::SIZES,
     &build::sweep::number::NUMBER,
     &build::sweep::leaves::LEAVES,
+    &trace::workgroups::WORKGROUPS,
     &trace::prepare::corners::CORNERS,
     &trace::prepare::corners::transforms::TRANSFORMS,
     &trace::queries::closest::CLOSEST,

@@ -43,6 +43,30 @@ impl<T> Buf<T> {
     }
 }
 
+/// A slice that is read as a buffer is.
+#[cfg(not(target_arch = "spirv"))]
+#[derive(Debug)]
+pub struct View<'a, T>(Buf<T>, core::marker::PhantomData<&'a [T]>);
+
+#[cfg(not(target_arch = "spirv"))]
+impl<'a, T> View<'a, T> {
+    /// Of a slice.
+    #[inline]
+    pub const fn new(slice: &'a [T]) -> Self {
+        // SAFETY: the slice is borrowed as long as the view lives, and no `&mut Buf`, which writing takes, is given away.
+        Self(unsafe { Buf::new(slice.as_ptr().cast_mut(), slice.len()) }, core::marker::PhantomData)
+    }
+}
+
+#[cfg(not(target_arch = "spirv"))]
+impl<T> core::ops::Deref for View<'_, T> {
+    type Target = Buf<T>;
+    #[inline(always)]
+    fn deref(&self) -> &Buf<T> {
+        &self.0
+    }
+}
+
 /// Element access, checked on the CPU. On the GPU the device's robust buffer access bounds it.
 pub trait Slots<T: Copy> {
     /// Reads element `i`.

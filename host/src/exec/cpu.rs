@@ -208,7 +208,33 @@ impl Use<'_> {
     }
 }
 
+/// A buffer that is only read while this lives, by any number of threads.
+#[derive(Debug)]
+pub(crate) struct Kept(Memory);
+
+impl Kept {
+    /// Its elements.
+    pub(crate) fn slice<T: bytemuck::Pod>(&self) -> &[T] {
+        let (ptr, len) = (self.0.0.ptr, self.0.0.map.len());
+        // SAFETY: `keep` counted a reader, which stays until the drop below, so nobody writes; the memory starts a page
+        // and holds bytes that were once zeroed, which any `T` may be.
+        unsafe { std::slice::from_raw_parts(ptr.cast(), len / size_of::<T>()) }
+    }
+}
+
+impl Drop for Kept {
+    fn drop(&mut self) {
+        drop(Use { allocation: &self.0.0, writes: false });
+    }
+}
+
 impl Memory {
+    /// Keeps others from writing it.
+    pub(super) fn keep(&self, name: &str) -> Kept {
+        std::mem::forget(self.begin(name, false));
+        Kept(self.clone())
+    }
+
     fn zeroed(bytes: u64) -> Option<Self> {
         let mut map = memmap2::MmapMut::map_anon(usize::try_from(bytes).ok()?).ok()?;
         // Traversal jumps about; finding small pages would cost it more than reading them.

@@ -2,11 +2,13 @@
 
 mod adapter;
 mod clock;
+mod encode;
 mod link;
 mod probe;
 mod staging;
 
-pub use adapter::{AdapterReport, adapters};
+pub use adapter::{AdapterReport, adapters, required_features, required_limits};
+pub(crate) use encode::Size;
 pub use probe::Verdict;
 
 use super::{Buffer, Device, Groups, Limit, Machine, Memory, Step, Timing};
@@ -72,6 +74,23 @@ impl Gpu {
         Self::accepted(adapter::choose(None, true)?, false)
     }
 
+    /// A device and its queue that somebody else opened.
+    ///
+    /// # Errors
+    /// It lacks a feature or limit, or it does not compute our float operations exactly.
+    pub fn given(device: wgpu::Device, queue: wgpu::Queue) -> Result<Self, Error> {
+        let name = adapter::describe(&device.adapter_info());
+        if let Some(what) = adapter::missing("the wgpu device", device.features(), device.limits()) {
+            return Err(Error::DeviceFailed { adapter: name, what });
+        }
+        Self::exact(Self::over(Link::given(device, queue, name))?, false)
+    }
+
+    /// The device and its queue.
+    pub(super) fn parts(&self) -> (&wgpu::Device, &wgpu::Queue) {
+        (&self.link.device, &self.link.queue)
+    }
+
     /// Compiles kernels for the device, several at a time, so that no later run has to.
     ///
     /// # Errors
@@ -92,7 +111,12 @@ impl Gpu {
 
     /// Opens an adapter and refuses it if it is inexact, unless that is `allowed`.
     fn accepted(adapter: &wgpu::Adapter, allowed: bool) -> Result<Self, Error> {
-        match Self::on(adapter)?.probed()? {
+        Self::exact(Self::on(adapter)?, allowed)
+    }
+
+    /// Refuses a device that is inexact, unless that is `allowed`.
+    fn exact(self, allowed: bool) -> Result<Self, Error> {
+        match self.probed()? {
             (gpu, Verdict::Inexact(reason)) if !allowed => {
                 Err(Error::Inexact { adapter: gpu.link.name, reason })
             }
@@ -106,7 +130,11 @@ impl Gpu {
         if let Some(what) = adapter::lacks(adapter) {
             return Err(Error::DeviceFailed { adapter: name, what });
         }
-        let link = Link::open(adapter, name, adapter::WANTED)?;
+        Self::over(Link::open(adapter, name, adapter::WANTED)?)
+    }
+
+    /// Loads the kernels.
+    fn over(link: Link) -> Result<Self, Error> {
         let words = words(raykd_kernels::SPIRV);
         let entry_points = entry_points(&words);
         if entry_points.is_empty() {
@@ -294,7 +322,7 @@ impl Gpu {
                     Groups::Fixed(n) if n <= GROUPS_X => pass.dispatch_workgroups(n, 1, 1),
                     Groups::Fixed(n) => pass.dispatch_workgroups(GROUPS_X, n.div_ceil(GROUPS_X), 1),
                     Groups::Indirect(args, entry) => {
-                        pass.dispatch_workgroups_indirect(memory(args), u64::from(entry) * 12);
+                        pass.dispatch_workgroups_indirect(args.as_wgpu(), u64::from(entry) * 12);
                     }
                 }
             }
@@ -305,11 +333,9 @@ impl Gpu {
     }
 
     fn bind(&self, layout: &wgpu::BindGroupLayout, buffers: &[&Buffer]) -> wgpu::BindGroup {
-        let entry = |(binding, &buffer)| wgpu::BindGroupEntry {
-            binding,
-            resource: memory(buffer).as_entire_binding(),
-        };
-        let entries: Vec<_> = (0..).zip(buffers).map(entry).collect();
+        let resources = buffers.iter().map(|buffer| buffer.as_wgpu().as_entire_binding());
+        let entries: Vec<_> =
+            (0..).zip(resources).map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource }).collect();
         let descriptor = wgpu::BindGroupDescriptor { label: None, layout, entries: &entries };
         self.link.device.create_bind_group(&descriptor)
     }
@@ -358,10 +384,13 @@ impl Gpu {
     }
 }
 
-fn memory(buffer: &Buffer) -> &wgpu::Buffer {
-    match &buffer.memory {
-        Memory::Gpu(memory) => memory,
-        Memory::Cpu(_) => panic!("buffer {} belongs to another device", buffer.name),
+impl Buffer {
+    /// Its memory on a GPU.
+    pub(crate) fn as_wgpu(&self) -> &wgpu::Buffer {
+        match &self.memory {
+            Memory::Gpu(memory) => memory,
+            Memory::Cpu(_) => panic!("buffer {} belongs to another device", self.name),
+        }
     }
 }
 

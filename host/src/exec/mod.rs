@@ -8,7 +8,9 @@ pub mod watch;
 
 pub use cpu::Cpu;
 #[cfg(feature = "gpu")]
-pub use gpu::{AdapterReport, Gpu, Verdict, adapters};
+pub(crate) use gpu::Size;
+#[cfg(feature = "gpu")]
+pub use gpu::{AdapterReport, Gpu, Verdict, adapters, required_features, required_limits};
 
 use crate::Error;
 use raykd_kernels::Kernel;
@@ -152,6 +154,42 @@ impl Device {
         Gpu::open(adapter).map(Into::into)
     }
 
+    /// A device of a wgpu program, by which scenes use the program's own device and queue.
+    ///
+    /// The device must have [`required_features`] and [`required_limits`]. Its callbacks are left as they are, so a device
+    /// that is lost shows when something is read back.
+    ///
+    /// ```no_run
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # let adapter: raykd::wgpu::Adapter = todo!();
+    /// use raykd::wgpu;
+    ///
+    /// let request = adapter.request_device(&wgpu::DeviceDescriptor {
+    ///     required_features: raykd::required_features(),
+    ///     required_limits: raykd::required_limits(adapter.limits()),
+    ///     // SAFETY: raykd's kernels keep to their buffers.
+    ///     experimental_features: unsafe { wgpu::ExperimentalFeatures::enabled() },
+    ///     ..Default::default()
+    /// });
+    /// let (device, queue) = pollster::block_on(request)?;
+    /// let device = raykd::Device::from_wgpu(&device, &queue)?;
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// It lacks a feature or limit, or does not compute our float operations exactly.
+    #[cfg(feature = "gpu")]
+    pub fn from_wgpu(device: &wgpu::Device, queue: &wgpu::Queue) -> Result<Self, Error> {
+        Gpu::given(device.clone(), queue.clone()).map(Into::into)
+    }
+
+    /// The device and queue of wgpu that a GPU is used by.
+    #[cfg(feature = "gpu")]
+    pub fn wgpu(&self) -> Option<(&wgpu::Device, &wgpu::Queue)> {
+        self.as_gpu().map(Gpu::parts)
+    }
+
     /// A real GPU if there is one that computes exactly, else the CPU.
     pub fn best() -> Self {
         #[cfg(feature = "gpu")]
@@ -292,6 +330,22 @@ impl Device {
             }
         }
         Ok(out)
+    }
+
+    /// A buffer's elements on the CPU, as they are from now on: where the device is the CPU they are not copied, and who
+    /// writes the buffer panics.
+    pub(crate) fn kept(&self, buffer: &Buffer) -> Result<cpu::Kept, Error> {
+        match &buffer.memory {
+            Memory::Cpu(memory) => Ok(memory.keep(buffer.name)),
+            #[cfg(feature = "gpu")]
+            Memory::Gpu(_) => {
+                let words: Vec<u32> = self.read(buffer, 0, (buffer.bytes / 4) as usize)?;
+                let (cpu, bytes) = (Self::cpu(), bytemuck::cast_slice(&words));
+                let copy = cpu.alloc(buffer.name, buffer.bytes)?;
+                cpu.write(&copy, 0, bytes)?;
+                cpu.kept(&copy)
+            }
+        }
     }
 
     /// Runs the steps in order, each seeing all that the ones before it wrote, and waits for the end.

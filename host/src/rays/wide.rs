@@ -33,6 +33,9 @@ impl Ray64 {
 pub trait AnyRay: Copy + Send + Sync + sealed::Sealed {
     /// The rays as the mesh's positions are: less its translation, in `f32`.
     fn local(rays: &[Self], translation: [f64; 3]) -> Cow<'_, [Ray]>;
+
+    /// The same of one ray.
+    fn alone(&self, translation: [f64; 3]) -> Ray;
 }
 
 mod sealed {
@@ -47,22 +50,30 @@ impl AnyRay for Ray {
         if translation == [0.0; 3] {
             return rays.into();
         }
-        let origin = |from: [f32; 3]| moved(from.map(f64::from), translation);
-        let local: Vec<_> = rays.par_iter().map(|ray| Self { origin: origin(ray.origin), ..*ray }).collect();
-        local.into()
+        rays.par_iter().map(|ray| ray.alone(translation)).collect::<Vec<_>>().into()
+    }
+
+    #[inline]
+    fn alone(&self, translation: [f64; 3]) -> Ray {
+        let moves = translation != [0.0; 3];
+        let origin = if moves { moved(self.origin.map(f64::from), translation) } else { self.origin };
+        Self { origin, ..*self }
     }
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is the purpose")]
 impl AnyRay for Ray64 {
     fn local(rays: &[Self], translation: [f64; 3]) -> Cow<'_, [Ray]> {
-        let local = |ray: &Self| Ray {
-            origin: moved(ray.origin, translation),
-            direction: ray.direction.map(|x| x as f32),
-            t_min: -below(-ray.t_min),
-            t_max: below(ray.t_max),
-        };
-        rays.par_iter().map(local).collect::<Vec<_>>().into()
+        rays.par_iter().map(|ray| ray.alone(translation)).collect::<Vec<_>>().into()
+    }
+
+    fn alone(&self, translation: [f64; 3]) -> Ray {
+        Ray {
+            origin: moved(self.origin, translation),
+            direction: self.direction.map(|x| x as f32),
+            t_min: -below(-self.t_min),
+            t_max: below(self.t_max),
+        }
     }
 }
 

@@ -132,11 +132,7 @@ impl Batch {
 
     /// Checks the status the kernel left and returns how many rays were none.
     pub(super) fn outcome(&self, device: &Device) -> Result<u32, Error> {
-        let words: Vec<u32> = device.read(&self.outcome, 0, OUTCOME_WORDS as usize)?;
-        match words[OUTCOME_STATUS as usize] {
-            0 => Ok(words[OUTCOME_INVALID as usize]),
-            bits => Err(Error::Kernel(status::describe(bits))),
-        }
+        outcome(device, &self.outcome)
     }
 
     pub(super) fn hits(&self, device: &Device) -> Result<Vec<Hit>, Error> {
@@ -150,5 +146,14 @@ impl Batch {
         traced.hits.extend(self.hits(device)?);
         traced.download += start.elapsed();
         Ok(())
+    }
+}
+
+/// Checks the status a kernel left and returns how many rays were none.
+pub(super) fn outcome(device: &Device, outcome: &Buffer) -> Result<u32, Error> {
+    let words: Vec<u32> = device.read(outcome, 0, OUTCOME_WORDS as usize)?;
+    match words[OUTCOME_STATUS as usize] {
+        0 => Ok(words[OUTCOME_INVALID as usize]),
+        bits => Err(Error::Kernel(status::describe(bits))),
     }
 }

@@ -7,9 +7,12 @@ use crate::{
     rays::AnyRay,
     traversal::Traversal,
 };
-use raykd_kernels::trace::{
-    job::JOB_WORDS,
-    queries::{all::ALL_HITS, any::ANY, closest::CLOSEST, except::EXCEPT, steps::STEPS},
+use raykd_kernels::{
+    Kernel,
+    trace::{
+        job::JOB_WORDS,
+        queries::{all::ALL_HITS, any::ANY, closest::CLOSEST, except::EXCEPT, steps::STEPS},
+    },
 };
 use raykd_shared::{Hit, Ray};
 use std::time::{Duration, Instant};
@@ -212,17 +215,23 @@ impl Scene {
             return self.run_brute(batch);
         }
         let mut buffers = batch.buffers(self);
-        let kernel = match (traversal.kernel(), self.intersector.stack(), query) {
-            (Some(kernel), ..) => {
+        let kernel = match traversal.kernel() {
+            Some(kernel) => {
                 buffers.push(&batch.counts);
                 buffers.extend(self.more());
                 kernel
             }
-            (None, Some(kernel), _) => kernel,
-            (None, None, Query::Closest) => &CLOSEST,
-            (None, None, Query::Any) => &ANY,
+            None => self.stack_kernel(query),
         };
         batch.ask(&self.device, kernel, buffers, query)
+    }
+
+    /// The kernel that answers a query with a full stack, by the scene's triangle test.
+    pub(super) fn stack_kernel(&self, query: Query) -> &'static Kernel {
+        self.intersector.stack().unwrap_or(match query {
+            Query::Closest => &CLOSEST,
+            Query::Any => &ANY,
+        })
     }
 
     /// Finds the closest hits of a batch by testing every triangle.

@@ -8,6 +8,9 @@ use crate::{
 };
 use raykd_shared::{MISS, TreeHeader};
 
+/// Rays a workgroup.
+pub const THREADS: u32 = 64;
+
 /// Words of the job record: how many rays this dispatch has.
 pub const JOB_RAYS: u32 = 0;
 /// Brute force: where in the list of triangles this dispatch starts.

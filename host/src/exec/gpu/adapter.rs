@@ -2,6 +2,8 @@
 
 use super::{Gpu, clock::Clock, probe::Verdict};
 use crate::Error;
+use raykd_kernels::Kernel;
+use raykd_shared::limits::GROUPS_X;
 use std::sync::LazyLock;
 
 /// What `raykd devices` says about one adapter.
@@ -44,11 +46,30 @@ pub fn adapters() -> Vec<AdapterReport> {
     enumerate().iter().map(report).collect()
 }
 
-/// The features wanted of a device; of these only [`REQUIRED`] must be there.
-pub(super) const WANTED: wgpu::Features = REQUIRED.union(Clock::FEATURES);
+/// The features wanted of a device; of these only [`required_features`] must be there.
+pub(super) const WANTED: wgpu::Features = required_features().union(Clock::FEATURES);
 
-/// The features without which nothing runs.
-const REQUIRED: wgpu::Features = wgpu::Features::PASSTHROUGH_SHADERS;
+/// The features without which nothing runs: kernels are given to the driver as they were compiled.
+///
+/// wgpu calls this feature experimental, so that a device with it takes `ExperimentalFeatures::enabled()`, too.
+pub const fn required_features() -> wgpu::Features {
+    wgpu::Features::PASSTHROUGH_SHADERS
+}
+
+/// Of `limits`, raised where a kernel needs more.
+///
+/// `max_storage_buffer_binding_size` and `max_buffer_size` bound the scenes that fit; ask for what the adapter has.
+pub fn required_limits(limits: wgpu::Limits) -> wgpu::Limits {
+    let most = |of: fn(&Kernel) -> u32| raykd_kernels::KERNELS.iter().map(|&kernel| of(kernel)).max().unwrap_or(0);
+    let (threads, buffers) = (most(|kernel| kernel.threads), most(|kernel| kernel.slots.len() as u32));
+    wgpu::Limits {
+        max_compute_invocations_per_workgroup: limits.max_compute_invocations_per_workgroup.max(threads),
+        max_compute_workgroup_size_x: limits.max_compute_workgroup_size_x.max(threads),
+        max_storage_buffers_per_shader_stage: limits.max_storage_buffers_per_shader_stage.max(buffers),
+        max_compute_workgroups_per_dimension: limits.max_compute_workgroups_per_dimension.max(GROUPS_X),
+        ..limits
+    }
+}
 
 /// The best adapter, or the best whose description contains `wanted`; with `hardware`, none that is a CPU.
 pub(super) fn choose(wanted: Option<&str>, hardware: bool) -> Result<&'static wgpu::Adapter, Error> {
@@ -73,23 +94,20 @@ pub(super) fn describe(info: &wgpu::AdapterInfo) -> String {
 
 /// What an adapter lacks to run our kernels.
 pub(super) fn lacks(adapter: &wgpu::Adapter) -> Option<String> {
-    let limits = adapter.limits();
-    let missing = REQUIRED - adapter.features();
+    missing("the driver", adapter.features(), adapter.limits())
+}
+
+/// What features and limits lack to run our kernels; `who` has them.
+pub(super) fn missing(who: &str, features: wgpu::Features, limits: wgpu::Limits) -> Option<String> {
+    let missing = required_features() - features;
     if !missing.is_empty() {
-        return Some(format!("the driver lacks {missing}"));
+        return Some(format!("{who} lacks {missing}"));
     }
-    raykd_kernels::KERNELS.iter().find_map(|kernel| {
-        let (threads, buffers) = (kernel.threads, kernel.slots.len() as u32);
-        if threads > limits.max_compute_invocations_per_workgroup {
-            let most = limits.max_compute_invocations_per_workgroup;
-            Some(format!("kernel {} needs workgroups of {threads}, {most} are allowed", kernel.name()))
-        } else if buffers > limits.max_storage_buffers_per_shader_stage {
-            let most = limits.max_storage_buffers_per_shader_stage;
-            Some(format!("kernel {} needs {buffers} buffers, {most} are allowed", kernel.name()))
-        } else {
-            None
-        }
-    })
+    let mut lacks = None;
+    required_limits(limits.clone()).check_limits_with_fail_fn(&limits, true, |name, needed, allowed| {
+        lacks = Some(format!("{who} allows {name} of {allowed}, and kernels need {needed}"));
+    });
+    lacks
 }
 
 /// All adapters, usable ones first and among these the faster kinds. Looked for once: drivers take long to load.

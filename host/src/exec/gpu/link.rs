@@ -45,6 +45,11 @@ impl Link {
         Ok(Self { name, device, queue, fault })
     }
 
+    /// A device that somebody else opened, whose callbacks are left alone.
+    pub(super) fn given(device: wgpu::Device, queue: wgpu::Queue, name: String) -> Self {
+        Self { name, device, queue, fault: Arc::default() }
+    }
+
     /// The error that this device failed in some way.
     pub(super) fn failed(&self, what: impl Display) -> Error {
         Error::DeviceFailed { adapter: self.name.clone(), what: flat(what) }

@@ -1,0 +1,71 @@
+//! Kernels in command encoders and on buffers of somebody else's.
+
+use super::{Gpu, Link, Pipeline, lock};
+use crate::Error;
+use raykd_kernels::Kernel;
+use raykd_shared::limits::GROUPS_X;
+
+/// How many workgroups are encoded.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Size<'a> {
+    /// As many as cover so many lanes.
+    Lanes(u32),
+    /// As the first three words of a buffer say.
+    Words(&'a wgpu::Buffer),
+}
+
+impl Gpu {
+    /// A buffer with some words in it, filled before anything that is submitted later.
+    pub(crate) fn words(&self, name: &'static str, words: &[u32]) -> Result<wgpu::Buffer, Error> {
+        use wgpu::BufferUsages as Use;
+        let link: &Link = &self.link;
+        link.check()?;
+        let descriptor = wgpu::BufferDescriptor {
+            label: Some(name),
+            size: size_of_val(words) as u64,
+            usage: Use::STORAGE | Use::COPY_SRC | Use::INDIRECT,
+            mapped_at_creation: true,
+        };
+        link.guard(format_args!("writing {name}"), || {
+            let buffer = link.device.create_buffer(&descriptor);
+            if let Ok(mut view) = buffer.get_mapped_range_mut(..) {
+                view.copy_from_slice(bytemuck::cast_slice(words));
+            }
+            buffer.unmap();
+            buffer
+        })
+    }
+
+    /// Encodes one dispatch of a kernel over resources in binding order.
+    pub(crate) fn encode_one(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        kernel: &'static Kernel,
+        resources: &[wgpu::BindingResource<'_>],
+        size: Size<'_>,
+    ) -> Result<(), Error> {
+        assert_eq!(resources.len(), kernel.slots.len(), "buffers of {}", kernel.name());
+        self.prepare(&[kernel])?;
+        let Pipeline { layout, pipeline } = lock(&self.pipelines)[kernel.path].clone();
+        let entries: Vec<_> = (0..)
+            .zip(resources)
+            .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource: resource.clone() })
+            .collect();
+        self.link.guard(format_args!("encoding kernel {}", kernel.name()), || {
+            let descriptor = wgpu::BindGroupDescriptor { label: None, layout: &layout, entries: &entries };
+            let group = self.link.device.create_bind_group(&descriptor);
+            let descriptor =
+                wgpu::ComputePassDescriptor { label: Some(kernel.name()), timestamp_writes: None };
+            let mut pass = encoder.begin_compute_pass(&descriptor);
+            pass.set_pipeline(&pipeline);
+            pass.set_bind_group(0, &group, &[]);
+            match size {
+                Size::Words(args) => pass.dispatch_workgroups_indirect(args, 0),
+                Size::Lanes(lanes) => {
+                    let groups = lanes.div_ceil(kernel.threads);
+                    pass.dispatch_workgroups(groups.min(GROUPS_X), groups.div_ceil(GROUPS_X), 1);
+                }
+            }
+        })
+    }
+}

@@ -1,0 +1,105 @@
+//! One ray at a time, on the CPU.
+
+use super::Scene;
+use crate::{Error, Intersector, exec::cpu::Kept, rays::AnyRay};
+use raykd_kernels::trace::{
+    intersect::{
+        baldwin::Baldwin, exact::Exact, moeller::Moeller, plane::Plane, strict::Strict, woop::Woop,
+    },
+    single::Tree,
+};
+use raykd_shared::{Hit, TreeHeader};
+use std::{ops::ControlFlow, sync::Arc};
+
+/// Traces single rays on the CPU, with no memory, thread or system call for any of them. The hits are the same bytes as a
+/// [`Scene`]'s. Clones share all memory, and may be used by any number of threads.
+///
+/// ```
+/// use raykd::{BuildOptions, Device, Mesh, Ray, Scene};
+///
+/// # fn main() -> Result<(), raykd::Error> {
+/// let scene = Scene::build(&Device::cpu(), &Mesh::teapot(4), &BuildOptions::default())?;
+/// let tracer = scene.tracer()?;
+/// let ray = Ray::new([0.0, 0.0, 50.0], [0.0, 0.0, -1.0]);
+/// assert_eq!(tracer.closest(&ray), Some(scene.closest(&[ray])?[0]));
+/// assert_eq!(tracer.closest(&Ray::new([0.0, 0.0, 50.0], [0.0, 0.0, 1.0])), None);
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Clone, Debug)]
+pub struct Tracer {
+    shared: Arc<Shared>,
+    intersector: Intersector,
+}
+
+#[derive(Debug)]
+struct Shared {
+    header: TreeHeader,
+    nodes: Kept,
+    leaves: Kept,
+    translation: [f64; 3],
+}
+
+impl Scene {
+    /// Makes the scene ready for single rays on the CPU, by its triangle test. A scene on a GPU is copied from there, one on
+    /// the CPU is not.
+    ///
+    /// # Errors
+    /// The device failed, or memory ran out.
+    pub fn tracer(&self) -> Result<Tracer, Error> {
+        let shared = Shared {
+            header: self.header,
+            nodes: self.device.kept(&self.nodes)?,
+            leaves: self.device.kept(self.leaf_triangles())?,
+            translation: self.translation,
+        };
+        Ok(Tracer { shared: Arc::new(shared), intersector: self.intersector })
+    }
+}
+
+impl Tracer {
+    /// The closest hit, if there is one; of several, that of the triangle with the lowest number.
+    #[inline]
+    pub fn closest(&self, ray: &impl AnyRay) -> Option<Hit> {
+        self.find(ray, false)
+    }
+
+    /// Some hit, if there is one.
+    #[inline]
+    pub fn any(&self, ray: &impl AnyRay) -> Option<Hit> {
+        self.find(ray, true)
+    }
+
+    /// Calls `each` with all hits, by rising (`t`, triangle), until it breaks.
+    ///
+    /// # Panics
+    /// The scene's triangle test was not the default.
+    pub fn for_each_hit<B>(&self, ray: &impl AnyRay, each: impl FnMut(Hit) -> ControlFlow<B>) -> ControlFlow<B> {
+        assert!(
+            self.intersector == Intersector::default(),
+            "all hits of a ray are found by the triangle test {}, this is {}",
+            Intersector::default(),
+            self.intersector
+        );
+        self.tree().for_each_hit(&ray.alone(self.shared.translation), each)
+    }
+
+    #[inline]
+    fn find(&self, ray: &impl AnyRay, any: bool) -> Option<Hit> {
+        let (tree, ray) = (self.tree(), ray.alone(self.shared.translation));
+        match self.intersector {
+            Intersector::Strict => tree.find::<Strict>(&ray, any),
+            Intersector::Exact => tree.find::<Exact>(&ray, any),
+            Intersector::Woop => tree.find::<Woop>(&ray, any),
+            Intersector::Moeller => tree.find::<Moeller>(&ray, any),
+            Intersector::Plane => tree.find::<Plane>(&ray, any),
+            Intersector::Baldwin => tree.find::<Baldwin>(&ray, any),
+        }
+    }
+
+    #[inline]
+    fn tree(&self) -> Tree<'_> {
+        let Shared { header, nodes, leaves, .. } = &*self.shared;
+        Tree::of_parts(header, nodes.slice(), leaves.slice()).expect("a scene's nodes are pairs")
+    }
+}

@@ -1,0 +1,199 @@
+//! raykd on a device of somebody else's, and on its buffers.
+
+use raykd::{
+    BuildOptions, Device, Error, Hit, Mesh, Query, Ray, Scene, Traversal, hits_digest, rays::random, wgpu,
+};
+use raykd_tests::{Failure, cpu, same};
+use std::sync::LazyLock;
+use wgpu::{BufferUsages as Use, util::DeviceExt as _};
+
+/// Sizes of buffers after a slice of which the next may start.
+const ALIGNED: u64 = 256;
+
+fn adapter() -> wgpu::Adapter {
+    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+    pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions::default())).expect("an adapter")
+}
+
+fn request(
+    required_features: wgpu::Features,
+    required_limits: wgpu::Limits,
+) -> Result<(wgpu::Device, wgpu::Queue), wgpu::RequestDeviceError> {
+    pollster::block_on(adapter().request_device(&wgpu::DeviceDescriptor {
+        required_features,
+        required_limits,
+        // SAFETY: raykd's kernels keep to their buffers.
+        experimental_features: unsafe { wgpu::ExperimentalFeatures::enabled() },
+        ..Default::default()
+    }))
+}
+
+/// A program's own device, with the least that raykd needs, and a scene on it.
+struct Own {
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    mesh: Mesh,
+    scene: Scene,
+}
+
+static OWN: LazyLock<Own> = LazyLock::new(|| {
+    let limits = raykd::required_limits(wgpu::Limits::default());
+    let (device, queue) = request(raykd::required_features(), limits).expect("the least that is needed");
+    let raykd = Device::from_wgpu(&device, &queue).expect("it has what is needed");
+    assert_eq!(raykd.wgpu().map(|(device, _)| device), Some(&device));
+    let mesh = Mesh::teapot(6);
+    let scene = Scene::build(&raykd, &mesh, &BuildOptions::default()).expect("a scene");
+    Own { device, queue, mesh, scene }
+});
+
+impl Own {
+    fn buffer<T: bytemuck::Pod>(&self, contents: &[T], usage: Use) -> wgpu::Buffer {
+        let contents = bytemuck::cast_slice(contents);
+        self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label: None, contents, usage })
+    }
+
+    fn read<T: bytemuck::Pod>(&self, buffer: &wgpu::Buffer) -> Vec<T> {
+        let to = self.buffer(&vec![0u8; buffer.size() as usize], Use::COPY_DST | Use::MAP_READ);
+        let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        encoder.copy_buffer_to_buffer(buffer, 0, &to, 0, buffer.size());
+        self.queue.submit([encoder.finish()]);
+        to.slice(..).map_async(wgpu::MapMode::Read, |result| result.expect("mapped"));
+        self.device.poll(wgpu::PollType::wait_indefinitely()).expect("it goes on");
+        bytemuck::pod_collect_to_vec(&to.slice(..).get_mapped_range().expect("mapped"))
+    }
+
+    fn encode(&self, act: impl FnOnce(&mut wgpu::CommandEncoder)) {
+        let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        act(&mut encoder);
+        self.queue.submit([encoder.finish()]);
+    }
+}
+
+fn expected(query: Query, rays: &[Ray]) -> Vec<Hit> {
+    let scene = Scene::build(cpu(), &OWN.mesh, &BuildOptions::default()).expect("a scene");
+    scene.trace(query, rays).expect("hits").hits
+}
+
+/// Two queries in one submission, each with a count of its own, on parts of buffers.
+#[test]
+fn hits_in_own_buffers_are_those_of_the_batch() -> Result<(), Failure> {
+    let own = &*OWN;
+    let mut rays = random(own.mesh.bounds(), 3000, 1);
+    rays[17].direction = [0.0; 3];
+    let input = own.buffer(&rays, Use::STORAGE);
+    let blank = vec![Hit { triangle: 7, t: 7.0, u: 7.0, v: 7.0 }; 1024];
+    let (closest, any) = (own.buffer(&blank, Use::STORAGE | Use::COPY_SRC), own.buffer(&blank, Use::STORAGE | Use::COPY_SRC));
+    let skipped = 8 * ALIGNED;
+    let mut encoded = Vec::new();
+    own.encode(|encoder| {
+        let part = input.slice(skipped..);
+        encoded.push(own.scene.encode(encoder, Query::Closest, input.slice(..), closest.slice(..), 1000).expect("encoded"));
+        encoded.push(own.scene.encode(encoder, Query::Any, part, any.slice(ALIGNED..), 500).expect("encoded"));
+    });
+    let invalid: Vec<u32> = encoded.iter().map(|it| it.invalid()).collect::<Result<_, Error>>()?;
+    assert_eq!(invalid, [1, 0]);
+    let found = own.read::<Hit>(&closest);
+    same("closest", &expected(Query::Closest, &rays[..1000]), &found[..1000])?;
+    same("behind the last", &blank[1000..], &found[1000..])?;
+    let (found, first) = (own.read::<Hit>(&any), (skipped / 32) as usize);
+    same("before the first", &blank[..16], &found[..16])?;
+    same("any", &expected(Query::Any, &rays[first..first + 500]), &found[16..516])?;
+    same("behind the last", &blank[516..], &found[516..])
+}
+
+/// The number of rays is what an earlier command wrote, and no more than there is room for.
+#[test]
+fn the_number_of_rays_may_be_on_the_device() -> Result<(), Failure> {
+    let own = &*OWN;
+    let rays = random(own.mesh.bounds(), 1000, 2);
+    let input = own.buffer(&rays, Use::STORAGE);
+    let blank = vec![Hit { triangle: 7, t: 7.0, u: 7.0, v: 7.0 }; 1000];
+    let all = expected(Query::Closest, &rays);
+    let counts = own.buffer(&[0u32, 1, 64, 65, 999, 1000, 1001, u32::MAX], Use::COPY_SRC);
+    for (i, count) in [0usize, 1, 64, 65, 999, 1000, 1000, 1000].into_iter().enumerate() {
+        let hits = own.buffer(&blank, Use::STORAGE | Use::COPY_SRC);
+        let number = own.buffer(&[0u32; 65], Use::STORAGE | Use::COPY_DST);
+        own.encode(|encoder| {
+            encoder.copy_buffer_to_buffer(&counts, 4 * i as u64, &number, ALIGNED, 4);
+            let count = number.slice(ALIGNED..);
+            own.scene.encode(encoder, Query::Closest, input.slice(..), hits.slice(..), count).expect("encoded");
+        });
+        let found = own.read::<Hit>(&hits);
+        same(&format!("{count} rays"), &all[..count], &found[..count])?;
+        same(&format!("behind {count} rays"), &blank[count..], &found[count..])?;
+    }
+    Ok(())
+}
+
+#[test]
+fn what_cannot_be_used_is_refused() {
+    let own = &*OWN;
+    let rays = own.buffer(&random(own.mesh.bounds(), 10, 1), Use::STORAGE);
+    let (hits, few) = (own.buffer(&[Hit::NONE; 10], Use::STORAGE), own.buffer(&[Hit::NONE; 9], Use::STORAGE));
+    let none = own.buffer(&[Hit::NONE; 10], Use::COPY_SRC);
+    let mut other = own.scene.clone();
+    other.traverse_by(Traversal::Restart).expect("it goes");
+    let host = Scene::build(cpu(), &own.mesh, &BuildOptions::default()).expect("a scene");
+    own.encode(|encoder| {
+        for (scene, rays, hits, count, word) in [
+            (&own.scene, &rays, &few, 10, "room for 9"),
+            (&own.scene, &rays, &none, 10, "STORAGE"),
+            (&own.scene, &rays, &rays, 10, "one buffer"),
+            (&other, &rays, &hits, 10, "restart"),
+            (&host, &rays, &hits, 10, "on the CPU"),
+        ] {
+            let refused = scene.encode(encoder, Query::Closest, rays.slice(..), hits.slice(..), count);
+            let error = refused.expect_err(word).to_string();
+            assert!(error.contains(word), "{error}");
+        }
+        // The encoder is none the worse for it.
+        own.scene.encode(encoder, Query::Closest, rays.slice(..), hits.slice(..), 10).expect("encoded");
+    });
+    assert!(host.buffers().is_err());
+    let lacking = [
+        (wgpu::Features::empty(), raykd::required_limits(wgpu::Limits::default()), "PASSTHROUGH_SHADERS"),
+        (raykd::required_features(), wgpu::Limits::default(), "max_storage_buffers_per_shader_stage"),
+    ];
+    for (features, limits, word) in lacking {
+        let (device, queue) = request(features, limits).expect("a device");
+        let error = Device::from_wgpu(&device, &queue).expect_err(word).to_string();
+        assert!(error.contains(word), "{error}");
+    }
+}
+
+/// What is offered to shaders of one's own is the tree, as its layout says.
+#[test]
+fn buffers_hold_the_tree() -> Result<(), Failure> {
+    let own = &*OWN;
+    let (tree, buffers) = (own.scene.tree()?, own.scene.buffers()?);
+    let tree = tree.view();
+    assert_eq!(own.read::<raykd::shared::TreeHeader>(buffers.header)[0].nodes, tree.header.nodes);
+    let nodes = own.read::<raykd::shared::Node>(buffers.nodes);
+    same("nodes", tree.nodes, &nodes[..tree.nodes.len()])?;
+    let refs = own.read::<u32>(buffers.refs);
+    same("refs", tree.refs, &refs[..tree.refs.len()])?;
+    let leaves = own.read::<raykd::kernels::trace::single::LeafTriangle>(buffers.corners);
+    let walker = raykd::kernels::trace::single::Tree::new(tree, &leaves[..tree.refs.len()]).expect("a tree");
+    let rays = random(own.mesh.bounds(), 100, 4);
+    let found: Vec<Hit> = rays.iter().map(|ray| walker.closest(ray).unwrap_or(Hit::NONE)).collect();
+    assert_eq!(hits_digest(&found), hits_digest(&expected(Query::Closest, &rays)));
+    assert_eq!(buffers.indices.size() as usize / 12, own.mesh.triangles().len());
+    assert!(buffers.positions.size() as usize >= own.mesh.positions().len() * 12);
+    Ok(())
+}
+
+/// Without raykd's callbacks a lost device still gives no hits.
+#[test]
+fn a_lost_device_gives_an_error() -> Result<(), Failure> {
+    let limits = raykd::required_limits(wgpu::Limits::default());
+    let (device, queue) = request(raykd::required_features(), limits).expect("the least that is needed");
+    let raykd = Device::from_wgpu(&device, &queue)?;
+    let mesh = Mesh::teapot(2);
+    let scene = Scene::build(&raykd, &mesh, &BuildOptions::default())?;
+    device.destroy();
+    let _ = device.poll(wgpu::PollType::Poll);
+    let rays = random(mesh.bounds(), 100_000, 1);
+    assert!(scene.closest(&rays).is_err());
+    assert!(Scene::build(&raykd, &mesh, &BuildOptions::default()).is_err());
+    Ok(())
+}
