@@ -2,6 +2,7 @@
 
 use crate::{
     Error,
+    choices::choices,
     exact::levels,
     exec::{Buffer, Device, Step, Timing},
     mesh::Mesh,
@@ -35,36 +36,24 @@ use raykd_shared::{
 };
 use std::time::{Duration, Instant};
 
-/// How the planes of a tree are chosen.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
-pub enum Builder {
-    /// Empty space cut off, else the middle of the longest axis, down to 8 references: the cheap baseline
-    Median,
-    /// As median above 32 references and as binned below (Zhou et al. 2008, who go over at 64)
-    Zhou,
-    /// Surface area heuristic, over 32 bins an axis above 32 references (Shevtsov et al. 2007) and all box faces below
-    #[default]
-    Binned,
-    /// Surface area heuristic over all box faces, with boxes clipped at every plane (Wald & Havran 2006; on a GPU after Wu
-    /// et al. 2011)
-    Exact,
+choices! {
+    /// How the planes of a tree are chosen; the cheapest first.
+    pub enum Builder {
+        /// Empty space cut off, else the middle of the longest axis, down to 8 references: the cheap baseline
+        Median = "median",
+        /// As median above 32 references and as binned below (Zhou et al. 2008, who go over at 64)
+        Zhou = "zhou",
+        /// Surface area heuristic, over 32 bins an axis above 32 references (Shevtsov et al. 2007) and all box faces
+        /// below
+        Binned = "binned",
+        /// Surface area heuristic over all box faces, with boxes clipped at every plane (Wald & Havran 2006; on a GPU
+        /// after Wu et al. 2011)
+        Exact = "exact",
+    }
+    default = Binned;
 }
 
 impl Builder {
-    /// All of them, the cheapest first.
-    pub const ALL: [Self; 4] = [Self::Median, Self::Zhou, Self::Binned, Self::Exact];
-
-    /// Its name on the command line.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Median => "median",
-            Self::Binned => "binned",
-            Self::Zhou => "zhou",
-            Self::Exact => "exact",
-        }
-    }
-
     fn rule(self) -> u32 {
         match self {
             Self::Median => rule::MEDIAN | rule::LEAVES,

@@ -4,11 +4,11 @@ use crate::Intersector;
 use std::{fmt::Display, path::PathBuf};
 
 /// Most characters of somebody else's text that a message quotes.
-pub(crate) const QUOTED: usize = 200;
+pub const QUOTED: usize = 200;
 
 /// Text of a file or an argument as messages quote it: long text without its middle, and nothing in it that moves a
 /// terminal's cursor.
-pub(crate) fn quoted(text: impl Display) -> String {
+pub fn quoted(text: impl Display) -> String {
     let text: Vec<char> = text
         .to_string()
         .chars()

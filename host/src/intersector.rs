@@ -1,6 +1,6 @@
 //! The triangle tests that there are to choose from.
 
-use crate::{Error, Traversal};
+use crate::{Error, Traversal, choices::choices};
 use raykd_kernels::{
     Kernel,
     trace::queries::{
@@ -9,45 +9,28 @@ use raykd_kernels::{
         brute_woop::BRUTE_WOOP, exact::EXACT, moeller::MOELLER, plane::PLANE, woop::WOOP,
     },
 };
-use std::fmt;
 
-/// How it is told whether a ray hits a triangle, and where. [`Intersector::Strict`] keeps raykd's promises, and
-/// [`Intersector::Exact`] more than those; the others are the literature's, with their failures, for comparison.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
-pub enum Intersector {
-    /// Edge functions with exact signs: no gaps, whatever the tree
-    #[default]
-    Strict,
-    /// Without rounding: exact hits, `t`, `u` and `v` correctly rounded
-    Exact,
-    /// Edge functions of rounded products (Woop, Benthin & Wald 2013)
-    Woop,
-    /// Cramer's rule (Möller & Trumbore 1997)
-    Moeller,
-    /// The point in the triangle's plane, then its edges (Snyder & Barr 1987)
-    Plane,
-    /// A stored transformation to the unit triangle (Baldwin & Weber 2016)
-    Baldwin,
+choices! {
+    /// How it is told whether a ray hits a triangle, and where. [`Intersector::Strict`] keeps raykd's promises, and
+    /// [`Intersector::Exact`] more than those; the others are the literature's, with their failures, for comparison.
+    pub enum Intersector {
+        /// Edge functions with exact signs: no gaps, whatever the tree
+        Strict = "strict",
+        /// Without rounding: exact hits, `t`, `u` and `v` correctly rounded
+        Exact = "exact",
+        /// Edge functions of rounded products (Woop, Benthin & Wald 2013)
+        Woop = "woop",
+        /// Cramer's rule (Möller & Trumbore 1997)
+        Moeller = "moeller",
+        /// The point in the triangle's plane, then its edges (Snyder & Barr 1987)
+        Plane = "plane",
+        /// A stored transformation to the unit triangle (Baldwin & Weber 2016)
+        Baldwin = "baldwin",
+    }
+    default = Strict;
 }
 
 impl Intersector {
-    /// All of them, the default first.
-    pub const ALL: [Self; 6] =
-        [Self::Strict, Self::Exact, Self::Woop, Self::Moeller, Self::Plane, Self::Baldwin];
-
-    /// Its name on the command line.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Strict => "strict",
-            Self::Exact => "exact",
-            Self::Woop => "woop",
-            Self::Moeller => "moeller",
-            Self::Plane => "plane",
-            Self::Baldwin => "baldwin",
-        }
-    }
-
     /// Whether it keeps the contract: the default, and what is more accurate still.
     pub const fn keeps_contract(self) -> bool {
         matches!(self, Self::Strict | Self::Exact)
@@ -86,11 +69,5 @@ impl Intersector {
             Self::Plane => Some(&PLANE),
             Self::Baldwin => Some(&BALDWIN),
         }
-    }
-}
-
-impl fmt::Display for Intersector {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
     }
 }

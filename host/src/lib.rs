@@ -35,8 +35,7 @@
 //!
 //! # Features
 //! * `gpu` (default): run kernels on Vulkan devices, by wgpu. Without it there is the CPU alone.
-//! * `cli` (default): the program `raykd`. Libraries turn it off with `default-features = false`.
-//! * `gltf`: read glTF files, `.gltf` and `.glb`. `cli` contains it.
+//! * `gltf`: read glTF files, `.gltf` and `.glb`.
 //! * `plan`: choose device, builder and traversal by costs measured once on each device.
 //! * `stress`: scenes in which ray tracers fail, and the exact judge of what happens there.
 //! * `traffic`: count the bytes that kernels move on the CPU, for profiles. Slower.
@@ -44,9 +43,7 @@
 //! The minimum supported Rust version is 1.95.
 
 mod build;
-#[cfg(feature = "cli")]
-#[doc(hidden)]
-pub mod cli;
+mod choices;
 mod error;
 mod exact;
 mod exec;
@@ -57,10 +54,6 @@ mod output;
 pub mod plan;
 pub mod rays;
 mod read;
-#[cfg(feature = "cli")]
-mod render;
-#[cfg(feature = "cli")]
-mod report;
 mod scene;
 #[cfg(feature = "stress")]
 pub mod stress;
@@ -83,24 +76,38 @@ pub use read::usual_max_bytes;
 pub use scene::{Encoded, RayCount, SceneBuffers};
 pub use scene::{AllHits, Query, RaySteps, Resident, Scene, Traced, Tracer};
 pub use traversal::Traversal;
+pub use tree::{KdTree, hits_digest};
 #[cfg(feature = "gpu")]
 pub use wgpu;
-#[cfg(feature = "cli")]
-use tree::digest_of;
-pub use tree::{KdTree, hits_digest};
 
 // The example in the README is compiled with the tests.
 #[cfg(doctest)]
 #[doc = include_str!("../../README.md")]
 struct Readme;
 
-/// What raykd's own tests look at: executors, buffers, steps. No version promises anything about it.
+/// What raykd's own program and tests use beyond the library. No version promises anything about it.
 #[doc(hidden)]
 pub mod internals {
     #[cfg(feature = "gpu")]
     pub use crate::exec::Gpu;
-    pub use crate::exec::{Buffer, Cpu, Groups, Step, Timing, watch};
+    #[cfg(feature = "plan")]
+    pub use crate::plan::{
+        calibration::rays_for,
+        cost::{speed, wake},
+    };
     use crate::{BuildOptions, KdTree, Mesh};
+    pub use crate::{
+        error::{QUOTED, quoted},
+        exact::levels::SMALL as EXACT_SMALL,
+        exec::{Buffer, Cpu, Groups, Step, Timing, watch},
+        read::all_of,
+        tree::digest_of,
+    };
+
+    /// Files that appear whole or not at all.
+    pub mod output {
+        pub use crate::output::{abandon, check, check_folder, write_folder, write_whole};
+    }
 
     /// The host's form of [`Builder::Exact`](crate::Builder::Exact).
     pub fn exact_by_host(mesh: &Mesh, options: &BuildOptions) -> KdTree {

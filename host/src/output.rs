@@ -7,9 +7,7 @@ use std::{
     path::{Path, PathBuf, is_separator},
     sync::{Mutex, MutexGuard, PoisonError},
 };
-#[cfg(feature = "cli")]
-use tempfile::TempDir;
-use tempfile::{Builder, NamedTempFile};
+use tempfile::{Builder, NamedTempFile, TempDir};
 
 /// Temporary files and folders that there are. Held while one is made, moved or removed.
 static TEMPORARY: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
@@ -20,8 +18,7 @@ fn temporary() -> MutexGuard<'static, Vec<PathBuf>> {
 
 /// Removes all temporary files, for a program that is about to end: as long as the result lives none is made, and none
 /// becomes an output.
-#[cfg(all(feature = "cli", unix))]
-pub(crate) fn abandon() -> MutexGuard<'static, Vec<PathBuf>> {
+pub fn abandon() -> MutexGuard<'static, Vec<PathBuf>> {
     let mut all = temporary();
     for path in all.drain(..) {
         let _ = fs::remove_file(&path).or_else(|_| fs::remove_dir_all(&path));
@@ -65,7 +62,8 @@ impl<T> Drop for Listed<T> {
 }
 
 /// A file that is written a mebibyte a call: a signal is seen only between calls.
-pub(crate) struct Pieces<'a>(&'a mut File);
+#[derive(Debug)]
+pub struct Pieces<'a>(&'a mut File);
 
 impl Write for Pieces<'_> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
@@ -197,8 +195,7 @@ fn at(path: &Path) -> impl Fn(io::Error) -> Error + '_ {
 /// # Errors
 /// The path is a folder, a link to nothing, or a file that is read-only or whose owner could not be kept; or nothing
 /// can be written beside it.
-#[cfg(feature = "cli")]
-pub(crate) fn check(path: &Path) -> Result<(), Error> {
+pub fn check(path: &Path) -> Result<(), Error> {
     if is_no_file(path) { Ok(()) } else { Whole::prepare(path).map(drop).map_err(at(path)) }
 }
 
@@ -207,7 +204,7 @@ pub(crate) fn check(path: &Path) -> Result<(), Error> {
 ///
 /// # Errors
 /// The file cannot be written, see [`check`], or the disk is full; `path` is then as it was.
-pub(crate) fn write_whole(
+pub fn write_whole(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<Pieces<'_>>) -> io::Result<()>,
 ) -> Result<(), Error> {
@@ -221,7 +218,6 @@ pub(crate) fn write_whole(
 }
 
 /// A folder that is to be made, beside its place; nothing if it is there.
-#[cfg(feature = "cli")]
 fn new_folder(folder: &Path) -> io::Result<Option<Listed<TempDir>>> {
     match fs::symlink_metadata(folder) {
         Err(error) if error.kind() == ErrorKind::NotFound => {
@@ -239,8 +235,7 @@ fn new_folder(folder: &Path) -> io::Result<Option<Listed<TempDir>>> {
 ///
 /// # Errors
 /// Something else is there, or nothing can be made beside it.
-#[cfg(feature = "cli")]
-pub(crate) fn check_folder(folder: &Path) -> Result<(), Error> {
+pub fn check_folder(folder: &Path) -> Result<(), Error> {
     new_folder(folder).map(drop).map_err(at(folder))
 }
 
@@ -249,8 +244,7 @@ pub(crate) fn check_folder(folder: &Path) -> Result<(), Error> {
 ///
 /// # Errors
 /// A file cannot be written; if that is known before all are complete, everything is as it was.
-#[cfg(feature = "cli")]
-pub(crate) fn write_folder(folder: &Path, files: &[(String, Vec<u8>)]) -> Result<(), Error> {
+pub fn write_folder(folder: &Path, files: &[(String, Vec<u8>)]) -> Result<(), Error> {
     let mut new = new_folder(folder).map_err(at(folder))?;
     let into = new.as_ref().map_or(folder, |new| &new.path).to_owned();
     let mut wholes = Vec::new();
@@ -273,7 +267,7 @@ pub(crate) fn write_folder(folder: &Path, files: &[(String, Vec<u8>)]) -> Result
     Ok(())
 }
 
-#[cfg(all(test, feature = "cli"))]
+#[cfg(test)]
 mod tests {
     use super::*;
 

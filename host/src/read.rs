@@ -53,7 +53,7 @@ pub(crate) fn file(path: &Path, limit: u64) -> io::Result<Option<Vec<u8>>> {
 ///
 /// # Errors
 /// It cannot be read, or there are more than the limit.
-pub(crate) fn all_of(path: &Path, limit: u64) -> Result<Vec<u8>, Error> {
+pub fn all_of(path: &Path, limit: u64) -> Result<Vec<u8>, Error> {
     let bytes = file(path, limit).map_err(|source| Error::Io { path: path.to_owned(), source })?;
     bytes.ok_or_else(|| Error::TooLong { path: path.to_owned(), limit })
 }

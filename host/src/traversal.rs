@@ -1,5 +1,6 @@
 //! The ways through the tree that there are to choose from.
 
+use crate::choices::choices;
 use raykd_kernels::{
     Kernel,
     trace::{
@@ -12,41 +13,37 @@ use raykd_kernels::{
     },
 };
 use raykd_shared::limits::MAX_DEPTH;
-use std::fmt;
 
-/// How rays find their way through the tree. All find the same hits, bit by bit.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
-pub enum Traversal {
-    /// A full stack: the fastest
-    #[default]
-    Stack,
-    /// Restarts at the root after every leaf (Foley & Sugerman 2005)
-    Restart,
-    /// Restarts at the lowest node that holds the rest of the ray (Horn et al. 2007)
-    Pushdown,
-    /// A stack of 1 entry, restarts when it is empty (Horn et al. 2007)
-    #[cfg_attr(feature = "cli", value(name = "shortstack1"))]
-    ShortStack1,
-    /// A stack of 2 entries
-    #[cfg_attr(feature = "cli", value(name = "shortstack2"))]
-    ShortStack2,
-    /// A stack of 4 entries
-    #[cfg_attr(feature = "cli", value(name = "shortstack4"))]
-    ShortStack4,
-    /// A stack of 8 entries
-    #[cfg_attr(feature = "cli", value(name = "shortstack8"))]
-    ShortStack8,
-    /// Climbs by parents and boxes (Foley & Sugerman 2005)
-    Backtrack,
-    /// Ropes from leaf to leaf (Popov et al. 2007)
-    Ropes,
-    /// Ropes pulled down as far as they go (Popov et al. 2007)
-    OptimisedRopes,
-    /// Locates every leaf from the root (Kaplan 1985)
-    Sequential,
-    /// No tree: tests every triangle
-    Brute,
+choices! {
+    /// How rays find their way through the tree. All find the same hits, bit by bit.
+    /// [`Traversal::Stack`] is the first, [`Traversal::Brute`] the last.
+    pub enum Traversal {
+        /// A full stack: the fastest
+        Stack = "stack",
+        /// Restarts at the root after every leaf (Foley & Sugerman 2005)
+        Restart = "restart",
+        /// Restarts at the lowest node that holds the rest of the ray (Horn et al. 2007)
+        Pushdown = "pushdown",
+        /// A stack of 1 entry, restarts when it is empty (Horn et al. 2007)
+        ShortStack1 = "shortstack1",
+        /// A stack of 2 entries
+        ShortStack2 = "shortstack2",
+        /// A stack of 4 entries
+        ShortStack4 = "shortstack4",
+        /// A stack of 8 entries
+        ShortStack8 = "shortstack8",
+        /// Climbs by parents and boxes (Foley & Sugerman 2005)
+        Backtrack = "backtrack",
+        /// Ropes from leaf to leaf (Popov et al. 2007)
+        Ropes = "ropes",
+        /// Ropes pulled down as far as they go (Popov et al. 2007)
+        OptimisedRopes = "optimised-ropes",
+        /// Locates every leaf from the root (Kaplan 1985)
+        Sequential = "sequential",
+        /// No tree: tests every triangle
+        Brute = "brute",
+    }
+    default = Stack;
 }
 
 /// What a traversal needs on the device beside the tree.
@@ -58,40 +55,6 @@ pub(crate) enum Needs {
 }
 
 impl Traversal {
-    /// All of them, `stack` first and `brute` last.
-    pub const ALL: [Self; 12] = [
-        Self::Stack,
-        Self::Restart,
-        Self::Pushdown,
-        Self::ShortStack1,
-        Self::ShortStack2,
-        Self::ShortStack4,
-        Self::ShortStack8,
-        Self::Backtrack,
-        Self::Ropes,
-        Self::OptimisedRopes,
-        Self::Sequential,
-        Self::Brute,
-    ];
-
-    /// Its name on the command line.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Stack => "stack",
-            Self::Restart => "restart",
-            Self::Pushdown => "pushdown",
-            Self::ShortStack1 => "shortstack1",
-            Self::ShortStack2 => "shortstack2",
-            Self::ShortStack4 => "shortstack4",
-            Self::ShortStack8 => "shortstack8",
-            Self::Backtrack => "backtrack",
-            Self::Ropes => "ropes",
-            Self::OptimisedRopes => "optimised-ropes",
-            Self::Sequential => "sequential",
-            Self::Brute => "brute",
-        }
-    }
-
     /// Bytes that a ray keeps between two leaves, beside the best hit.
     pub const fn state_bytes(self) -> u32 {
         match self {
@@ -134,11 +97,5 @@ impl Traversal {
             Self::OptimisedRopes => Needs::Ropes { optimised: true },
             _ => Needs::Nothing,
         }
-    }
-}
-
-impl fmt::Display for Traversal {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
     }
 }

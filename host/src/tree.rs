@@ -198,6 +198,6 @@ pub fn hits_digest(hits: &[raykd_shared::Hit]) -> String {
 }
 
 /// SHA-256 of bytes, in hexadecimal.
-pub(crate) fn digest_of(bytes: &[u8]) -> String {
+pub fn digest_of(bytes: &[u8]) -> String {
     hex(&Sha256::digest(bytes))
 }

@@ -31,7 +31,7 @@ use raykd_shared::{BuildParams, Node, TreeHeader, limits::MAX_DEPTH, status};
 use std::time::Instant;
 
 /// Nodes of more references keep the faces of their boxes in order; in others they are counted one by one.
-pub(crate) const SMALL: u32 = 64;
+pub const SMALL: u32 = 64;
 
 /// Levels after which the host looks whether there are more.
 const LOOK: usize = 16;

@@ -190,8 +190,7 @@ impl Gpu {
     }
 
     /// Loses the device, as a driver might.
-    #[cfg(test)]
-    pub(crate) fn lose(&self) {
+    pub fn lose(&self) {
         self.link.device.destroy();
         self.link.device.poll(wgpu::PollType::Poll).expect("it can be asked");
     }

@@ -215,8 +215,8 @@ impl Device {
     }
 
     /// Whether this is a graphics card, and not the CPU, or a GPU that the CPU plays.
-    #[cfg(feature = "plan")]
-    pub(crate) fn is_card(&self) -> bool {
+    #[doc(hidden)]
+    pub fn is_card(&self) -> bool {
         match &*self.0 {
             Machine::Cpu(_) => false,
             #[cfg(feature = "gpu")]

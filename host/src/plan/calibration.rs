@@ -33,7 +33,7 @@ pub struct Calibration {
 }
 
 /// Rays by which a device is measured: enough to fill it.
-pub(crate) fn rays_for(device: &Device) -> usize {
+pub fn rays_for(device: &Device) -> usize {
     1 << if device.is_card() { 20 } else { 15 }
 }
 
@@ -50,8 +50,8 @@ impl Calibration {
     ///
     /// # Errors
     /// The device failed.
-    #[cfg(feature = "cli")]
-    pub(crate) fn small(device: &Device) -> Result<Self, Error> {
+    #[doc(hidden)]
+    pub fn small(device: &Device) -> Result<Self, Error> {
         Self::over(device, &SIZES[..3], |_| ())
     }
 

@@ -159,7 +159,7 @@ pub fn measure(
 ///
 /// # Errors
 /// The device failed.
-pub(crate) fn speed(scene: &Scene, rays: &[Ray]) -> Result<f64, Error> {
+pub fn speed(scene: &Scene, rays: &[Ray]) -> Result<f64, Error> {
     let brute = scene.traversal() == crate::Traversal::Brute;
     let most = if brute { few_enough(scene.header().refs as usize) } else { rays.len() };
     let rays = spread(rays, most);
@@ -184,7 +184,7 @@ fn traced(scene: &Scene, rays: &[Ray]) -> Result<Duration, Error> {
 ///
 /// # Errors
 /// The device failed.
-pub(crate) fn wake(scene: &Scene, rays: &[Ray], rested: Duration) -> Result<(), Error> {
+pub fn wake(scene: &Scene, rays: &[Ray], rested: Duration) -> Result<(), Error> {
     if scene.device().is_card() {
         let mut resident = scene.resident(rays)?;
         until_steady(rested, DROWSY, || resident.trace(Query::Closest))?;

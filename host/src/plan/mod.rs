@@ -15,17 +15,13 @@
 //! # Ok(()) }
 //! ```
 
-mod calibration;
-mod cost;
+pub(crate) mod calibration;
+pub(crate) mod cost;
 mod grid;
 mod look;
 
-#[cfg(feature = "cli")]
-pub(crate) use calibration::rays_for;
 pub use calibration::{Calibration, cache};
 pub use cost::{Cost, Moving, measure, usual_rays};
-#[cfg(feature = "cli")]
-pub(crate) use cost::{speed, wake};
 pub use look::Seen;
 
 use crate::{BuildOptions, Builder, Mesh, Traversal};
@@ -152,8 +148,7 @@ fn seen(looking: &Looking<'_>, at: usize) -> Option<(usize, Seen)> {
 }
 
 /// What every choice would cost on a device, after a look at the mesh.
-#[cfg(feature = "cli")]
-pub(crate) fn costs(mesh: &Mesh, calibration: &Calibration) -> Vec<Cost> {
+pub fn costs(mesh: &Mesh, calibration: &Calibration) -> Vec<Cost> {
     let triangles = mesh.kept().len() as u32;
     let seen = seen(&Looking::at(mesh), LOOKS.len() - 1);
     let through = look::through(mesh);

@@ -1,0 +1,110 @@
+//! `--quality auto`: device, builder and traversal by what a scene and a number of rays need.
+
+use super::{
+    args::{HowArgs, OneArgs, Quality},
+    calibrate,
+    machine::{Machine, candidates},
+    notes::Notes,
+};
+use crate::report::{count, three};
+use raykd::{
+    BuildOptions, Device, Error, Mesh, Traversal,
+    plan::{Calibration, Plan, choose},
+};
+
+/// How a command shall build and trace.
+#[derive(Debug)]
+pub(super) struct Amount {
+    pub options: BuildOptions,
+    pub traversal: Traversal,
+    /// How auto came to that.
+    pub plan: Option<Plan>,
+}
+
+/// What was asked for; or, with `--quality auto`, what so many rays at this mesh need.
+pub(super) fn decide(
+    how: &HowArgs,
+    traversal: Traversal,
+    on: &OneArgs,
+    (mesh, rays): (&Mesh, u64),
+    notes: &Notes,
+) -> anyhow::Result<(Machine, Amount)> {
+    if how.amount.quality == Quality::Usual {
+        let machine = Machine::choose(on.device, &on.more, notes)?;
+        return Ok((machine, Amount { options: how.tree.options(), traversal, plan: None }));
+    }
+    let mut devices = candidates(on.device, &on.more, notes)?;
+    let all: Vec<Calibration> = devices
+        .iter()
+        .map(|device| calibrate::costs(device, how.amount.costs.as_deref(), notes))
+        .collect::<Result<_, Error>>()?;
+    let plan = choose(mesh, rays, &all.iter().collect::<Vec<_>>());
+    let automatic = devices.len() > 1;
+    Ok((Machine::of(devices.swap_remove(plan.device), automatic), Amount::of(plan, mesh)))
+}
+
+/// The same on a device that is not to be chosen.
+pub(super) fn on(
+    device: &Device,
+    how: &HowArgs,
+    traversal: Traversal,
+    (mesh, rays): (&Mesh, u64),
+    notes: &Notes,
+) -> anyhow::Result<Amount> {
+    if how.amount.quality == Quality::Usual {
+        return Ok(Amount { options: how.tree.options(), traversal, plan: None });
+    }
+    let costs = calibrate::costs(device, how.amount.costs.as_deref(), notes)?;
+    Ok(Amount::of(choose(mesh, rays, &[&costs]), mesh))
+}
+
+impl Amount {
+    fn of(plan: Plan, mesh: &Mesh) -> Self {
+        let (options, traversal) = (plan.choice.options(), plan.choice.traversal(mesh.kept().len()));
+        Self { options, traversal, plan: Some(plan) }
+    }
+}
+
+/// What auto predicted, and what it took.
+#[derive(Clone, Debug, Default, serde::Serialize)]
+pub(super) struct Told {
+    pub choice: &'static str,
+    rays: u64,
+    predicted_build_ms: f64,
+    predicted_rays_ms: f64,
+    predicted_ms: f64,
+    measured_ms: f64,
+}
+
+impl Told {
+    /// Times in milliseconds; `rays_ms` is 0 where none were traced, and then none are predicted either.
+    pub(super) fn new(plan: &Plan, before_ms: f64, rays_ms: Option<f64>) -> Self {
+        let build = plan.cost.before_ms();
+        let rays = if rays_ms.is_some() { plan.cost.rays_ms(plan.rays as f64) } else { 0.0 };
+        Self {
+            choice: plan.choice.name,
+            rays: plan.rays,
+            predicted_build_ms: build,
+            predicted_rays_ms: rays,
+            predicted_ms: build + rays,
+            measured_ms: before_ms + rays_ms.unwrap_or(0.0),
+        }
+    }
+
+    /// In words.
+    pub(super) fn words(&self) -> String {
+        let tree = if self.choice == "none" { "no tree".to_owned() } else { format!("{} tree", self.choice) };
+        let rays = if self.predicted_rays_ms > 0.0 {
+            format!(" + rays {}", three(self.predicted_rays_ms))
+        } else {
+            String::new()
+        };
+        format!(
+            "{tree} for {} rays: predicted {} ms (build {}{rays}), measured {} ms",
+            count(self.rays),
+            three(self.predicted_ms),
+            three(self.predicted_build_ms),
+            three(self.measured_ms)
+        )
+    }
+}

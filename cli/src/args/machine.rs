@@ -1,0 +1,63 @@
+//! Which devices a command runs on.
+
+use clap::ValueEnum;
+
+/// More about the devices to run on.
+#[derive(Clone, Debug, clap::Args)]
+pub(crate) struct MachineArgs {
+    /// The GPU whose name or driver contains this (any case); implies the GPU
+    #[arg(long, value_name = "SUBSTRING")]
+    pub adapter: Option<String>,
+    /// Threads of the CPU; implies the CPU where one device is used; left out: all
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    pub threads: Option<u16>,
+}
+
+/// Which one device a command runs on.
+#[derive(Clone, Debug, clap::Args)]
+pub(crate) struct OneArgs {
+    /// Left out: a real GPU if there is one, else the CPU
+    #[arg(long, value_enum)]
+    pub device: Option<One>,
+    #[command(flatten)]
+    pub more: MachineArgs,
+}
+
+/// Which devices a command runs on.
+#[derive(Clone, Debug, clap::Args)]
+pub(crate) struct WhichArgs {
+    /// Left out: both if there is any Vulkan adapter, a software one too, else the CPU
+    #[arg(long, value_enum)]
+    pub device: Option<Which>,
+    #[command(flatten)]
+    pub more: MachineArgs,
+}
+
+/// One device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum One {
+    /// The processor
+    Cpu,
+    /// The best Vulkan adapter, a software one too
+    Gpu,
+}
+
+/// One device or both.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Which {
+    /// The processor
+    Cpu,
+    /// The best Vulkan adapter, a software one too
+    Gpu,
+    /// One after the other
+    Both,
+}
+
+impl From<One> for Which {
+    fn from(one: One) -> Self {
+        match one {
+            One::Cpu => Self::Cpu,
+            One::Gpu => Self::Gpu,
+        }
+    }
+}

@@ -1,0 +1,77 @@
+//! How values on the command line are written.
+
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+
+/// A parser of names; `--help` says what each is.
+pub(super) fn one_of<T: Copy + Send + Sync>(
+    all: &'static [T],
+    name: fn(T) -> &'static str,
+    about: fn(T) -> &'static str,
+) -> impl TypedValueParser<Value = T> {
+    let offered = all.iter().map(|&one| PossibleValue::new(name(one)).help(about(one)));
+    let named = move |given: String| all.iter().copied().find(|&one| name(one) == given);
+    PossibleValuesParser::new(offered).map(move |given| named(given).expect("it was offered"))
+}
+
+/// A parser of numbers in a range.
+pub(super) fn within<T>(lo: T, hi: T) -> impl Fn(&str) -> Result<T, String> + Clone
+where
+    T: std::str::FromStr + PartialOrd + std::fmt::Display + Copy,
+{
+    move |text| {
+        let x: T = text.parse().map_err(|_| "not a number".to_owned())?;
+        if lo <= x && x <= hi { Ok(x) } else { Err(format!("this lies between {lo} and {hi}")) }
+    }
+}
+
+pub(super) fn size(text: &str) -> Result<[u32; 2], String> {
+    let side = |text: &str| text.parse().ok().filter(|n| (1..=16384).contains(n));
+    let sides = text.split_once('x').and_then(|(w, h)| Some([side(w)?, side(h)?]));
+    sides.ok_or_else(|| "write it like 1024x768, each from 1 to 16384".to_owned())
+}
+
+/// A number of bytes.
+pub(super) fn bytes(text: &str) -> Result<u64, String> {
+    let (number, shift) = match text.as_bytes().last() {
+        Some(unit @ (b'K' | b'M' | b'G' | b'T')) => (
+            &text[..text.len() - 1],
+            [b'K', b'M', b'G', b'T'].iter().position(|u| u == unit).map_or(0, |i| 10 * (i + 1)),
+        ),
+        _ => (text, 0),
+    };
+    let bytes = number.parse::<u64>().ok().and_then(|n| n.checked_mul(1 << shift)).filter(|&n| n > 0);
+    bytes.ok_or_else(|| "write it like 5000000000, 500M or 5G".to_owned())
+}
+
+pub(super) fn point(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Option<Vec<f64>> =
+        text.split(',').map(|n| n.trim().parse().ok().filter(|x: &f64| x.abs() <= 1.0e30)).collect();
+    let numbers = numbers.and_then(|n| <[f64; 3]>::try_from(n).ok());
+    numbers.ok_or_else(|| "write it like 1,2.5,-3".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values() {
+        assert_eq!(size("640x480"), Ok([640, 480]));
+        for wrong in ["640", "0x1", "1x16385", "x", "axb", "1x2x3"] {
+            assert!(size(wrong).is_err(), "{wrong}");
+        }
+        assert_eq!(bytes("17"), Ok(17));
+        assert_eq!(bytes("3K"), Ok(3072));
+        assert_eq!(bytes("2G"), Ok(2 << 30));
+        assert_eq!(bytes("1T"), Ok(1 << 40));
+        for wrong in ["", "G", "0", "-1", "1.5G", "1g", "1GB", "99999999T", "\u{e9}"] {
+            assert!(bytes(wrong).is_err(), "{wrong}");
+        }
+        assert_eq!(point("1,-2.5, 3e2"), Ok([1.0, -2.5, 300.0]));
+        for wrong in ["1,2", "1,2,3,4", "a,b,c", "", "nan,0,0", "inf,0,0"] {
+            assert!(point(wrong).is_err(), "{wrong}");
+        }
+        let cost = within(1e-6_f32, 1e6);
+        assert!(cost("nan").is_err() && cost("-1").is_err() && cost("inf").is_err() && cost("0.5").is_ok());
+    }
+}

@@ -1,0 +1,484 @@
+//! `raykd bench`: the talk's two tables, and whether the devices agree.
+
+use super::{
+    amount::{self, Amount},
+    args::BenchArgs,
+    changes,
+    input::{Input, RepairCounts},
+    machine::Machines,
+    measure::{self, Kernel, mrays, ms},
+    notes::Notes,
+    write_json,
+};
+use crate::report::{Table, bytes, count, three};
+use raykd::{
+    BuildOptions, Device, Error, Query, Ray, hits_digest,
+    rays::{self, sets::Sets},
+};
+use std::{
+    io::{StdoutLock, Write},
+    process::ExitCode,
+};
+
+/// Random rays are the same in every run.
+const SEED: u64 = 2026;
+/// Width and height of the picture whose rays are timed.
+const PICTURE: u32 = 2048;
+
+/// One scene on one device.
+#[derive(Clone, Debug, Default, serde::Serialize)]
+struct Row {
+    scene: String,
+    /// In the file.
+    triangles: usize,
+    device: &'static str,
+    adapter: String,
+    traversal: &'static str,
+    intersector: &'static str,
+    load_ms: f64,
+    /// Mesh to device.
+    upload_ms: f64,
+    /// All kernels of the build.
+    build_ms: f64,
+    /// The kernel, random rays.
+    trace_ms: f64,
+    /// Hits to host.
+    download_ms: f64,
+    /// Random rays, millions a second.
+    mrays: f64,
+    rays: usize,
+    nodes: u32,
+    leaves: u32,
+    depth: u32,
+    refs_per_triangle: f64,
+    tree_bytes: u64,
+    peak_bytes: u64,
+    sah_cost: f64,
+    digest: String,
+    hits_digest: String,
+    /// Laying triangles out for tracing, after the build.
+    layout_ms: f64,
+    /// Random rays to device.
+    ray_upload_ms: f64,
+    /// Rays of a picture, millions a second.
+    primary_mrays: f64,
+    /// The peers' sets of rays, see [`Sets`], millions a second.
+    mrays_a: f64,
+    mrays_b: f64,
+    mrays_c: f64,
+    mrays_d: f64,
+    /// Set d, any hit.
+    mrays_d_any: f64,
+    /// Of the closest hits of sets a to d.
+    sets_digest: String,
+    /// Random rays that hit something.
+    hits: usize,
+    /// Triangles that take part.
+    kept: usize,
+    repairs: RepairCounts,
+    /// Whether both devices gave the same trees and hits, if both ran.
+    identical: Option<bool>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    auto: Option<amount::Told>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    kernels: Vec<Kernel>,
+}
+
+impl Row {
+    /// Which tree auto chose; none if it was not asked.
+    fn choice(&self) -> Option<&'static str> {
+        self.auto.as_ref().map(|auto| auto.choice)
+    }
+}
+
+pub(super) fn run(args: &BenchArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
+    let notes = Notes::new(args.json);
+    if let Some(path) = &args.compare_with {
+        let before = changes::read(path)?;
+        let runs =
+            (0..changes::RUNS).map(|_| Ok(rows(args, &notes)?.0)).collect::<anyhow::Result<Vec<_>>>()?;
+        notes.clear();
+        return changes::tell(&before, &runs.concat(), args.json, out);
+    }
+    let (rows, machines) = rows(args, &notes)?;
+    notes.clear();
+    if args.json {
+        write_json(out, &rows)?;
+    } else {
+        print(&rows, &machines, out)?;
+    }
+    Ok(if differ(&rows) { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+}
+
+/// Measures all scenes on all devices.
+fn rows(args: &BenchArgs, notes: &Notes) -> anyhow::Result<(Vec<Row>, Machines)> {
+    let mut machines = Machines::choose(args.on.device, &args.on.more, notes)?;
+    let names = if args.scenes.is_empty() { &["teapot".into()] } else { args.scenes.as_slice() };
+    let mut rows = Vec::new();
+    for name in names {
+        let input = Input::load(name, args.read, notes)?;
+        let random = rays::random(input.mesh.bounds(), args.rays as usize, SEED);
+        let picture = rays::Camera::framing(input.mesh.bounds()).rays(PICTURE, PICTURE);
+        let first = rows.len();
+        let measure = |device| -> anyhow::Result<Result<Row, Error>> {
+            let job = (&input.mesh, u64::from(args.rays));
+            let amount = amount::on(device, &args.how, args.walk.traversal, job, notes)?;
+            Ok(bench(device, &input, &amount, [&random, &picture], args, notes))
+        };
+        if let Some(cpu) = &machines.cpu {
+            rows.push(measure(cpu)??);
+        }
+        if let Some(gpu) = &machines.gpu {
+            match measure(gpu)? {
+                Ok(row) => rows.push(row),
+                Err(error) if machines.can_spare(gpu, &error) => {
+                    notes.note(format_args!("{error}; going on with the CPU alone"));
+                    machines.gpu = None;
+                }
+                Err(error) => return Err(error.into()),
+            }
+        }
+        compare(&mut rows[first..]);
+    }
+    Ok((rows, machines))
+}
+
+/// Notes whether both devices gave the same for a scene.
+fn compare(rows: &mut [Row]) {
+    if let [a, b] = rows {
+        let same = [&a.hits_digest, &a.sets_digest] == [&b.hits_digest, &b.sets_digest]
+            && (a.digest == b.digest || a.choice() != b.choice());
+        (a.identical, b.identical) = (Some(same), Some(same));
+    }
+}
+
+/// Whether the devices disagree on any scene.
+fn differ(rows: &[Row]) -> bool {
+    rows.iter().any(|row| row.identical == Some(false))
+}
+
+/// One scene on one device.
+fn bench(
+    device: &Device,
+    input: &Input,
+    amount: &Amount,
+    [random, picture]: [&[Ray]; 2],
+    args: &BenchArgs,
+    notes: &Notes,
+) -> Result<Row, Error> {
+    let (name, mesh) = (&input.name, &input.mesh);
+    let stage =
+        |what: &str| notes.stage(format_args!("{name}: {what} on the {}", device.kind().to_uppercase()));
+    stage("building");
+    let options = BuildOptions { profile: args.profile, ..amount.options.clone() };
+    let mut built = measure::build(device, mesh, &options)?;
+    // By the default triangle test: whatever is measured, the rays are the same.
+    let sets = Sets::new(name, mesh, |rays| built.scene.closest(rays))?;
+    built.scene.traverse_by(amount.traversal)?;
+    built.scene.intersect_by(args.walk.intersector)?;
+    stage("tracing random rays");
+    let traced = measure::trace(&built.scene, Query::Closest, random)?;
+    stage("tracing a picture");
+    let primary = measure::time(&built.scene, Query::Closest, picture)?;
+    stage("tracing the peers' rays");
+    let Sets { a, b, c, d } = &sets;
+    let mut rates = [0.0; 5];
+    let closest = [a, b, c, d].map(|rays| (Query::Closest, rays));
+    for (rate, (query, rays)) in rates.iter_mut().zip(closest.into_iter().chain([(Query::Any, d)])) {
+        *rate = mrays(rays.len(), measure::time(&built.scene, query, rays)?);
+    }
+    let all: Vec<Ray> = [a, b, c, d].into_iter().flatten().copied().collect();
+    let sets_digest = hits_digest(&built.scene.closest(&all)?);
+    let header = *built.scene.header();
+    let moved = ms(traced.upload + traced.trace + traced.download);
+    let before = ms(built.upload + built.build + built.layout);
+    Ok(Row {
+        auto: amount.plan.as_ref().map(|plan| amount::Told::new(plan, before, Some(moved))),
+        scene: name.clone(),
+        triangles: mesh.triangles().len(),
+        device: device.kind(),
+        adapter: device.name().to_owned(),
+        traversal: amount.traversal.name(),
+        intersector: args.walk.intersector.name(),
+        load_ms: ms(input.load),
+        upload_ms: ms(built.upload),
+        build_ms: ms(built.build),
+        trace_ms: ms(traced.trace),
+        download_ms: ms(traced.download),
+        mrays: mrays(random.len(), traced.trace),
+        rays: random.len(),
+        nodes: header.nodes,
+        leaves: built.report.leaves,
+        depth: header.depth,
+        refs_per_triangle: f64::from(header.refs) / mesh.triangles().len() as f64,
+        tree_bytes: built.tree.bytes(),
+        peak_bytes: built.scene.times().peak_bytes,
+        sah_cost: built.report.sah_cost,
+        digest: built.tree.digest(),
+        hits_digest: hits_digest(&traced.hits),
+        layout_ms: ms(built.layout),
+        ray_upload_ms: ms(traced.upload),
+        primary_mrays: mrays(picture.len(), primary),
+        mrays_a: rates[0],
+        mrays_b: rates[1],
+        mrays_c: rates[2],
+        mrays_d: rates[3],
+        mrays_d_any: rates[4],
+        sets_digest,
+        hits: traced.hits.iter().filter(|hit| hit.is_hit()).count(),
+        kept: mesh.kept().len(),
+        repairs: input.into(),
+        identical: None,
+        kernels: built.kernels,
+    })
+}
+
+/// The tables.
+fn print(rows: &[Row], machines: &Machines, out: &mut impl Write) -> anyhow::Result<()> {
+    machines.write_names(out)?;
+    writeln!(out, "Times are medians on the device's clock; transfers are not part of them.\n")?;
+    writeln!(out, "{}", build_table(rows))?;
+    writeln!(out, "{}", travel_table(rows))?;
+    writeln!(out, "{}", sets_table(rows))?;
+    writeln!(out, "{}", tree_table(rows))?;
+    for row in rows.iter().filter(|row| !row.kernels.is_empty()) {
+        writeln!(
+            out,
+            "{}",
+            kernel_table(&format!("{}, {}", row.scene, row.device.to_uppercase()), &row.kernels)
+        )?;
+    }
+    for row in rows {
+        if let Some(auto) = &row.auto {
+            writeln!(out, "{}, {}: auto: {}", row.scene, row.device.to_uppercase(), auto.words())?;
+        }
+    }
+    for scene in scenes(rows) {
+        let row = scene.any();
+        if let Some(told) = row.repairs.told() {
+            writeln!(out, "{}: {told}", row.scene)?;
+        }
+        match scene {
+            Both { cpu: Some(cpu), gpu: Some(gpu) } if gpu.identical == Some(true) => {
+                let trees =
+                    if cpu.choice() == gpu.choice() { "trees and hits" } else { "hits by other trees" };
+                writeln!(out, "{}: CPU and GPU gave byte-identical {trees}", gpu.scene)?;
+                writeln!(out, "  tree {}\n  hits {}", gpu.digest, gpu.hits_digest)?;
+            }
+            Both { cpu: Some(cpu), gpu: Some(gpu) } => {
+                let mark = |same| if same { "same     " } else { "DIFFERENT" };
+                writeln!(out, "{}: CPU AND GPU DIFFER", cpu.scene)?;
+                for (what, a, b) in [
+                    ("tree", &cpu.digest, &gpu.digest),
+                    ("hits", &cpu.hits_digest, &gpu.hits_digest),
+                    ("sets", &cpu.sets_digest, &gpu.sets_digest),
+                ] {
+                    writeln!(out, "  {what} {}  CPU {a}\n                  GPU {b}", mark(a == b))?;
+                }
+            }
+            _ => writeln!(
+                out,
+                "{}: only the {} ran, nothing to compare\n  tree {}\n  hits {}",
+                row.scene,
+                row.device.to_uppercase(),
+                row.digest,
+                row.hits_digest
+            )?,
+        }
+    }
+    Ok(())
+}
+
+/// The rows of one scene.
+#[derive(Clone, Copy)]
+struct Both<'a> {
+    cpu: Option<&'a Row>,
+    gpu: Option<&'a Row>,
+}
+
+impl<'a> Both<'a> {
+    fn any(self) -> &'a Row {
+        self.cpu.or(self.gpu).expect("one of them ran")
+    }
+
+    /// A number of each, and how many times the GPU's goes into the CPU's.
+    fn compare(self, number: impl Fn(&Row) -> f64) -> [String; 3] {
+        let [cpu, gpu] = [self.cpu, self.gpu].map(|row| row.map(&number));
+        let ratio = cpu.zip(gpu).filter(|(_, gpu)| *gpu > 0.0).map(|(cpu, gpu)| cpu / gpu);
+        [cpu, gpu, ratio].map(|x| x.map_or_else(|| "-".to_owned(), three))
+    }
+}
+
+/// Rows of the same scene are neighbours, the CPU's first.
+fn scenes(rows: &[Row]) -> Vec<Both<'_>> {
+    let mut scenes: Vec<Both<'_>> = Vec::new();
+    for row in rows {
+        match (row.device, scenes.last_mut()) {
+            ("cpu", _) => scenes.push(Both { cpu: Some(row), gpu: None }),
+            (_, Some(last)) if last.gpu.is_none() => last.gpu = Some(row),
+            _ => scenes.push(Both { cpu: None, gpu: Some(row) }),
+        }
+    }
+    scenes
+}
+
+fn build_table(rows: &[Row]) -> Table {
+    let mut table = Table::new(["Build", "triangles", "CPU ms", "GPU ms", "upload ms", "CPU/GPU"]);
+    for scene in scenes(rows) {
+        let row = scene.any();
+        let [cpu, gpu, ratio] = scene.compare(|row| row.build_ms);
+        let upload = scene.gpu.map_or_else(|| "-".to_owned(), |gpu| three(gpu.upload_ms));
+        table.row([row.scene.clone(), count(row.triangles as u64), cpu, gpu, upload, ratio]);
+    }
+    table
+}
+
+fn travel_table(rows: &[Row]) -> Table {
+    let titles = ["Travel", "rays", "CPU ms", "GPU ms", "CPU/GPU", "CPU Mray/s", "GPU Mray/s"];
+    let mut table = Table::new(titles);
+    for scene in scenes(rows) {
+        let row = scene.any();
+        let [cpu, gpu, ratio] = scene.compare(|row| row.trace_ms);
+        let [cpu_rate, gpu_rate, _] = scene.compare(|row| row.mrays);
+        let rays = format!("{} random", count(row.rays as u64));
+        table.row([row.scene.clone(), rays, cpu, gpu, ratio, cpu_rate, gpu_rate]);
+        let picture = f64::from(PICTURE) * f64::from(PICTURE);
+        let [cpu, gpu, ratio] = scene.compare(|row| picture / row.primary_mrays * 1.0e-3);
+        let [cpu_rate, gpu_rate, _] = scene.compare(|row| row.primary_mrays);
+        let rays = format!("{PICTURE}x{PICTURE} picture");
+        table.row([String::new(), rays, cpu, gpu, ratio, cpu_rate, gpu_rate]);
+    }
+    table
+}
+
+/// Millions of rays a second; what the sets are is told by `--help`.
+fn sets_table(rows: &[Row]) -> Table {
+    let mut table = Table::new(["Mray/s", "device", "a", "b", "c", "d", "d any"]);
+    for row in rows {
+        let rates = [row.mrays_a, row.mrays_b, row.mrays_c, row.mrays_d, row.mrays_d_any];
+        table.row([row.scene.clone(), row.device.to_uppercase()].into_iter().chain(rates.map(three)));
+    }
+    table
+}
+
+fn tree_table(rows: &[Row]) -> Table {
+    let titles = [
+        "Tree",
+        "nodes",
+        "leaves",
+        "depth",
+        "refs/triangle",
+        "size",
+        "B/triangle",
+        "peak",
+        "B/triangle",
+        "SAH cost",
+    ];
+    let mut table = Table::new(titles);
+    for scene in scenes(rows) {
+        let row = scene.any();
+        let each = |bytes: u64| three(bytes as f64 / row.triangles as f64);
+        table.row([
+            row.scene.clone(),
+            count(row.nodes.into()),
+            count(row.leaves.into()),
+            row.depth.to_string(),
+            three(row.refs_per_triangle),
+            bytes(row.tree_bytes),
+            each(row.tree_bytes),
+            bytes(row.peak_bytes),
+            each(row.peak_bytes),
+            three(row.sah_cost),
+        ]);
+    }
+    table
+}
+
+/// Where a build's time went.
+pub(super) fn kernel_table(title: &str, kernels: &[Kernel]) -> Table {
+    let total: f64 = kernels.iter().map(|kernel| kernel.ms).sum();
+    let counted = kernels.iter().any(|kernel| kernel.bytes.is_some());
+    let mut heads = vec![title, "dispatches", "ms", "%"];
+    if counted {
+        heads.extend(["MB", "GB/s"]);
+    }
+    let mut table = Table::new(heads);
+    for Kernel { name, dispatches, ms, bytes } in kernels {
+        let share = format!("{:.1}", 100.0 * ms / total.max(f64::MIN_POSITIVE));
+        let mut row = vec![(*name).to_owned(), dispatches.to_string(), three(*ms), share];
+        if counted {
+            let mb = bytes.unwrap_or(0) as f64 * 1e-6;
+            row.extend([three(mb), three(mb / ms.max(f64::MIN_POSITIVE))]);
+        }
+        table.row(row);
+    }
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A scene on both devices, with these digests of tree and hits.
+    fn pair(cpu: [&str; 2], gpu: [&str; 2]) -> Vec<Row> {
+        let row = |device, [digest, hits]: [&str; 2]| Row {
+            scene: "box".to_owned(),
+            device,
+            triangles: 12,
+            digest: digest.to_owned(),
+            hits_digest: hits.to_owned(),
+            ..Row::default()
+        };
+        let mut rows = vec![row("cpu", cpu), row("gpu", gpu)];
+        compare(&mut rows);
+        rows
+    }
+
+    fn printed(rows: &[Row]) -> String {
+        let mut out = Vec::new();
+        let machines = Machines { cpu: None, gpu: None, automatic: false };
+        print(rows, &machines, &mut out).unwrap();
+        String::from_utf8(out).unwrap()
+    }
+
+    #[test]
+    fn agreement_is_told() {
+        let rows = pair(["t", "h"], ["t", "h"]);
+        assert!(!differ(&rows));
+        assert!(printed(&rows).contains("box: CPU and GPU gave byte-identical trees and hits"));
+    }
+
+    #[test]
+    fn trees_that_auto_chose_otherwise_may_differ() {
+        let mut rows = pair(["t", "h"], ["x", "h"]);
+        assert!(differ(&rows));
+        let mut exact = amount::Told::default();
+        exact.choice = "exact";
+        rows[0].auto = Some(exact);
+        compare(&mut rows);
+        assert!(!differ(&rows) && printed(&rows).contains("byte-identical hits by other trees"));
+        rows[1].hits_digest = "y".to_owned();
+        compare(&mut rows);
+        assert!(differ(&rows));
+    }
+
+    #[test]
+    fn any_difference_is_told_and_fails() {
+        for (gpu, what) in [(["x", "h"], "tree DIFFERENT"), (["t", "x"], "hits DIFFERENT")] {
+            let rows = pair(["t", "h"], gpu);
+            assert!(differ(&rows));
+            let told = printed(&rows);
+            assert!(told.contains("box: CPU AND GPU DIFFER") && told.contains(what), "{told}");
+        }
+    }
+
+    #[test]
+    fn one_device_is_no_difference() {
+        let mut rows = pair(["t", "h"], ["x", "y"]);
+        rows.truncate(1);
+        rows[0].identical = None;
+        compare(&mut rows);
+        assert!(!differ(&rows));
+        assert!(printed(&rows).contains("box: only the CPU ran"));
+    }
+}

@@ -1,0 +1,229 @@
+//! `raykd build`: one tree, its statistics and its file.
+
+use super::{
+    amount,
+    args::BuildArgs,
+    bench::kernel_table,
+    builders,
+    input::{Input, RepairCounts},
+    measure::{self, Kernel, ms},
+    notes::Notes,
+    write_json,
+};
+use crate::report::{bytes, count, three};
+use raykd::{BuildOptions, Device, Error, KdTree, Traversal};
+use std::{
+    io::{StdoutLock, Write as _},
+    process::ExitCode,
+};
+
+/// Rays that a tree is for if nothing is said.
+const USUAL_RAYS: u64 = 1_000_000;
+
+/// What is told about a tree.
+#[derive(Debug, serde::Serialize)]
+struct Told {
+    scene: String,
+    /// In the file.
+    triangles: usize,
+    /// That take part.
+    kept: usize,
+    repairs: RepairCounts,
+    device: &'static str,
+    adapter: String,
+    load_ms: f64,
+    upload_ms: f64,
+    build_ms: f64,
+    /// Laying triangles out for tracing, after the build.
+    layout_ms: f64,
+    /// How many builds these times are medians of; one more came before, to warm up.
+    builds: usize,
+    /// How often each build was repeated with more room, or at a higher price.
+    retries: u32,
+    /// What the tries before the last took in all, in the last of the builds.
+    failed_ms: f64,
+    /// Whether the host built the tree because the device had not the room to.
+    by_host: bool,
+    nodes: u32,
+    leaves: u32,
+    empty_leaves: u32,
+    largest_leaf: u32,
+    depth: u32,
+    refs: u32,
+    refs_per_triangle: f64,
+    tree_bytes: u64,
+    peak_bytes: u64,
+    builder: &'static str,
+    clip: bool,
+    cost_step: f32,
+    cost_test: f32,
+    sah_cost: f64,
+    /// Of a random line that meets the root's box.
+    expected_steps: f64,
+    expected_tests: f64,
+    /// SHA-256 of header, nodes and references.
+    digest: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    auto: Option<amount::Told>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    kernels: Vec<Kernel>,
+}
+
+pub(super) fn run(args: &BuildArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
+    let notes = Notes::new(args.json);
+    if args.compare {
+        return builders::compare(args, &notes, out);
+    }
+    if args.scaling {
+        return builders::scaling(args, &notes, out);
+    }
+    let input = Input::load(args.mesh.as_deref().unwrap_or_default(), args.read, &notes)?;
+    let job = (&input.mesh, args.rays.unwrap_or(USUAL_RAYS));
+    let device = &args.on;
+    let (machine, amount) = amount::decide(&args.how, Traversal::default(), device, job, &notes)?;
+    notes.stage(format_args!("{}: building", input.name));
+    let options = BuildOptions { profile: args.profile, ..amount.options };
+    let (mut told, tree) = machine.run(&notes, |device| build(device, &input, &options))?;
+    let before = told.upload_ms + told.build_ms + told.layout_ms;
+    told.auto = amount.plan.map(|plan| amount::Told::new(&plan, before, None));
+    if let Some(path) = &args.output {
+        notes.stage(format_args!("writing {}", path.display()));
+        tree.save(path)?;
+    }
+    if let Some(budget) = args.how.tree.budget
+        && told.refs > (f64::from(budget) * told.kept as f64) as u32
+    {
+        let each = f64::from(told.refs) / told.kept as f64;
+        notes.note(format_args!(
+            "{} does not keep to the budget: {each:.2} references a triangle",
+            told.builder
+        ));
+    }
+    if told.by_host {
+        notes.note(format_args!(
+            "{} has not the room to build by exact; the host built the same tree",
+            told.adapter
+        ));
+    }
+    notes.clear();
+    if args.json { write_json(out, &told) } else { print(&told, args, out) }?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn build(device: &Device, input: &Input, options: &BuildOptions) -> Result<(Told, KdTree), Error> {
+    let mesh = &input.mesh;
+    let built = measure::build(device, mesh, options)?;
+    let (header, report, times) = (*built.scene.header(), built.report, built.scene.times());
+    let told = Told {
+        scene: input.name.clone(),
+        triangles: mesh.triangles().len(),
+        kept: mesh.kept().len(),
+        repairs: input.into(),
+        device: device.kind(),
+        adapter: device.name().to_owned(),
+        load_ms: ms(input.load),
+        upload_ms: ms(built.upload),
+        build_ms: ms(built.build),
+        layout_ms: ms(built.layout),
+        builds: built.builds,
+        retries: times.retries,
+        failed_ms: ms(times.failed),
+        by_host: times.by_host,
+        nodes: header.nodes,
+        leaves: report.leaves,
+        empty_leaves: report.empty_leaves,
+        largest_leaf: report.largest_leaf,
+        depth: header.depth,
+        refs: header.refs,
+        refs_per_triangle: f64::from(header.refs) / mesh.triangles().len() as f64,
+        tree_bytes: built.tree.bytes(),
+        peak_bytes: times.peak_bytes,
+        builder: options.builder.name(),
+        clip: options.clip,
+        cost_step: header.cost_step,
+        cost_test: header.cost_test,
+        sah_cost: report.sah_cost,
+        expected_steps: report.expected_steps,
+        expected_tests: report.expected_tests,
+        digest: built.tree.digest(),
+        auto: None,
+        kernels: built.kernels,
+    };
+    Ok((told, built.tree))
+}
+
+fn print(t: &Told, args: &BuildArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
+    let each = |bytes: u64| three(bytes as f64 / t.triangles as f64);
+    let mut line = |name: &str, what: String| writeln!(out, "{name:<10} {what}");
+    line("scene", format!("{}, {} triangles", t.scene, count(t.triangles as u64)))?;
+    line("repairs", t.repairs.told().unwrap_or_else(|| "none".to_owned()))?;
+    line("device", format!("{}, {}", t.device.to_uppercase(), t.adapter))?;
+    line(
+        "times",
+        format!(
+            "load {} ms; medians of {} builds, after one more: upload {} ms, build {} ms, layout for tracing {} ms",
+            three(t.load_ms),
+            t.builds,
+            three(t.upload_ms),
+            three(t.build_ms),
+            three(t.layout_ms)
+        ),
+    )?;
+    if t.retries > 0 {
+        line(
+            "retries",
+            format!("{} tries before, {} ms more for each build", t.retries, three(t.failed_ms)),
+        )?;
+    }
+    line(
+        "nodes",
+        format!(
+            "{}, of these {} leaves ({} empty), depth {}",
+            count(t.nodes.into()),
+            count(t.leaves.into()),
+            count(t.empty_leaves.into()),
+            t.depth
+        ),
+    )?;
+    line(
+        "references",
+        format!(
+            "{}, {} per triangle, at most {} in a leaf",
+            count(t.refs.into()),
+            three(t.refs_per_triangle),
+            count(t.largest_leaf.into())
+        ),
+    )?;
+    line(
+        "bytes",
+        format!(
+            "tree {} ({} per triangle), at most {} ({}) while building",
+            bytes(t.tree_bytes),
+            each(t.tree_bytes),
+            bytes(t.peak_bytes),
+            each(t.peak_bytes)
+        ),
+    )?;
+    line(
+        "SAH cost",
+        format!(
+            "{}: {} steps at {}, {} triangle tests at {}",
+            three(t.sah_cost),
+            three(t.expected_steps),
+            t.cost_step,
+            three(t.expected_tests),
+            t.cost_test
+        ),
+    )?;
+    if let Some(auto) = &t.auto {
+        line("auto", auto.words())?;
+    }
+    line("digest", t.digest.clone())?;
+    if let Some(path) = &args.output {
+        line("saved", path.display().to_string())?;
+    }
+    if !t.kernels.is_empty() {
+        write!(out, "\n{}", kernel_table("kernel", &t.kernels))?;
+    }
+    Ok(())
+}

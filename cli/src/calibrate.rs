@@ -1,0 +1,112 @@
+//! `raykd calibrate`: what trees cost on this machine's devices.
+
+use super::{args::CalibrateArgs, chart::Checked, machine::Machines, notes::Notes, write_json};
+use crate::report::{Table, count, three};
+use anyhow::bail;
+use raykd::{
+    Device, Error,
+    internals::output,
+    plan::{CHOICES, Calibration, cache},
+};
+use std::{
+    io::{StdoutLock, Write as _},
+    path::{Path, PathBuf},
+};
+
+pub(super) fn run(args: &CalibrateArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
+    let notes = Notes::new(args.json);
+    let machines = Machines::choose(args.on.device, &args.on.more, &notes)?;
+    if args.output.is_some() && machines.iter().count() > 1 {
+        bail!("a file holds one device's costs: say which by --device");
+    }
+    if !args.check.is_empty() {
+        let checked = Checked::new(&args.check, &machines, &notes)?;
+        notes.clear();
+        return if args.json { write_json(out, &checked) } else { Ok(checked.write(out)?) };
+    }
+    let mut places = Vec::new();
+    for device in machines.iter() {
+        places.push((device, args.output.clone().map_or_else(|| place(device), Ok)?));
+    }
+    let mut all = Vec::new();
+    for (device, path) in places {
+        let calibration = measure(device, &notes)?;
+        calibration.save(&path)?;
+        all.push((calibration, path));
+    }
+    notes.clear();
+    if args.json {
+        return write_json(out, &all.iter().map(|(calibration, _)| calibration).collect::<Vec<_>>());
+    }
+    for (calibration, path) in &all {
+        writeln!(out, "{}  {}", calibration.device.to_uppercase(), calibration.name)?;
+        let mut table =
+            Table::new(["Choice", "triangles", "upload ms", "build ms", "launch ms", "ns/ray", "bytes"]);
+        for choice in CHOICES {
+            for cost in calibration.costs.iter().filter(|cost| cost.choice == choice.name) {
+                let triangles = count(cost.triangles.into());
+                let numbers = [cost.upload_ms, cost.build_ms, cost.launch_ms, cost.ray_ns].map(three);
+                let cells = [cost.choice.clone(), triangles].into_iter().chain(numbers);
+                table.row(cells.chain([count(cost.bytes)]));
+            }
+        }
+        writeln!(out, "{table}\nkept in {}\n", path.display())?;
+    }
+    Ok(())
+}
+
+fn measure(device: &Device, notes: &Notes) -> Result<Calibration, Error> {
+    Calibration::of(device, |done| {
+        notes.stage(format_args!(
+            "measuring what trees cost on the {}, {:.0} %",
+            device.kind().to_uppercase(),
+            100.0 * done
+        ));
+    })
+}
+
+/// Where a device's costs are kept: a file that can be written, in a folder that is made if it is missing.
+fn place(device: &Device) -> Result<PathBuf, Error> {
+    let path = cache(device)?;
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(|source| Error::Io { path: folder.to_owned(), source })?;
+    }
+    output::check(&path)?;
+    Ok(path)
+}
+
+/// The costs of a device: from the file given, or the cache, or measured now and kept there.
+pub(super) fn costs(device: &Device, file: Option<&Path>, notes: &Notes) -> Result<Calibration, Error> {
+    if let Some(path) = file {
+        return Calibration::load(path, device);
+    }
+    kept_or(device, notes, || measure(device, notes))
+}
+
+/// The costs kept in the cache, or new ones, kept there if that can be.
+fn kept_or(
+    device: &Device,
+    notes: &Notes,
+    measure: impl FnOnce() -> Result<Calibration, Error>,
+) -> Result<Calibration, Error> {
+    if let Some(path) = cache(device).ok().filter(|path| path.exists()) {
+        match Calibration::load(&path, device) {
+            Ok(found) => return Ok(found),
+            Err(error) => notes.note(error),
+        }
+    }
+    let place = place(device);
+    let once = match &place {
+        Ok(_) => "once",
+        Err(error) => {
+            notes.note(format_args!("costs cannot be kept: {error}; name another folder by RAYKD_CACHE"));
+            "for this run"
+        }
+    };
+    notes.note(format_args!("measuring what trees cost on this {}, {once}", device.kind().to_uppercase()));
+    let calibration = measure()?;
+    if let Err(error) = place.map_or(Ok(()), |path| calibration.save(&path)) {
+        notes.note(format_args!("costs could not be kept: {error}"));
+    }
+    Ok(calibration)
+}

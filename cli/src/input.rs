@@ -1,0 +1,123 @@
+//! Meshes, as every command reads them.
+
+use super::{args::ReadArgs, notes::Notes};
+use crate::report::three;
+use raykd::{
+    Mesh,
+    mesh::{Repairs, Scene, Spot},
+};
+use std::{
+    ffi::OsStr,
+    time::{Duration, Instant},
+};
+
+/// A mesh with its name.
+#[derive(Debug)]
+pub(super) struct Input {
+    /// The scene's name or the file's path.
+    pub name: String,
+    /// Where its tree is: moved by `translation`, which it does not know of.
+    pub mesh: Mesh,
+    /// What the mesh's own coordinates have more than those of `mesh`.
+    pub translation: [f64; 3],
+    /// Time to read and check it.
+    pub load: Duration,
+}
+
+impl Input {
+    /// Reads a file, or fetches a scene by its name.
+    pub(super) fn load(name: &OsStr, read: ReadArgs, notes: &Notes) -> anyhow::Result<Self> {
+        let scene = Scene::try_from(name)?;
+        let name = scene.to_string();
+        notes.stage(format_args!("{name}: reading"));
+        let start = Instant::now();
+        let mesh = match read.max_bytes {
+            Some(most) => scene.load_up_to(most)?,
+            None => scene.load()?,
+        };
+        let load = start.elapsed();
+        Ok(Self { name, translation: mesh.translation(), mesh: mesh.into_local(), load })
+    }
+}
+
+/// What was set aside or changed in a mesh, for JSON.
+#[derive(Clone, Debug, Default, serde::Serialize)]
+pub(super) struct RepairCounts {
+    /// What was subtracted from all coordinates, to save digits.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    translation: Option<[f64; 3]>,
+    zero_area: u32,
+    duplicates: u32,
+    polygons: u32,
+    concave: u32,
+    crossed: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    crossed_at: Option<String>,
+    bent: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bent_at: Option<String>,
+    ignored: u32,
+    flushed: u32,
+    unposed: u32,
+    rounded: u32,
+    /// By rounding, in the mesh's units.
+    largest_change: f64,
+    collapsed: u32,
+}
+
+impl From<&Input> for RepairCounts {
+    fn from(input: &Input) -> Self {
+        let r = input.mesh.repairs();
+        let &Repairs { zero_area, duplicates, polygons, concave, crossed, bent, ignored, flushed, .. } = r;
+        let &Repairs { unposed, rounded, largest_change, collapsed, .. } = r;
+        let [crossed_at, bent_at] = [&r.crossed_at, &r.bent_at].map(|at| at.as_ref().map(Spot::to_string));
+        let translation = Some(input.translation).filter(|by| *by != [0.0; 3]);
+        Self {
+            translation,
+            zero_area,
+            duplicates,
+            polygons,
+            concave,
+            crossed,
+            crossed_at,
+            bent,
+            bent_at,
+            ignored,
+            flushed,
+            unposed,
+            rounded,
+            largest_change,
+            collapsed,
+        }
+    }
+}
+
+impl RepairCounts {
+    /// In words; nothing if there is nothing to tell.
+    pub(super) fn told(&self) -> Option<String> {
+        let first = |at: &Option<String>| at.as_ref().map(|at| format!(" (first: {at})")).unwrap_or_default();
+        let rounded =
+            format!("coordinates rounded to 32-bit floats, by {} at most", three(self.largest_change));
+        let parts = [
+            (self.zero_area, "zero-area triangles kept out of the tree".to_owned()),
+            (self.duplicates, "duplicate triangles (the lowest number wins)".to_owned()),
+            (self.polygons, "polygons cut into triangles".to_owned()),
+            (self.concave, "of them concave".to_owned()),
+            (self.crossed, format!("crossed by their own edges, left as fans{}", first(&self.crossed_at))),
+            (self.bent, format!("not flat{}", first(&self.bent_at))),
+            (self.ignored, "points, lines and curves ignored".to_owned()),
+            (self.flushed, "coordinates too small to matter taken as 0".to_owned()),
+            (self.unposed, "meshes with skins or morph targets taken as they are stored".to_owned()),
+            (self.rounded, rounded),
+            (self.collapsed, "triangles that lost their area by rounding".to_owned()),
+        ];
+        let moved =
+            self.translation.map(|[x, y, z]| format!("moved by {:?} {:?} {:?}", 0.0 - x, 0.0 - y, 0.0 - z));
+        let told = parts
+            .iter()
+            .filter(|(n, _)| *n > 0)
+            .map(|(n, what)| format!("{} {what}", crate::report::count((*n).into())));
+        let told: Vec<_> = moved.into_iter().chain(told).collect();
+        (!told.is_empty()).then(|| told.join("; "))
+    }
+}

@@ -1,0 +1,147 @@
+//! The program `raykd`: `raykd bench`, `build`, `trace`, `render`, `stress`, `chart`, `calibrate` and `devices`.
+
+mod amount;
+mod args;
+mod bench;
+mod build;
+mod builders;
+mod calibrate;
+mod changes;
+mod chart;
+mod compare;
+mod devices;
+mod files;
+mod input;
+mod machine;
+mod measure;
+mod notes;
+mod picture;
+mod render;
+mod report;
+#[cfg(unix)]
+mod signals;
+mod stress;
+mod trace;
+
+use args::{Args, Command};
+use clap::{
+    Parser as _,
+    error::{ContextKind, ContextValue},
+};
+use raykd::internals::{QUOTED, quoted};
+use std::{
+    env,
+    fmt::Write as _,
+    io::{self, StdoutLock, Write as _},
+    process::ExitCode,
+};
+
+/// Gives the exit code 0 for success, 1 for an error or a difference between devices, 2 for wrong usage.
+fn main() -> ExitCode {
+    // Mesa's layer for choosing a device asks Wayland, which says "error: XDG_RUNTIME_DIR is invalid" on every
+    // machine without a desktop. We choose devices ourselves.
+    if env::var_os("XDG_RUNTIME_DIR").is_none() && env::var_os("MESA_VK_DEVICE_SELECT").is_none() {
+        // SAFETY: no other thread runs yet.
+        unsafe { env::set_var("NODEVICE_SELECT", "1") };
+    }
+    #[cfg(unix)]
+    signals::watch();
+    let args = Args::try_parse().and_then(|args| args.check().map(|()| args));
+    let args = args.unwrap_or_else(|error| shortened(error).exit());
+    let mut out = io::stdout().lock();
+    let done = run(args, &mut out).and_then(|code| Ok(out.flush().map(|()| code)?));
+    done.unwrap_or_else(|error| {
+        if reader_left(&error) {
+            return ExitCode::SUCCESS;
+        }
+        eprint!("{}", told(&error));
+        ExitCode::FAILURE
+    })
+}
+
+fn run(args: Args, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
+    files::check(&args.command)?;
+    match args.command {
+        Command::Bench(args) => return bench::run(&args, out),
+        Command::Build(args) => return build::run(&args, out),
+        Command::Trace(args) => return trace::run(&args, out),
+        Command::Stress(args) => return stress::run(&args, out),
+        Command::Render(args) => render::run(&args, out)?,
+        Command::Chart(args) => chart::run(&args, out)?,
+        Command::Calibrate(args) => calibrate::run(&args, out)?,
+        Command::Devices(args) => devices::run(&args, out)?,
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Wrong usage, quoting no more of an argument than other messages do.
+fn shortened(mut error: clap::Error) -> clap::Error {
+    let quotes: Vec<_> = error
+        .context()
+        .filter_map(|(kind, value)| match value {
+            ContextValue::String(text) => Some((kind, quoted(text))),
+            _ => None,
+        })
+        .collect();
+    for (kind, text) in quotes {
+        error.insert(kind, ContextValue::String(text));
+    }
+    // What to write instead quotes it again.
+    if env::args_os().any(|argument| argument.len() > QUOTED) {
+        error.remove(ContextKind::Suggested);
+    }
+    error
+}
+
+/// Whether whoever read our standard output has had enough (`raykd bench | head -1`): no error.
+fn reader_left(error: &anyhow::Error) -> bool {
+    let kind = match error.downcast_ref::<io::Error>() {
+        Some(error) => Some(error.kind()),
+        None => error.downcast_ref::<serde_json::Error>().and_then(serde_json::Error::io_error_kind),
+    };
+    kind == Some(io::ErrorKind::BrokenPipe)
+}
+
+/// An error with those of its causes that it does not quote itself.
+fn told(error: &anyhow::Error) -> String {
+    let mut text = format!("error: {error}\n");
+    for cause in error.chain().skip(1).map(ToString::to_string) {
+        if !text.contains(&cause) {
+            let _ = writeln!(text, "  because: {}", quoted(cause));
+        }
+    }
+    text
+}
+
+/// Writes a value as JSON, indented, with a line end.
+fn write_json(out: &mut StdoutLock<'_>, value: &impl serde::Serialize) -> anyhow::Result<()> {
+    serde_json::to_writer_pretty(&mut *out, value)?;
+    Ok(writeln!(out)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use anyhow::Context as _;
+
+    #[test]
+    fn causes_are_told_once() {
+        let inner = anyhow::anyhow!("disk full");
+        assert_eq!(
+            told(&inner.context("cannot write a.png")),
+            "error: cannot write a.png\n  because: disk full\n"
+        );
+        let quoted = raykd::Error::Io { path: "a".into(), source: io::Error::other("disk full") };
+        assert_eq!(told(&quoted.into()), "error: a: disk full\n");
+    }
+
+    #[test]
+    fn only_a_closed_stdout_is_no_error() {
+        let pipe = || io::Error::from(io::ErrorKind::BrokenPipe);
+        assert!(reader_left(&pipe().into()));
+        assert!(reader_left(&serde_json::Error::io(pipe()).into()));
+        assert!(!reader_left(&raykd::Error::Io { path: "a".into(), source: pipe() }.into()));
+        let wrapped: anyhow::Error = io::Result::<()>::Err(io::Error::other("x")).context("y").unwrap_err();
+        assert!(!reader_left(&wrapped));
+    }
+}

@@ -1,0 +1,248 @@
+//! Repeating builds and traces, and taking medians.
+
+use raykd::{
+    AllHits, BuildOptions, BuildTimes, Builder, Device, Error, Hit, KdTree, KernelTimes, Mesh, Query, Ray,
+    Resident, Scene, Traced, internals::EXACT_SMALL, shared::Report,
+};
+use std::time::{Duration, Instant};
+
+/// Repetitions that a median is taken of.
+const TIMES: usize = 5;
+/// A build slower than this is repeated less often,
+const SLOW: Duration = Duration::from_secs(2);
+/// namely so often.
+const SLOW_TIMES: usize = 3;
+/// Pictures are traced again until this time is spent.
+const ENOUGH: Duration = Duration::from_secs(1);
+
+/// and of short ones at least this much.
+const SHORT: Duration = Duration::from_millis(30);
+
+/// All hits are traced in so many parts,
+const PARTS: usize = 8;
+/// of at least so many bytes.
+const PART: usize = 1 << 24;
+
+/// A graphics card that was idle is woken before anything is timed, until no trace was faster than those before for so long.
+const AWAKE: Duration = Duration::from_millis(300);
+
+/// Wakes a graphics card by random rays, of which the scene needs none of its own.
+fn wake(scene: &Scene) -> Result<(), Error> {
+    if !scene.device().is_card() {
+        return Ok(());
+    }
+    let header = scene.header();
+    raykd::internals::wake(scene, &raykd::rays::random((header.lo, header.hi), 1 << 18, 0), AWAKE)
+}
+
+/// A tree, and what its build took: medians.
+#[derive(Debug)]
+pub(super) struct BuildMeasure {
+    pub scene: Scene,
+    pub tree: KdTree,
+    pub report: Report,
+    pub upload: Duration,
+    pub build: Duration,
+    pub layout: Duration,
+    /// How many builds these are medians of; one more came before.
+    pub builds: usize,
+    /// Of one more build, if profiled: name, dispatches and time of every kernel.
+    pub kernels: Vec<Kernel>,
+}
+
+/// Time of one kernel in a build.
+#[derive(Clone, Debug, serde::Serialize)]
+pub(super) struct Kernel {
+    pub name: &'static str,
+    pub dispatches: u32,
+    pub ms: f64,
+    /// Bytes read and written in buffers, if they were counted.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bytes: Option<u64>,
+}
+
+/// Builds once to warm up, then several times.
+pub(super) fn build(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Result<BuildMeasure, Error> {
+    let plain = BuildOptions { profile: false, ..options.clone() };
+    let start = Instant::now();
+    let mut scene = Scene::build(device, mesh, &plain)?;
+    let times = if start.elapsed() > SLOW { SLOW_TIMES } else { TIMES };
+    wake(&scene)?;
+    let (mut upload, mut build, mut layout) = (Vec::new(), Vec::new(), Vec::new());
+    for _ in 0..times {
+        // The one before goes first: peak memory is that of one build.
+        drop(scene);
+        scene = Scene::build(device, mesh, &plain)?;
+        let BuildTimes { upload: up, build: kernels, layout: laid, .. } = *scene.times();
+        upload.push(up);
+        build.push(kernels);
+        layout.push(laid);
+    }
+    let mut kernels = Vec::new();
+    if options.profile {
+        let profiled = Scene::build(device, mesh, options)?;
+        let moved = moved(device, mesh, options)?;
+        let row = |&KernelTimes { name, dispatches, time, bytes }: &KernelTimes| Kernel {
+            name,
+            dispatches,
+            ms: ms(time),
+            bytes: bytes.or_else(|| moved.iter().find(|kernel| kernel.name == name)?.bytes),
+        };
+        kernels = profiled.times().kernels.iter().map(row).collect();
+    }
+    let tree = scene.tree()?;
+    let report = tree.validate().map_err(|error| Error::DeviceFailed {
+        adapter: device.name().to_owned(),
+        what: format!("it built a {error}"),
+    })?;
+    let [upload, build, layout] = [upload, build, layout].map(median);
+    Ok(BuildMeasure { scene, tree, report, upload, build, layout, builds: times, kernels })
+}
+
+/// What kernels move that ran on a GPU: the same ones are counted on the CPU, if compiled to.
+fn moved(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Result<Vec<KernelTimes>, Error> {
+    let cpu = Device::cpu();
+    let counted = match device {
+        _ if device.kind() == "cpu" || !cfg!(feature = "traffic") => return Ok(Vec::new()),
+        _ if options.builder == Builder::Exact => Scene::exact_by_kernels(&cpu, mesh, options, EXACT_SMALL)?,
+        _ => Scene::build(&cpu, mesh, options)?,
+    };
+    Ok(counted.times().kernels.clone())
+}
+
+/// Traces rays once to warm up, then several times while they stay on the device.
+pub(super) fn trace(scene: &Scene, query: Query, rays: &[Ray]) -> Result<Traced, Error> {
+    let mut total = Traced { hits: Vec::with_capacity(rays.len()), ..Traced::default() };
+    for part in rays.chunks(batch(scene)) {
+        let mut upload = Vec::new();
+        let mut resident = None;
+        for _ in 0..SLOW_TIMES {
+            drop(resident.take());
+            let start = Instant::now();
+            resident = Some(scene.resident(part)?);
+            upload.push(start.elapsed());
+        }
+        let mut resident = resident.expect("made in the loop above");
+        wake(scene)?;
+        resident.trace(query)?;
+        let times = (0..TIMES).map(|_| resident.trace(query)).collect::<Result<_, _>>()?;
+        let mut download = Vec::new();
+        let mut hits = Vec::new();
+        for _ in 0..SLOW_TIMES {
+            drop(std::mem::take(&mut hits));
+            let start = Instant::now();
+            hits = resident.hits()?;
+            download.push(start.elapsed());
+        }
+        total.invalid += resident.invalid()?;
+        total.hits.append(&mut hits);
+        total.upload += median(upload);
+        total.trace += median(times);
+        total.download += median(download);
+    }
+    Ok(total)
+}
+
+/// All hits, up to a limit a ray, several times: part by part, each an eighth of what is written, so that there is not
+/// much more in memory than that.
+pub(super) fn all(scene: &Scene, rays: &[Ray], limit: u32) -> Result<AllHits, Error> {
+    let mut total = AllHits::default();
+    room(&mut total.hits, "hits", rays.len() as u64 * u64::from(limit))?;
+    room(&mut total.totals, "totals", rays.len() as u64)?;
+    let least = (PART / (size_of::<Hit>() * limit.max(1) as usize)).max(1);
+    for part in rays.chunks(rays.len().div_ceil(PARTS).max(least).min(batch(scene))) {
+        let (mut upload, mut trace, mut download) = (Vec::new(), Vec::new(), Vec::new());
+        wake(scene)?;
+        let mut all = scene.all(part, limit)?;
+        for _ in 0..TIMES {
+            drop(all);
+            all = scene.all(part, limit)?;
+            upload.push(all.upload);
+            trace.push(all.trace);
+            download.push(all.download);
+        }
+        total.hits.append(&mut all.hits);
+        total.totals.append(&mut all.totals);
+        total.invalid += all.invalid;
+        total.upload += median(upload);
+        total.trace += median(trace);
+        total.download += median(download);
+    }
+    Ok(total)
+}
+
+/// Makes room for so many.
+fn room<T>(list: &mut Vec<T>, buffer: &'static str, count: u64) -> Result<(), Error> {
+    let bytes = count.saturating_mul(size_of::<T>() as u64);
+    let reserved = usize::try_from(count).ok().and_then(|count| list.try_reserve_exact(count).ok());
+    reserved.ok_or(Error::OutOfMemory { buffer, bytes })
+}
+
+/// Median time to trace rays, less often if it takes long: for large pictures.
+pub(super) fn time(scene: &Scene, query: Query, rays: &[Ray]) -> Result<Duration, Error> {
+    let parts = rays.chunks(batch(scene)).map(|part| scene.resident(part));
+    let mut parts = parts.collect::<Result<Vec<Resident>, _>>()?;
+    let mut all = || parts.iter_mut().map(|part| part.trace(query)).sum::<Result<_, _>>();
+    wake(scene)?;
+    let first: Duration = all()?;
+    let mut times = Vec::new();
+    let mut spent = first;
+    // Short ones more often: a card that idled takes a while to come to speed.
+    while spent < ENOUGH && (times.len() < TIMES || spent < SHORT) {
+        let time = all()?;
+        spent += time;
+        times.push(time);
+    }
+    // Past the first, which was slow already: good enough.
+    Ok(if times.is_empty() { first } else { median(times) })
+}
+
+/// Most rays that the scene's device takes at once.
+fn batch(scene: &Scene) -> usize {
+    ((scene.device().limit().bytes / size_of::<Ray>() as u64) as usize).min(1 << 24)
+}
+
+fn median(mut times: Vec<Duration>) -> Duration {
+    times.sort_unstable();
+    times[times.len() / 2]
+}
+
+/// Milliseconds.
+pub(super) fn ms(time: Duration) -> f64 {
+    time.as_nanos() as f64 / 1.0e6
+}
+
+/// Millions of rays a second; none if there were no rays.
+pub(super) fn mrays(rays: usize, time: Duration) -> f64 {
+    let seconds = time.as_secs_f64();
+    if rays == 0 || seconds == 0.0 { 0.0 } else { rays as f64 / seconds * 1.0e-6 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn medians_and_rates() {
+        let seconds = |s| Duration::from_secs(s);
+        assert_eq!(median(vec![seconds(9), seconds(1), seconds(2)]), seconds(2));
+        assert_eq!(ms(Duration::from_micros(1500)), 1.5);
+        assert_eq!(mrays(3_000_000, seconds(2)), 1.5);
+        assert_eq!(mrays(0, seconds(2)), 0.0);
+        assert_eq!(mrays(5, Duration::ZERO), 0.0);
+    }
+
+    #[test]
+    fn measured_hits_are_the_scenes() {
+        let device = Device::cpu();
+        let mesh = Mesh::teapot(2);
+        let mut rays = raykd::rays::random(mesh.bounds(), 100, 1);
+        rays[3].t_max = f32::NAN;
+        let measured = build(&device, &mesh, &BuildOptions { profile: true, ..Default::default() }).unwrap();
+        assert!(!measured.kernels.is_empty());
+        let traced = trace(&measured.scene, Query::Closest, &rays).unwrap();
+        assert_eq!(traced.hits, measured.scene.closest(&rays).unwrap());
+        assert_eq!(traced.invalid, 1);
+        assert!(time(&measured.scene, Query::Any, &rays).unwrap() > Duration::ZERO);
+    }
+}

@@ -1,0 +1,280 @@
+//! Pictures of scenes.
+
+mod colour;
+mod legend;
+
+use colour::{Rgb, add, encode, heat, mix, scale};
+use raykd::{
+    Error, Hit, Mesh, Ray, Scene,
+    rays::{Camera, Random, bounces, facing_normal},
+};
+
+/// Most rays traced at a time.
+const BAND_RAYS: u64 = 1 << 22;
+/// Behind the mesh, in pictures that show numbers.
+const NOTHING: Rgb = [0.004, 0.004, 0.006];
+
+/// What colours show.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Shading {
+    /// Surfaces under a soft light.
+    Normal,
+    /// Distance: near is bright.
+    Depth,
+    /// Nodes visited and triangles tested, with a legend.
+    Heat,
+    /// A colour per triangle.
+    Id,
+    /// How much of the sky each point sees.
+    Ao,
+}
+
+/// A picture.
+#[derive(Clone, Debug)]
+pub(crate) struct Picture {
+    /// Red, green and blue of each pixel, row by row from the top left.
+    pub rgb: Vec<u8>,
+    /// Rays traced.
+    pub rays: u64,
+    /// Rays that hit something.
+    pub hits: u64,
+}
+
+/// Renders a picture with `samples` by `samples` rays a pixel.
+pub(crate) fn render(
+    scene: &Scene,
+    mesh: &Mesh,
+    camera: &Camera,
+    [width, height]: [u32; 2],
+    samples: u32,
+    shading: Shading,
+) -> Result<Picture, Error> {
+    let (across, down) = (width * samples, height * samples);
+    // Bands of whole pixels.
+    let rows = (BAND_RAYS / u64::from(across * samples)).clamp(1, height.into()) as u32;
+    let artist = Artist::new(mesh, camera, [across, down], shading);
+    let mut hit = 0;
+    let mut pixels: Vec<Rgb> = Vec::with_capacity(width as usize * height as usize);
+    for first in (0..height).step_by(rows as usize) {
+        let band = first * samples..(first + rows).min(height) * samples;
+        let rays = camera.rows(across, down, band.clone());
+        let (hits, seen): (_, Vec<Rgb>) = if shading == Shading::Heat {
+            let (hits, steps) = scene.steps(&rays)?;
+            let seen = steps.iter().map(|s| [(s.inner + s.leaves + s.tests) as f32; 3]).collect();
+            (hits, seen)
+        } else if shading == Shading::Ao {
+            let hits = scene.closest(&rays)?;
+            let seen = sky(scene, mesh, &rays, &hits, band.start)?;
+            (hits, seen)
+        } else {
+            let hits = scene.closest(&rays)?;
+            let row = |i: usize| band.start + (i / across as usize) as u32;
+            let seen = (0..rays.len()).map(|i| artist.paint(&rays[i], &hits[i], row(i))).collect();
+            (hits, seen)
+        };
+        hit += hits.iter().filter(|hit| hit.is_hit()).count() as u64;
+        pixels.extend(means(&seen, across as usize, samples as usize));
+    }
+    let rgb = if shading == Shading::Heat {
+        let full = legend::full_scale(pixels.iter().map(|pixel| pixel[0]));
+        let mut rgb: Vec<u8> = pixels.iter().flat_map(|pixel| encode(heat(pixel[0] / full))).collect();
+        legend::draw(&mut rgb, [width as usize, height as usize], full, "STEPS PER RAY");
+        rgb
+    } else {
+        pixels.iter().flat_map(|&pixel| encode(pixel)).collect()
+    };
+    Ok(Picture { rgb, rays: u64::from(across) * u64::from(down), hits: hit })
+}
+
+/// Rays of ambient occlusion from every point seen.
+const SKY_RAYS: u64 = 16;
+/// Their length, in diagonals of the mesh: what is farther off does not darken.
+const SKY_REACH: f64 = 0.2;
+
+/// How many rays a picture of so many primary ones takes in all: of those about half hit what fills the picture.
+pub(crate) const fn rays_of(shading: Shading, primary: u64) -> u64 {
+    match shading {
+        Shading::Ao => primary + primary / 2 * SKY_RAYS,
+        Shading::Normal | Shading::Depth | Shading::Heat | Shading::Id => primary,
+    }
+}
+
+/// The share of rays around each point's normal that get away.
+fn sky(scene: &Scene, mesh: &Mesh, rays: &[Ray], hits: &[Hit], seed: u32) -> Result<Vec<Rgb>, Error> {
+    let (lo, hi) = mesh.bounds();
+    let across = minus(hi.map(f64::from), lo.map(f64::from));
+    let reach = (along(across, across).sqrt() * SKY_REACH) as f32;
+    let mut open = vec![0.0; hits.iter().filter(|hit| hit.is_hit()).count()];
+    for round in 0..SKY_RAYS {
+        let mut around = bounces(mesh, rays, hits, u64::from(seed) * SKY_RAYS + round);
+        around.iter_mut().for_each(|ray| ray.t_max = reach);
+        for (open, hit) in open.iter_mut().zip(scene.any(&around)?) {
+            *open += if hit.is_hit() { 0.0 } else { 1.0 / SKY_RAYS as f32 };
+        }
+    }
+    let mut open = open.into_iter();
+    let mut paint = |hit: &Hit| if hit.is_hit() { open.next().map(|share| [share * 0.9; 3]) } else { None };
+    Ok(hits.iter().map(|hit| paint(hit).unwrap_or(NOTHING)).collect())
+}
+
+/// The corners of the triangles that can be seen.
+pub(crate) fn corners(mesh: &Mesh) -> impl Iterator<Item = [f32; 3]> {
+    let corner = |i: u32| mesh.positions()[i as usize];
+    mesh.kept().iter().flat_map(move |&triangle| mesh.triangles()[triangle as usize].map(corner))
+}
+
+/// The mean of each block of `samples` by `samples` values in rows of `across`.
+fn means(seen: &[Rgb], across: usize, samples: usize) -> Vec<Rgb> {
+    let share = 1.0 / (samples * samples) as f32;
+    let mut out = Vec::with_capacity(seen.len() / (samples * samples));
+    for rows in seen.chunks(across * samples) {
+        for x in (0..across).step_by(samples) {
+            let block = rows.chunks(across).flat_map(|row| &row[x..x + samples]);
+            out.push(scale(block.fold([0.0; 3], |sum, &value| add(sum, value)), share));
+        }
+    }
+    out
+}
+
+/// Knows what colour a ray's answer has.
+struct Artist<'a> {
+    mesh: &'a Mesh,
+    shading: Shading,
+    rows: u32,
+    /// Directions of the camera: right, up, forward.
+    frame: [[f64; 3]; 3],
+    /// Distances between which depth fades.
+    fade: [f64; 2],
+    eye: [f64; 3],
+}
+
+impl<'a> Artist<'a> {
+    fn new(mesh: &'a Mesh, camera: &Camera, [_, rows]: [u32; 2], shading: Shading) -> Self {
+        let frame = camera.frame();
+        let mut fade = [f64::INFINITY, 0.0f64];
+        for point in corners(mesh) {
+            let depth = along(frame[2], minus(point.map(f64::from), camera.eye));
+            fade = [fade[0].min(depth.max(0.0)), fade[1].max(depth)];
+        }
+        Self { mesh, shading, rows, frame, fade, eye: camera.eye }
+    }
+
+    /// The colour of a ray of the given row.
+    fn paint(&self, ray: &Ray, hit: &Hit, row: u32) -> Rgb {
+        match self.shading {
+            Shading::Normal if hit.is_hit() => self.surface(ray, hit),
+            Shading::Normal => {
+                // A sky that is darkest at the top.
+                let down = (row as f32 + 0.5) / self.rows as f32;
+                mix([0.030, 0.045, 0.075], [0.33, 0.36, 0.40], down * down)
+            }
+            _ if !hit.is_hit() => NOTHING,
+            Shading::Depth => {
+                let point = [0, 1, 2]
+                    .map(|a| f64::from(ray.origin[a]) + f64::from(ray.direction[a]) * f64::from(hit.t));
+                let depth = along(self.frame[2], minus(point, self.eye));
+                let [near, far] = self.fade;
+                let share = ((depth - near) / (far - near).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+                [(0.03 + 0.97 * (1.0 - share).powi(3)) as f32; 3]
+            }
+            Shading::Id | Shading::Heat | Shading::Ao => {
+                let mut random = Random::new(hit.triangle.into());
+                [(); 3].map(|()| (0.04 + 0.9 * random.unit() * random.unit()) as f32)
+            }
+        }
+    }
+
+    /// A clay surface under a warm lamp at the upper left, a cool sky and a little light from the camera.
+    fn surface(&self, ray: &Ray, hit: &Hit) -> Rgb {
+        let normal = facing_normal(self.mesh, ray, hit);
+        let [right, up, forward] = self.frame;
+        let toward = |r: f64, u: f64, f: f64| {
+            let length = (r * r + u * u + f * f).sqrt();
+            let light = [0, 1, 2].map(|a| (right[a] * r + up[a] * u - forward[a] * f) / length);
+            along(normal, light).max(0.0) as f32
+        };
+        let sky = (0.5 + 0.5 * along(normal, up)) as f32;
+        let light = [
+            scale([1.00, 0.93, 0.82], 1.05 * toward(-0.60, 0.70, 0.45)),
+            scale([0.55, 0.65, 0.85], 0.22 * toward(0.9, 0.1, 0.25)),
+            scale([1.00, 1.00, 1.00], 0.10 * toward(0.0, 0.0, 1.0)),
+            scale(mix([0.16, 0.13, 0.11], [0.42, 0.50, 0.62], sky), 0.34),
+        ];
+        let [r, g, b] = light.into_iter().fold([0.0; 3], add);
+        [r * 0.72, g * 0.64, b * 0.56]
+    }
+}
+
+fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+fn along(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use raykd::{BuildOptions, Device};
+
+    /// A square of two triangles, two by two, facing +z.
+    fn square() -> Mesh {
+        let corners = vec![[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]];
+        Mesh::new(corners, vec![[0, 1, 2], [0, 2, 3]]).unwrap()
+    }
+
+    #[test]
+    fn means_of_blocks() {
+        let seen: Vec<Rgb> = (0..16).map(|i| [i as f32; 3]).collect();
+        let blocks: Vec<f32> = means(&seen, 4, 2).iter().map(|value| value[0]).collect();
+        assert_eq!(blocks, [2.5, 4.5, 10.5, 12.5]);
+        assert_eq!(means(&seen, 4, 1), seen);
+    }
+
+    #[test]
+    fn silhouette_of_a_square() {
+        let (device, mesh) = (Device::cpu(), square());
+        let scene = Scene::build(&device, &mesh, &BuildOptions::default()).unwrap();
+        // 90 degrees from 2 away: 4 units across, of which the square takes 2.
+        let camera = Camera { eye: [0.0, 0.0, 2.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov: 90.0 };
+        for (shading, samples) in [(Shading::Id, 1), (Shading::Depth, 1), (Shading::Normal, 2)] {
+            let picture = render(&scene, &mesh, &camera, [64, 64], samples, shading).unwrap();
+            assert_eq!(picture.hits, 32 * 32 * u64::from(samples * samples));
+            assert_eq!(picture.rgb.len(), 64 * 64 * 3);
+            let pixel = |x: usize, y: usize| &picture.rgb[(y * 64 + x) * 3..][..3];
+            assert_ne!(pixel(20, 40), pixel(2, 40), "{shading:?}");
+            assert_eq!(pixel(2, 40), pixel(60, 40), "{shading:?}");
+        }
+        let picture = render(&scene, &mesh, &camera, [64, 64], 1, Shading::Id).unwrap();
+        let colours: std::collections::BTreeSet<&[u8]> = picture.rgb.chunks(3).collect();
+        assert_eq!(colours.len(), 3, "the two triangles and nothing");
+    }
+
+    #[test]
+    fn a_corner_sees_less_sky_than_an_open_square() {
+        let (device, open) = (Device::cpu(), square());
+        let mut points = open.positions().to_vec();
+        points.extend([[-1.0, -1.0, 2.0], [1.0, -1.0, 2.0]]);
+        let corner = Mesh::new(points, vec![[0, 1, 2], [0, 2, 3], [0, 1, 5], [0, 5, 4]]).unwrap();
+        let camera = Camera { eye: [0.0, 0.0, 1.9], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov: 60.0 };
+        let [open, corner] = [open, corner].map(|mesh| {
+            let scene = Scene::build(&device, &mesh, &BuildOptions::default()).unwrap();
+            let picture = render(&scene, &mesh, &camera, [32, 32], 1, Shading::Ao).unwrap();
+            picture.rgb.iter().map(|&x| u64::from(x)).sum::<u64>()
+        });
+        assert!(corner < open, "{corner} {open}");
+    }
+
+    #[test]
+    fn bands_do_not_show() {
+        let (device, mesh) = (Device::cpu(), square());
+        let scene = Scene::build(&device, &mesh, &BuildOptions::default()).unwrap();
+        let camera = Camera::framing(mesh.bounds());
+        // So broad that a band is few rows.
+        let size = [16384, 600];
+        let picture = render(&scene, &mesh, &camera, size, 1, Shading::Id).unwrap();
+        let hits = scene.closest(&camera.rays(size[0], size[1])).unwrap();
+        assert_eq!(picture.hits, hits.iter().filter(|hit| hit.is_hit()).count() as u64);
+    }
+}
