@@ -1,12 +1,12 @@
 //! `--quality auto`: device, builder and traversal by what a scene and a number of rays need.
 
-use super::{
+use crate::{
     args::{HowArgs, OneArgs, Quality},
     calibrate,
     machine::{Machine, candidates},
     notes::Notes,
+    report::{count, three},
 };
-use crate::report::{count, three};
 use raykd::{
     BuildOptions, Device, Error, Mesh, Traversal,
     plan::{Calibration, Plan, choose},

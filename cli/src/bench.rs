@@ -1,24 +1,79 @@
 //! `raykd bench`: the talk's two tables, and whether the devices agree.
 
-use super::{
+use crate::{
     amount::{self, Amount},
-    args::BenchArgs,
+    args::{HowArgs, ReadArgs, WalkArgs, WhichArgs},
     changes,
+    files::Files,
     input::{Input, RepairCounts},
     machine::Machines,
-    measure::{self, Kernel, mrays, ms},
+    measure::{self, Kernel, kernel_table, mrays, ms},
     notes::Notes,
-    write_json,
+    report::{Table, bytes, count, three, write_json},
+    task::{On, Task},
 };
-use crate::report::{Table, bytes, count, three};
+use clap::Parser;
 use raykd::{
     BuildOptions, Device, Error, Query, Ray, hits_digest,
     rays::{self, sets::Sets},
 };
 use std::{
+    ffi::OsString,
     io::{StdoutLock, Write},
+    path::PathBuf,
     process::ExitCode,
 };
+
+const EXAMPLES: &str = "\
+Sets of rays, the same on every machine, by which raykd is compared with others:
+  a      50,000 from the sphere around the box to uniform points of the box
+  b      a picture of 1024 x 1024, pixel centres; teapot, dragons and sponza have cameras of their own
+  c      a cosine-distributed bounce from every hit of b
+  d      from the same points to a ball light: its closest hit, and whether there is any
+
+Examples:
+  raykd bench                                   the teapot on both devices
+  raykd bench teapot:30 dragon --rays 1000000   two scenes, a million rays
+  raykd bench dragon --device cpu --threads 1   one thread
+  raykd bench dragon --intersector moeller      another triangle test, the same rays
+  raykd bench dragon --adapter nvidia --profile kernel by kernel on that GPU
+  raykd bench dragon --quality auto             what auto builds for the random rays, and what that takes
+  raykd bench dragon --json > old.json          then, with a newer raykd:
+  raykd bench dragon --compare-with old.json    what has changed, and how sure that is
+  raykd bench sponza --json | jq '.[].build_ms'";
+
+/// Build and trace scenes, time both, and compare the devices byte by byte.
+///
+/// Random rays start on the sphere around the scene and aim into its box, always the same ones. Times are
+/// medians of 5 (of 3 where a build takes over 2 s), on the device's clock, transfers apart.
+/// Exit code 1 if trees or hits differ between the devices. With --quality auto each device builds what is best there.
+#[derive(Debug, Parser)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct BenchArgs {
+    /// Scene names or mesh files; the teapot if there are none
+    #[arg(value_name = "SCENE")]
+    pub scenes: Vec<OsString>,
+    /// Random rays to trace
+    #[arg(long, value_name = "N", default_value_t = 50_000, value_parser = clap::value_parser!(u32).range(1..=1 << 28))]
+    pub rays: u32,
+    #[command(flatten)]
+    pub walk: WalkArgs,
+    #[command(flatten)]
+    pub read: ReadArgs,
+    #[command(flatten)]
+    pub on: WhichArgs,
+    #[command(flatten)]
+    pub how: HowArgs,
+    /// Print JSON: one array, an object per scene and device
+    #[arg(long)]
+    pub json: bool,
+    /// Time every kernel of the build too; with the cargo feature traffic, tell what it moves
+    #[arg(long)]
+    pub profile: bool,
+    /// Measure three times, and tell how that differs from what another version wrote with --json
+    #[arg(long, value_name = "FILE.json", conflicts_with = "profile")]
+    pub compare_with: Option<PathBuf>,
+}
 
 /// Random rays are the same in every run.
 const SEED: u64 = 2026;
@@ -91,7 +146,26 @@ impl Row {
     }
 }
 
-pub(super) fn run(args: &BenchArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
+impl Task for BenchArgs {
+    fn on(&self) -> Option<On<'_>> {
+        Some(On::Several(&self.on))
+    }
+
+    fn files(&self) -> Files {
+        Files::of_scenes(&self.scenes).read(&[&self.how.amount.costs, &self.compare_with])
+    }
+
+    fn check(&self) -> Result<(), String> {
+        self.how.check(false)?;
+        self.walk.check(None)
+    }
+
+    fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
+        run(self, out)
+    }
+}
+
+fn run(args: &BenchArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
     let notes = Notes::new(args.json);
     if let Some(path) = &args.compare_with {
         let before = changes::read(path)?;
@@ -390,27 +464,6 @@ fn tree_table(rows: &[Row]) -> Table {
             each(row.peak_bytes),
             three(row.sah_cost),
         ]);
-    }
-    table
-}
-
-/// Where a build's time went.
-pub(super) fn kernel_table(title: &str, kernels: &[Kernel]) -> Table {
-    let total: f64 = kernels.iter().map(|kernel| kernel.ms).sum();
-    let counted = kernels.iter().any(|kernel| kernel.bytes.is_some());
-    let mut heads = vec![title, "dispatches", "ms", "%"];
-    if counted {
-        heads.extend(["MB", "GB/s"]);
-    }
-    let mut table = Table::new(heads);
-    for Kernel { name, dispatches, ms, bytes } in kernels {
-        let share = format!("{:.1}", 100.0 * ms / total.max(f64::MIN_POSITIVE));
-        let mut row = vec![(*name).to_owned(), dispatches.to_string(), three(*ms), share];
-        if counted {
-            let mb = bytes.unwrap_or(0) as f64 * 1e-6;
-            row.extend([three(mb), three(mb / ms.max(f64::MIN_POSITIVE))]);
-        }
-        table.row(row);
     }
     table
 }

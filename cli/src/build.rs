@@ -1,21 +1,70 @@
 //! `raykd build`: one tree, its statistics and its file.
 
-use super::{
+use crate::{
     amount,
-    args::BuildArgs,
-    bench::kernel_table,
+    args::{HowArgs, OneArgs, ReadArgs, Which},
     builders,
+    files::Files,
     input::{Input, RepairCounts},
-    measure::{self, Kernel, ms},
+    machine::Machines,
+    measure::{self, Kernel, kernel_table, ms},
     notes::Notes,
-    write_json,
+    report::{bytes, count, three, write_json},
+    task::{On, Task},
 };
-use crate::report::{bytes, count, three};
+use clap::Parser;
 use raykd::{BuildOptions, Device, Error, KdTree, Traversal};
 use std::{
+    ffi::OsString,
     io::{StdoutLock, Write as _},
+    path::PathBuf,
     process::ExitCode,
 };
+
+const EXAMPLES: &str = "\
+Examples:
+  raykd build dragon                            statistics of the tree
+  raykd build mesh.ply.gz -o mesh.kd            save it, for raykd trace --tree or the crate raykd-shared
+  raykd build mesh.obj --cost-test 2 --json     dearer triangle tests: more nodes, shorter leaves
+  raykd build sponza --builder exact            the best tree, more slowly
+  raykd build --compare dragon                  every builder on CPU and GPU, in a table
+  raykd build --scaling                         how build time grows with the mesh";
+
+/// Build the tree of a mesh, and print its statistics and digest; or compare builders.
+///
+/// --compare builds by every builder on CPU and GPU and traces a picture's rays and a bounce from each hit; exit code
+/// 1 if a builder's trees differ. --scaling builds teapots of a thousand to ten million triangles.
+#[derive(Debug, Parser)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct BuildArgs {
+    /// Scene name or mesh file
+    #[arg(required_unless_present = "scaling")]
+    pub mesh: Option<OsString>,
+    /// Save the tree to this file
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// Compare all builders on CPU and GPU
+    #[arg(long, conflicts_with_all = ["output", "builder", "profile", "scaling", "quality"])]
+    pub compare: bool,
+    /// Build teapots of many sizes on CPU and GPU
+    #[arg(long, conflicts_with_all = ["output", "profile", "mesh", "quality"])]
+    pub scaling: bool,
+    #[command(flatten)]
+    pub read: ReadArgs,
+    #[command(flatten)]
+    pub on: OneArgs,
+    #[command(flatten)]
+    pub how: HowArgs,
+    /// With --quality auto: how many rays the tree is for; left out: a million
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub rays: Option<u64>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+    /// Time every kernel too; with the cargo feature traffic, tell what it moves
+    #[arg(long)]
+    pub profile: bool,
+}
 
 /// Rays that a tree is for if nothing is said.
 const USUAL_RAYS: u64 = 1_000_000;
@@ -69,13 +118,34 @@ struct Told {
     kernels: Vec<Kernel>,
 }
 
-pub(super) fn run(args: &BuildArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
+impl Task for BuildArgs {
+    fn on(&self) -> Option<On<'_>> {
+        Some(On::One(&self.on))
+    }
+
+    fn files(&self) -> Files {
+        Files::of_scenes(self.mesh.as_slice()).read(&[&self.how.amount.costs]).write(self.output.clone())
+    }
+
+    fn check(&self) -> Result<(), String> {
+        self.how.check(self.rays.is_some())
+    }
+
+    fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
+        run(self, out)
+    }
+}
+
+fn run(args: &BuildArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
     let notes = Notes::new(args.json);
+    let several = || Machines::choose(args.on.device.map(Which::from), &args.on.more, &notes);
+    let options = args.how.tree.options();
     if args.compare {
-        return builders::compare(args, &notes, out);
+        let input = Input::load(args.mesh.as_deref().unwrap_or_default(), args.read, &notes)?;
+        return builders::compare(&input, &several()?, (&options, args.json), &notes, out);
     }
     if args.scaling {
-        return builders::scaling(args, &notes, out);
+        return builders::scaling(&several()?, (&options, args.json), &notes, out);
     }
     let input = Input::load(args.mesh.as_deref().unwrap_or_default(), args.read, &notes)?;
     let job = (&input.mesh, args.rays.unwrap_or(USUAL_RAYS));

@@ -1,14 +1,12 @@
 //! `raykd build --compare`: every builder on every device, in one table; `--scaling`: cost against size.
 
-use super::{
-    args::{BuildArgs, Which},
+use crate::{
     input::Input,
     machine::{Machines, at_fault},
     measure::{self, mrays, ms},
     notes::Notes,
-    write_json,
+    report::{Table, bytes, count, three, write_json},
 };
-use crate::report::{Table, bytes, count, three};
 use raykd::{BuildOptions, Builder, Device, Error, Mesh, Query, mesh::teapot_level_for, rays::sets::Sets};
 use std::{
     io::{StdoutLock, Write as _},
@@ -53,13 +51,14 @@ struct Size {
     exponent: Option<f64>,
 }
 
-fn machines(args: &BuildArgs, notes: &Notes) -> anyhow::Result<Machines> {
-    Machines::choose(args.on.device.map(Which::from), &args.on.more, notes)
-}
-
-pub(super) fn compare(args: &BuildArgs, notes: &Notes, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
-    let input = Input::load(args.mesh.as_deref().unwrap_or_default(), args.read, notes)?;
-    let machines = machines(args, notes)?;
+/// Every builder on every device, by these options but for the builder.
+pub(super) fn compare(
+    input: &Input,
+    machines: &Machines,
+    (options, json): (&BuildOptions, bool),
+    notes: &Notes,
+    out: &mut StdoutLock<'_>,
+) -> anyhow::Result<ExitCode> {
     let mut sets = None;
     let mut rows = Vec::new();
     for device in machines.iter() {
@@ -70,8 +69,8 @@ pub(super) fn compare(args: &BuildArgs, notes: &Notes, out: &mut StdoutLock<'_>)
                 builder.name(),
                 device.kind().to_uppercase()
             ));
-            let options = BuildOptions { builder, profile: false, ..args.how.tree.options() };
-            match row(device, &input, &options, &mut sets) {
+            let options = BuildOptions { builder, profile: false, ..options.clone() };
+            match row(device, input, &options, &mut sets) {
                 Ok(row) => rows.push(row),
                 Err(error) if machines.can_spare(device, &error) => {
                     notes.note(format_args!("{error}; going on without it"));
@@ -82,7 +81,7 @@ pub(super) fn compare(args: &BuildArgs, notes: &Notes, out: &mut StdoutLock<'_>)
     }
     notes.clear();
     let same = agree(&rows);
-    if args.json {
+    if json {
         write_json(out, &rows)?;
     } else {
         machines.write_names(out)?;
@@ -176,8 +175,12 @@ fn table(rows: &[Row]) -> Table {
 }
 
 /// Teapots of a thousand to ten million triangles, as far as the device has room.
-pub(super) fn scaling(args: &BuildArgs, notes: &Notes, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
-    let machines = machines(args, notes)?;
+pub(super) fn scaling(
+    machines: &Machines,
+    (options, json): (&BuildOptions, bool),
+    notes: &Notes,
+    out: &mut StdoutLock<'_>,
+) -> anyhow::Result<ExitCode> {
     let mut sizes: Vec<Size> = Vec::new();
     for device in machines.iter() {
         let mut last: Option<(f64, f64)> = None;
@@ -189,7 +192,7 @@ pub(super) fn scaling(args: &BuildArgs, notes: &Notes, out: &mut StdoutLock<'_>)
                 count(number as u64),
                 device.kind().to_uppercase()
             ));
-            let options = BuildOptions { profile: false, ..args.how.tree.options() };
+            let options = BuildOptions { profile: false, ..options.clone() };
             let built = match measure::build(device, &mesh, &options) {
                 Ok(built) => built,
                 Err(error) if at_fault(&error) => {
@@ -211,7 +214,7 @@ pub(super) fn scaling(args: &BuildArgs, notes: &Notes, out: &mut StdoutLock<'_>)
         }
     }
     notes.clear();
-    if args.json {
+    if json {
         write_json(out, &sizes)?;
         return Ok(ExitCode::SUCCESS);
     }

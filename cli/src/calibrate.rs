@@ -1,8 +1,16 @@
 //! `raykd calibrate`: what trees cost on this machine's devices.
 
-use super::{args::CalibrateArgs, chart::Checked, machine::Machines, notes::Notes, write_json};
-use crate::report::{Table, count, three};
+use crate::{
+    args::WhichArgs,
+    chart::Checked,
+    files::Files,
+    machine::Machines,
+    notes::Notes,
+    report::{Table, count, three, write_json},
+    task::{On, Task},
+};
 use anyhow::bail;
+use clap::Parser;
 use raykd::{
     Device, Error,
     internals::output,
@@ -11,9 +19,53 @@ use raykd::{
 use std::{
     io::{StdoutLock, Write as _},
     path::{Path, PathBuf},
+    process::ExitCode,
 };
 
-pub(super) fn run(args: &CalibrateArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
+const EXAMPLES: &str = "\
+Examples:
+  raykd calibrate                               all devices, into the cache
+  raykd calibrate --device cpu -o cpu.json      one device, into a file
+  raykd render dragon -o d.png --quality auto   uses what was measured
+  raykd calibrate --check teapot dragon sponza  was auto right?";
+
+/// Measure what trees cost on this machine's devices, for --quality auto, and keep that in the user's cache.
+///
+/// Leaning teapots of some sizes are built and traced by every choice that auto has. The cache is the folder named by
+/// RAYKD_CACHE, or raykd in the system's. --check measures scenes instead, and tells how well auto would do there; more
+/// than a million rays are not traced: the rate goes on.
+#[derive(Debug, Parser)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct CalibrateArgs {
+    /// Write the costs of one device to this file, not to the cache
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    /// Compare auto's choices with the best in hindsight, for 1e3 to 1e9 rays at these scenes
+    #[arg(long, value_name = "SCENE", num_args = 1.., conflicts_with = "output")]
+    pub check: Vec<String>,
+    #[command(flatten)]
+    pub on: WhichArgs,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl Task for CalibrateArgs {
+    fn on(&self) -> Option<On<'_>> {
+        Some(On::Several(&self.on))
+    }
+
+    fn files(&self) -> Files {
+        Files::of_scenes(&self.check).write(self.output.clone())
+    }
+
+    fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
+        run(self, out)?;
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+fn run(args: &CalibrateArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
     let notes = Notes::new(args.json);
     let machines = Machines::choose(args.on.device, &args.on.more, &notes)?;
     if args.output.is_some() && machines.iter().count() > 1 {

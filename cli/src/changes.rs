@@ -1,7 +1,6 @@
 //! `raykd bench --compare-with`: what changed since another version, and how sure that is.
 
-use super::write_json;
-use crate::report::{Table, three};
+use crate::report::{Table, three, write_json};
 use anyhow::{Context as _, bail};
 use raykd::internals::quoted;
 use serde_json::Value;

@@ -1,16 +1,16 @@
 //! `raykd trace --compare`: every traversal on every device, in one table.
 
-use super::{
-    args::{TraceArgs, Which},
+use crate::{
     input::Input,
     machine::Machines,
     measure::{self, mrays},
     notes::Notes,
-    trace::Rays,
-    write_json,
+    ray_file::Rays,
+    report::{Table, bytes, count, three, write_json},
 };
-use crate::report::{Table, bytes, count, three};
-use raykd::{Device, Error, Query, Ray, RaySteps, Scene, Traversal, internals::digest_of, rays};
+use raykd::{
+    BuildOptions, Device, Error, Query, Ray, RaySteps, Scene, Traversal, internals::digest_of, rays,
+};
 use std::{
     io::{StdoutLock, Write as _},
     process::ExitCode,
@@ -53,20 +53,30 @@ struct Sets {
     shadow: Vec<Ray>,
 }
 
+/// How traversals are compared.
+#[derive(Debug)]
+pub(super) struct How {
+    pub options: BuildOptions,
+    /// Brute force too.
+    pub brute: bool,
+    pub json: bool,
+}
+
+/// All traversals on all devices, of the rays given or a picture's.
 pub(super) fn run(
-    args: &TraceArgs,
+    input: &Input,
     given: Option<&Rays>,
+    machines: &Machines,
+    how: &How,
     notes: &Notes,
     out: &mut StdoutLock<'_>,
 ) -> anyhow::Result<ExitCode> {
-    let input = Input::load(&args.mesh, args.read, notes)?;
     let given = given.map(|rays| rays.local(input.translation));
     let given = given.as_deref();
-    let machines = Machines::choose(args.on.device.map(Which::from), &args.on.more, notes)?;
     let mut sets = None;
     let mut rows = Vec::new();
     for device in machines.iter() {
-        match compare(device, &input, args, given, &mut sets, notes) {
+        match compare(device, input, how, given, &mut sets, notes) {
             Ok(more) => rows.extend(more),
             Err(error) if machines.can_spare(device, &error) => {
                 notes.note(format_args!("{error}; going on with the CPU alone"));
@@ -76,7 +86,7 @@ pub(super) fn run(
     }
     notes.clear();
     let same = agree(&rows);
-    if args.json {
+    if how.json {
         write_json(out, &rows)?;
     } else {
         machines.write_names(out)?;
@@ -104,14 +114,14 @@ fn agree(rows: &[Row]) -> bool {
 fn compare(
     device: &Device,
     input: &Input,
-    args: &TraceArgs,
+    how: &How,
     given: Option<&[Ray]>,
     sets: &mut Option<Sets>,
     notes: &Notes,
 ) -> Result<Vec<Row>, Error> {
     let mesh = &input.mesh;
     notes.stage(format_args!("{}: building on the {}", input.name, device.kind().to_uppercase()));
-    let mut scene = Scene::build(device, mesh, &args.how.tree.options())?;
+    let mut scene = Scene::build(device, mesh, &how.options)?;
     if sets.is_none() {
         let camera = || rays::Camera::framing(mesh.bounds()).rays(PICTURE, PICTURE);
         let primary = given.map_or_else(camera, <[Ray]>::to_vec);
@@ -122,7 +132,7 @@ fn compare(
         *sets = Some(Sets { primary, diffuse, shadow });
     }
     let sets = sets.as_ref().expect("made above");
-    let traversals = Traversal::ALL.into_iter().filter(|&way| args.brute || way != Traversal::Brute);
+    let traversals = Traversal::ALL.into_iter().filter(|&way| how.brute || way != Traversal::Brute);
     traversals
         .map(|traversal| {
             notes.stage(format_args!("{}: {traversal} on the {}", input.name, device.kind().to_uppercase()));

@@ -1,9 +1,33 @@
 //! `raykd devices`: what there is to run on.
 
-use super::{args::DevicesArgs, notes::Notes, write_json};
-use crate::report::bytes;
+use crate::{
+    files::Files,
+    notes::Notes,
+    report::{bytes, write_json},
+    task::{On, Task},
+};
+use clap::Parser;
 use raykd::{Device, Error};
 use std::io::{StdoutLock, Write as _};
+use std::process::ExitCode;
+
+const EXAMPLES: &str = "\
+Every adapter computes some thousand sums and products, which are compared with the CPU's. One
+that rounds otherwise, contracts or rearranges would build other trees: it is refused, unless
+RAYKD_ALLOW_INEXACT=1 is set.
+
+Examples:
+  raykd devices
+  raykd devices --json | jq -r '.[].adapter'";
+
+/// List what raykd can run on: adapters, drivers, limits, and whether they compute exactly.
+#[derive(Debug, Parser)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct DevicesArgs {
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
 
 /// One device; fields that only adapters have are missing for the CPU.
 #[derive(Debug, Default, serde::Serialize)]
@@ -41,7 +65,22 @@ struct Vulkan {
     subnormals: Option<bool>,
 }
 
-pub(super) fn run(args: &DevicesArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
+impl Task for DevicesArgs {
+    fn on(&self) -> Option<On<'_>> {
+        None
+    }
+
+    fn files(&self) -> Files {
+        Files::default()
+    }
+
+    fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
+        run(self, out)?;
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+fn run(args: &DevicesArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
     let notes = Notes::new(args.json);
     notes.stage("probing adapters");
     let mut devices = adapters();

@@ -1,6 +1,5 @@
 //! What a command reads and writes, looked at before it does any work.
 
-use super::{args::Command, chart};
 use raykd::{
     Error,
     internals::{output, quoted},
@@ -13,41 +12,42 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Finds out whether a command's outputs can be written, and none of them is one of its inputs.
-///
-/// # Errors
-/// Nothing could be written there; an output or standard output is the same file as an input, or both are one.
-pub(super) fn check(command: &Command) -> Result<(), Error> {
-    let (read, written) = inputs_and_outputs(command);
-    for output in &written {
-        output::check(output)?;
-    }
-    apart(&read, &written)
+/// What a command reads and writes.
+#[derive(Debug, Default)]
+pub(super) struct Files {
+    read: Vec<PathBuf>,
+    written: Vec<PathBuf>,
 }
 
-fn inputs_and_outputs(command: &Command) -> (Vec<PathBuf>, Vec<PathBuf>) {
-    fn scenes(names: &[impl AsRef<OsStr>]) -> Vec<PathBuf> {
-        names.iter().filter_map(|name| file_of(name.as_ref())).collect()
+impl Files {
+    /// Reads scenes that have files.
+    pub(super) fn of_scenes(names: &[impl AsRef<OsStr>]) -> Self {
+        let read = names.iter().filter_map(|name| file_of(name.as_ref())).collect();
+        Self { read, written: Vec::new() }
     }
-    let and = |scenes: Vec<PathBuf>, more: &[&Option<PathBuf>]| -> Vec<PathBuf> {
-        scenes.into_iter().chain(more.iter().copied().flatten().cloned()).collect()
-    };
-    let (read, written) = match command {
-        Command::Bench(a) => (and(scenes(&a.scenes), &[&a.how.amount.costs, &a.compare_with]), None),
-        Command::Build(a) => (and(scenes(a.mesh.as_slice()), &[&a.how.amount.costs]), a.output.clone()),
-        Command::Trace(a) => {
-            let more = [&a.rays, &a.tree, &a.how.amount.costs];
-            (and(scenes(std::slice::from_ref(&a.mesh)), &more), a.hits.clone())
+
+    /// Reads these too.
+    pub(super) fn read(mut self, more: &[&Option<PathBuf>]) -> Self {
+        self.read.extend(more.iter().copied().flatten().cloned());
+        self
+    }
+
+    /// Writes these.
+    pub(super) fn write(mut self, outputs: impl IntoIterator<Item = PathBuf>) -> Self {
+        self.written.extend(outputs);
+        self
+    }
+
+    /// Finds out whether the outputs can be written, and none of them is one of the inputs.
+    ///
+    /// # Errors
+    /// Nothing could be written there; an output or standard output is the same file as an input, or both are one.
+    pub(super) fn check(&self) -> Result<(), Error> {
+        for output in &self.written {
+            output::check(output)?;
         }
-        Command::Render(a) => {
-            (and(scenes(std::slice::from_ref(&a.mesh)), &[&a.how.amount.costs]), Some(a.output.clone()))
-        }
-        Command::Stress(a) => (and(scenes(&a.scenes), &[&a.replay]), None),
-        Command::Chart(a) => return (and(scenes(&a.scenes), &[&a.peers]), chart::replaced(&a.output)),
-        Command::Calibrate(a) => (scenes(&a.check), a.output.clone()),
-        Command::Devices(_) => (Vec::new(), None),
-    };
-    (read, written.into_iter().collect())
+        apart(&self.read, &self.written)
+    }
 }
 
 /// The file of a scene, if it has one.

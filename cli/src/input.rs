@@ -1,7 +1,6 @@
 //! Meshes, as every command reads them.
 
-use super::{args::ReadArgs, notes::Notes};
-use crate::report::three;
+use crate::{args::ReadArgs, notes::Notes, report::three};
 use raykd::{
     Mesh,
     mesh::{Repairs, Scene, Spot},

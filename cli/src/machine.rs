@@ -1,6 +1,6 @@
 //! Which device a command runs on.
 
-use super::{
+use crate::{
     args::{MachineArgs, One, Which},
     notes::Notes,
 };

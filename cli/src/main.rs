@@ -8,6 +8,7 @@ mod builders;
 mod calibrate;
 mod changes;
 mod chart;
+mod command;
 mod compare;
 mod devices;
 mod files;
@@ -16,18 +17,20 @@ mod machine;
 mod measure;
 mod notes;
 mod picture;
+mod ray_file;
 mod render;
 mod report;
 #[cfg(unix)]
 mod signals;
 mod stress;
+mod task;
 mod trace;
 
-use args::{Args, Command};
 use clap::{
     Parser as _,
     error::{ContextKind, ContextValue},
 };
+use command::Args;
 use raykd::internals::{QUOTED, quoted};
 use std::{
     env,
@@ -49,7 +52,7 @@ fn main() -> ExitCode {
     let args = Args::try_parse().and_then(|args| args.check().map(|()| args));
     let args = args.unwrap_or_else(|error| shortened(error).exit());
     let mut out = io::stdout().lock();
-    let done = run(args, &mut out).and_then(|code| Ok(out.flush().map(|()| code)?));
+    let done = run(&args, &mut out).and_then(|code| Ok(out.flush().map(|()| code)?));
     done.unwrap_or_else(|error| {
         if reader_left(&error) {
             return ExitCode::SUCCESS;
@@ -59,19 +62,10 @@ fn main() -> ExitCode {
     })
 }
 
-fn run(args: Args, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
-    files::check(&args.command)?;
-    match args.command {
-        Command::Bench(args) => return bench::run(&args, out),
-        Command::Build(args) => return build::run(&args, out),
-        Command::Trace(args) => return trace::run(&args, out),
-        Command::Stress(args) => return stress::run(&args, out),
-        Command::Render(args) => render::run(&args, out)?,
-        Command::Chart(args) => chart::run(&args, out)?,
-        Command::Calibrate(args) => calibrate::run(&args, out)?,
-        Command::Devices(args) => devices::run(&args, out)?,
-    }
-    Ok(ExitCode::SUCCESS)
+fn run(args: &Args, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
+    let (_, task) = args.command.task();
+    task.files().check()?;
+    task.run(out)
 }
 
 /// Wrong usage, quoting no more of an argument than other messages do.
@@ -111,12 +105,6 @@ fn told(error: &anyhow::Error) -> String {
         }
     }
     text
-}
-
-/// Writes a value as JSON, indented, with a line end.
-fn write_json(out: &mut StdoutLock<'_>, value: &impl serde::Serialize) -> anyhow::Result<()> {
-    serde_json::to_writer_pretty(&mut *out, value)?;
-    Ok(writeln!(out)?)
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! Repeating builds and traces, and taking medians.
 
+use crate::report::{Table, three};
 use raykd::{
     AllHits, BuildOptions, BuildTimes, Builder, Device, Error, Hit, KdTree, KernelTimes, Mesh, Query, Ray,
     Resident, Scene, Traced, internals::EXACT_SMALL, shared::Report,
@@ -59,6 +60,27 @@ pub(super) struct Kernel {
     /// Bytes read and written in buffers, if they were counted.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bytes: Option<u64>,
+}
+
+/// Where a build's time went.
+pub(super) fn kernel_table(title: &str, kernels: &[Kernel]) -> Table {
+    let total: f64 = kernels.iter().map(|kernel| kernel.ms).sum();
+    let counted = kernels.iter().any(|kernel| kernel.bytes.is_some());
+    let mut heads = vec![title, "dispatches", "ms", "%"];
+    if counted {
+        heads.extend(["MB", "GB/s"]);
+    }
+    let mut table = Table::new(heads);
+    for Kernel { name, dispatches, ms, bytes } in kernels {
+        let share = format!("{:.1}", 100.0 * ms / total.max(f64::MIN_POSITIVE));
+        let mut row = vec![(*name).to_owned(), dispatches.to_string(), three(*ms), share];
+        if counted {
+            let mb = bytes.unwrap_or(0) as f64 * 1e-6;
+            row.extend([three(mb), three(mb / ms.max(f64::MIN_POSITIVE))]);
+        }
+        table.row(row);
+    }
+    table
 }
 
 /// Builds once to warm up, then several times.

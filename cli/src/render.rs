@@ -1,17 +1,18 @@
 //! `raykd render`: a picture.
 
-use super::{
+use crate::{
     amount,
-    args::{RenderArgs, Shading as Wish},
+    args::{HowArgs, OneArgs, ReadArgs, WalkArgs, point, size, within},
+    files::Files,
     input::Input,
     measure::ms,
     notes::Notes,
-};
-use crate::{
     picture::{Picture, Shading, corners, rays_of, render},
     report::count,
+    task::{On, Task},
 };
 use anyhow::{Context as _, bail};
+use clap::Parser;
 use image::{ExtendedColorType, ImageEncoder as _, codecs::png::PngEncoder};
 use raykd::{
     Device, Error, Scene,
@@ -19,11 +20,82 @@ use raykd::{
     rays::Camera,
 };
 use std::{
+    ffi::OsString,
     io::{self, StdoutLock, Write as _},
+    path::PathBuf,
+    process::ExitCode,
     time::Instant,
 };
 
-pub(super) fn run(args: &RenderArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
+const EXAMPLES: &str = "\
+Examples:
+  raykd render teapot:20 -o teapot.png
+  raykd render dragon -o heat.png --shading heat --size 1920x1080
+  raykd render sponza -o hall.png --eye=-10,4,0 --target 10,5,0 --fov 70";
+
+/// Make a picture of a mesh.
+#[derive(Debug, Parser)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct RenderArgs {
+    /// Scene name or mesh file
+    pub mesh: OsString,
+    /// The picture, a PNG file
+    #[arg(short, long, value_name = "FILE.png")]
+    pub output: PathBuf,
+    /// Width and height in pixels
+    #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = size)]
+    pub size: [u32; 2],
+    /// What colours show
+    #[arg(long, value_enum, default_value_t = Shading::Normal)]
+    pub shading: Shading,
+    #[command(flatten)]
+    pub walk: WalkArgs,
+    /// Rays per pixel are the square of this; left out: 2 for normal, else 1
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=8))]
+    pub samples: Option<u32>,
+    /// Where the camera is; left out: far enough to see the whole mesh
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    pub eye: Option<[f64; 3]>,
+    /// What it looks at; left out: the middle of the mesh
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, requires = "eye")]
+    pub target: Option<[f64; 3]>,
+    /// Which way is up
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, default_value = "0,1,0")]
+    pub up: [f64; 3],
+    /// Angle of view from bottom to top, in degrees
+    #[arg(long, value_name = "DEGREES", default_value = "40", value_parser = within(0.1_f64, 170.0))]
+    pub fov: f64,
+    #[command(flatten)]
+    pub read: ReadArgs,
+    #[command(flatten)]
+    pub on: OneArgs,
+    #[command(flatten)]
+    pub how: HowArgs,
+}
+
+impl Task for RenderArgs {
+    fn on(&self) -> Option<On<'_>> {
+        Some(On::One(&self.on))
+    }
+
+    fn files(&self) -> Files {
+        Files::of_scenes(std::slice::from_ref(&self.mesh))
+            .read(&[&self.how.amount.costs])
+            .write([self.output.clone()])
+    }
+
+    fn check(&self) -> Result<(), String> {
+        self.how.check(false)?;
+        self.walk.check((self.shading == Shading::Heat).then_some("counting steps"))
+    }
+
+    fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
+        run(self, out)?;
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+fn run(args: &RenderArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
     let notes = Notes::new(false);
     let extension = args.output.extension().map(std::ffi::OsStr::to_ascii_lowercase);
     if extension.is_none_or(|e| e != "png") {
@@ -31,13 +103,7 @@ pub(super) fn run(args: &RenderArgs, out: &mut StdoutLock<'_>) -> anyhow::Result
     }
     let input = Input::load(&args.mesh, args.read, &notes)?;
     let camera = camera(args, &input)?;
-    let shading = match args.shading {
-        Wish::Normal => Shading::Normal,
-        Wish::Depth => Shading::Depth,
-        Wish::Heat => Shading::Heat,
-        Wish::Id => Shading::Id,
-        Wish::Ao => Shading::Ao,
-    };
+    let shading = args.shading;
     let samples = args.samples.unwrap_or(if shading == Shading::Normal { 2 } else { 1 });
     let rays = u64::from(args.size[0]) * u64::from(args.size[1]) * u64::from(samples * samples);
     let rays = rays_of(shading, rays);

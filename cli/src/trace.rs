@@ -1,28 +1,108 @@
 //! `raykd trace`: a file of rays to a file of hits.
 
-use super::{
+use crate::{
     amount,
-    args::{Ask, TraceArgs},
+    args::{HowArgs, OneArgs, ReadArgs, WalkArgs, Which},
     compare,
+    files::Files,
     input::{Input, RepairCounts},
+    machine::Machines,
     measure::{self, mrays, ms},
     notes::Notes,
-    write_json,
+    ray_file::Rays,
+    report::{count, three, write_json},
+    task::{On, Task},
 };
-use crate::report::{count, three};
-use anyhow::bail;
+use clap::{Parser, ValueEnum};
 use raykd::{
-    AllHits, BuildOptions, Device, Error, Hit, KdTree, Query, Ray, Ray64, Scene, Traced, Traversal,
+    AllHits, BuildOptions, Device, Error, Hit, KdTree, Query, Ray, Scene, Traced, Traversal,
     internals::{digest_of, output, quoted},
-    rays::AnyRay,
 };
 use std::{
-    borrow::Cow,
+    ffi::OsString,
     io::{StdoutLock, Write as _},
-    path::Path,
+    path::{Path, PathBuf},
     process::ExitCode,
     time::{Duration, Instant},
 };
+
+const EXAMPLES: &str = "\
+Rays: records of 8 little-endian f32: origin x y z, direction x y z, t_min, t_max (may be
+infinite), in the mesh's own coordinates; with --f64, of 8 f64. Hits: records of u32 triangle
+(0xFFFFFFFF: none), f32 t, f32 u, f32 v, one a ray, in the order of the rays. Triangles are
+numbered from 0 in file order. Rays that are none (NaN, zero direction) miss and are counted.
+--query all writes LIMIT records a ray, by rising t, the rest of them misses; --query count writes
+one u32 a ray.
+
+Examples:
+  raykd trace mesh.ply --rays rays.bin --hits hits.bin
+  raykd trace mesh.ply --rays rays.bin --hits hits.bin --any --device cpu --threads 1
+  raykd trace mesh.ply --rays rays.bin --hits hits.bin --query all --limit 4
+  raykd trace --compare dragon                  every traversal on CPU and GPU, in a table
+  raykd trace --compare teapot --brute          brute force too
+  raykd trace mesh.ply --tree mesh.kd --rays rays.bin --hits hits.bin --json";
+
+/// Trace a file of rays, and write a file of hits; or compare all traversals.
+///
+/// Times are medians of 5 traces, on the device's clock, transfers apart. --compare takes a picture's rays, or
+/// those of a file, one diffuse bounce from each hit, and one shadow ray; exit code 1 if any hits differ.
+#[derive(Debug, Parser)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct TraceArgs {
+    /// Scene name or mesh file
+    pub mesh: OsString,
+    /// File of rays
+    #[arg(long, value_name = "FILE", required_unless_present = "compare")]
+    pub rays: Option<PathBuf>,
+    /// Rays are records of f64, for meshes whose coordinates have more digits than f32
+    #[arg(long, requires = "rays")]
+    pub f64: bool,
+    /// File of hits to write
+    #[arg(long, value_name = "FILE", required_unless_present = "compare")]
+    pub hits: Option<PathBuf>,
+    /// Use this tree, saved by raykd build -o, rather than building one
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["TreeArgs", "quality"])]
+    pub tree: Option<PathBuf>,
+    /// What to ask of each ray
+    #[arg(long, value_enum, default_value_t = Ask::Closest)]
+    pub query: Ask,
+    /// Short for --query any
+    #[arg(long, conflicts_with = "query")]
+    pub any: bool,
+    /// With --query all: hits a ray to write; left out: 8
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=65536))]
+    pub limit: Option<u32>,
+    #[command(flatten)]
+    pub walk: WalkArgs,
+    /// Compare all traversals on CPU and GPU, rather than write hits
+    #[arg(long, conflicts_with_all = ["hits", "tree", "query", "any", "limit", "traversal", "intersector", "quality"])]
+    pub compare: bool,
+    /// With --compare: brute force too, which takes hours where the others take a second; for small scenes and few rays
+    #[arg(long)]
+    pub brute: bool,
+    #[command(flatten)]
+    pub read: ReadArgs,
+    #[command(flatten)]
+    pub on: OneArgs,
+    #[command(flatten)]
+    pub how: HowArgs,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What is asked of each ray.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Ask {
+    /// The hit with the smallest t, the lowest triangle of several
+    Closest,
+    /// Some hit
+    Any,
+    /// How many hits there are
+    Count,
+    /// The first hits, up to a limit
+    All,
+}
 
 /// Hits a ray that are written if nothing is said.
 const USUAL_LIMIT: u32 = 8;
@@ -68,12 +148,43 @@ struct Told {
     ray_upload_ms: f64,
 }
 
-pub(super) fn run(args: &TraceArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
+impl Task for TraceArgs {
+    fn on(&self) -> Option<On<'_>> {
+        Some(On::One(&self.on))
+    }
+
+    fn files(&self) -> Files {
+        Files::of_scenes(std::slice::from_ref(&self.mesh))
+            .read(&[&self.rays, &self.tree, &self.how.amount.costs])
+            .write(self.hits.clone())
+    }
+
+    fn check(&self) -> Result<(), String> {
+        if self.limit.is_some() && self.query != Ask::All {
+            return Err("--limit is for --query all".to_owned());
+        }
+        if self.brute && !self.compare {
+            return Err("--brute is for --compare".to_owned());
+        }
+        self.how.check(false)?;
+        let all = matches!(self.query, Ask::Count | Ask::All);
+        self.walk.check(all.then_some("a query for all hits"))
+    }
+
+    fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
+        run(self, out)
+    }
+}
+
+fn run(args: &TraceArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
     let notes = Notes::new(args.json);
     let limit = args.read.limit();
     let rays = args.rays.as_deref().map(|path| Rays::read(path, args.f64, limit)).transpose()?;
     let (Some(rays), Some(hits)) = (&rays, &args.hits) else {
-        return compare::run(args, rays.as_ref(), &notes, out);
+        let input = Input::load(&args.mesh, args.read, &notes)?;
+        let machines = Machines::choose(args.on.device.map(Which::from), &args.on.more, &notes)?;
+        let how = compare::How { options: args.how.tree.options(), brute: args.brute, json: args.json };
+        return compare::run(&input, rays.as_ref(), &machines, &how, &notes, out);
     };
     let mut input = Input::load(&args.mesh, args.read, &notes)?;
     let rays = &*rays.local(input.translation);
@@ -103,44 +214,6 @@ pub(super) fn run(args: &TraceArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<
         print(&told, hits, out)?
     }
     Ok(ExitCode::SUCCESS)
-}
-
-/// The rays of a file, in the mesh's own coordinates.
-pub(super) enum Rays {
-    Narrow(Vec<Ray>),
-    Wide(Vec<Ray64>),
-}
-
-impl Rays {
-    /// Reads records of 8 little-endian `f32`, or `f64` if they are wide.
-    fn read(path: &Path, wide: bool, max_bytes: u64) -> anyhow::Result<Self> {
-        const _: () =
-            assert!(cfg!(target_endian = "little"), "files are read and written as they lie in memory");
-        let bytes = raykd::internals::all_of(path, max_bytes)?;
-        let (record, number) = if wide { (size_of::<Ray64>(), "f64") } else { (size_of::<Ray>(), "f32") };
-        let extra = bytes.len() % record;
-        if extra != 0 {
-            bail!(
-                "{}: {} bytes are no whole number of rays of {record} bytes ({extra} left over); \
-                 a ray is 8 little-endian {number}: origin, direction, t_min, t_max",
-                quoted(path.display()),
-                bytes.len()
-            );
-        }
-        Ok(if wide {
-            Self::Wide(bytemuck::pod_collect_to_vec(&bytes))
-        } else {
-            Self::Narrow(bytemuck::pod_collect_to_vec(&bytes))
-        })
-    }
-
-    /// The rays for a mesh that was moved.
-    pub(super) fn local(&self, translation: [f64; 3]) -> Cow<'_, [Ray]> {
-        match self {
-            Self::Narrow(rays) => AnyRay::local(rays, translation),
-            Self::Wide(rays) => AnyRay::local(rays, translation),
-        }
-    }
 }
 
 /// Traces, and says what that took and what to write.

@@ -2,7 +2,7 @@
 
 use super::values::{one_of, within};
 use clap::ValueEnum;
-use raykd::{BuildOptions, Builder, Intersector, Traversal};
+use raykd::{BuildOptions, Builder, Error, Intersector, Traversal};
 use std::path::PathBuf;
 
 /// How the tree is built, by these options or by `auto`. Hits do not depend on it.
@@ -12,6 +12,18 @@ pub(crate) struct HowArgs {
     pub tree: TreeArgs,
     #[command(flatten)]
     pub amount: AmountArgs,
+}
+
+impl HowArgs {
+    /// Finds options that would do nothing; `rays` tells whether the number of rays was given for `auto` alone.
+    pub(crate) fn check(&self, rays: bool) -> Result<(), String> {
+        match self.amount.quality {
+            Quality::Auto => Ok(()),
+            Quality::Usual if self.amount.costs.is_some() => Err("--costs is for --quality auto".to_owned()),
+            Quality::Usual if rays => Err("--rays is for --quality auto".to_owned()),
+            Quality::Usual => Ok(()),
+        }
+    }
 }
 
 /// A tree's options. They are apart from [`HowArgs`] because clap makes a group of a struct's own options only.
@@ -77,6 +89,18 @@ pub(crate) struct WalkArgs {
     /// How triangles are tested; all but strict and exact lose hits
     #[arg(long, value_name = "NAME", default_value_t, value_parser = one_of(&Intersector::ALL, Intersector::name, Intersector::about))]
     pub intersector: Intersector,
+}
+
+impl WalkArgs {
+    /// Whether the triangle test does what is asked for: with this traversal, and `more` that only the default one does.
+    pub(crate) fn check(&self, more: Option<&str>) -> Result<(), String> {
+        let test = self.intersector;
+        let done = match more.filter(|_| test != Intersector::default()) {
+            Some(asked) => Err(Error::Intersector { name: test.name(), asked: asked.to_owned() }),
+            None => test.check(self.traversal),
+        };
+        done.map_err(|error| error.to_string())
+    }
 }
 
 /// How a tree is chosen.

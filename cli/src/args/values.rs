@@ -3,7 +3,7 @@
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 /// A parser of names; `--help` says what each is.
-pub(super) fn one_of<T: Copy + Send + Sync>(
+pub(crate) fn one_of<T: Copy + Send + Sync>(
     all: &'static [T],
     name: fn(T) -> &'static str,
     about: fn(T) -> &'static str,
@@ -14,7 +14,7 @@ pub(super) fn one_of<T: Copy + Send + Sync>(
 }
 
 /// A parser of numbers in a range.
-pub(super) fn within<T>(lo: T, hi: T) -> impl Fn(&str) -> Result<T, String> + Clone
+pub(crate) fn within<T>(lo: T, hi: T) -> impl Fn(&str) -> Result<T, String> + Clone
 where
     T: std::str::FromStr + PartialOrd + std::fmt::Display + Copy,
 {
@@ -24,14 +24,14 @@ where
     }
 }
 
-pub(super) fn size(text: &str) -> Result<[u32; 2], String> {
+pub(crate) fn size(text: &str) -> Result<[u32; 2], String> {
     let side = |text: &str| text.parse().ok().filter(|n| (1..=16384).contains(n));
     let sides = text.split_once('x').and_then(|(w, h)| Some([side(w)?, side(h)?]));
     sides.ok_or_else(|| "write it like 1024x768, each from 1 to 16384".to_owned())
 }
 
 /// A number of bytes.
-pub(super) fn bytes(text: &str) -> Result<u64, String> {
+pub(crate) fn bytes(text: &str) -> Result<u64, String> {
     let (number, shift) = match text.as_bytes().last() {
         Some(unit @ (b'K' | b'M' | b'G' | b'T')) => (
             &text[..text.len() - 1],
@@ -43,7 +43,7 @@ pub(super) fn bytes(text: &str) -> Result<u64, String> {
     bytes.ok_or_else(|| "write it like 5000000000, 500M or 5G".to_owned())
 }
 
-pub(super) fn point(text: &str) -> Result<[f64; 3], String> {
+pub(crate) fn point(text: &str) -> Result<[f64; 3], String> {
     let numbers: Option<Vec<f64>> =
         text.split(',').map(|n| n.trim().parse().ok().filter(|x: &f64| x.abs() <= 1.0e30)).collect();
     let numbers = numbers.and_then(|n| <[f64; 3]>::try_from(n).ok());

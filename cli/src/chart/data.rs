@@ -1,13 +1,13 @@
 //! What charts are drawn from: measured numbers, and how they are measured.
 
-use super::super::{
+use super::touched::{self, Share};
+use crate::report::count;
+use crate::{
     args::ReadArgs,
     input::Input,
     machine::{Machines, at_fault, is_software},
     notes::Notes,
 };
-use super::lazy::Share;
-use crate::report::count;
 use anyhow::Context as _;
 use raykd::{
     BuildOptions, Builder, Device, Error, Intersector, Mesh, Ray, Scene, Traversal,
@@ -200,7 +200,7 @@ pub(super) fn lazy<'a>(inputs: &'a [Input], machines: &'a Machines) -> Vec<Job<'
             Box::new(move |data| {
                 let exact = Choice::named("exact").expect("a choice").options();
                 let scene = Scene::build(device, &input.mesh, &exact)?;
-                data.lazy.extend(super::lazy::shares(&input.name, &input.mesh, &scene)?);
+                data.lazy.extend(touched::shares(&input.name, &input.mesh, &scene)?);
                 Ok(())
             }),
         )

@@ -11,11 +11,20 @@ mod peers;
 mod scale;
 mod talk;
 mod totals;
+mod touched;
 mod trees;
 mod verdict;
 
-use super::{args::ChartArgs, input::Input, machine::Machines, notes::Notes};
 use crate::report::{Table, count};
+use crate::{
+    args::WhichArgs,
+    files::Files,
+    input::Input,
+    machine::Machines,
+    notes::Notes,
+    task::{On, Task},
+};
+use clap::Parser;
 use data::{Data, Effort};
 use figure::Figure;
 use raykd::{Mesh, internals::output};
@@ -25,16 +34,64 @@ use std::{
     io::{self, StdoutLock, Write as _},
     path::{Path, PathBuf},
     process::Command,
+    process::ExitCode,
     time::{Instant, SystemTime},
 };
 use verdict::{Pair, Verdict};
+
+const EXAMPLES: &str = "\
+Examples:
+  raykd chart --quick                           the teapot, into charts/index.html
+  raykd chart dragon sponza stadium -o out      three scenes
+  raykd chart dragon --peers peers.json         other crates too, see peers/README.md
+  raykd chart teapot --device cpu --rays 4096   small";
+
+/// Measure scenes, and draw what raykd knows about itself: one page without links, and SVG, PNG and CSV files.
+///
+/// The first scene is also traced by every triangle test and traversal. Times are the best of some.
+#[derive(Debug, Parser)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct ChartArgs {
+    /// Scene names, mesh files, or stress scenes (`raykd stress --list`); the teapot if there are none
+    #[arg(value_name = "SCENE")]
+    pub scenes: Vec<String>,
+    /// Folder to write index.html and the figures to
+    #[arg(short, long, value_name = "DIR", default_value = "charts")]
+    pub output: PathBuf,
+    /// Less of everything: the teapot within two minutes on two cores
+    #[arg(long)]
+    pub quick: bool,
+    /// About so many rays for each measurement; left out: as many as the device likes
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(256..=1 << 26))]
+    pub rays: Option<u32>,
+    /// What peers/ wrote with --json, for a figure of other crates
+    #[arg(long, value_name = "FILE")]
+    pub peers: Option<PathBuf>,
+    #[command(flatten)]
+    pub on: WhichArgs,
+}
 
 /// The page.
 const INDEX: &str = "index.html";
 /// Of the files of a figure.
 const ENDINGS: [&str; 3] = ["svg", "png", "csv"];
 
-pub(super) fn run(args: &ChartArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
+impl Task for ChartArgs {
+    fn on(&self) -> Option<On<'_>> {
+        Some(On::Several(&self.on))
+    }
+
+    fn files(&self) -> Files {
+        Files::of_scenes(&self.scenes).read(&[&self.peers]).write(replaced(&self.output))
+    }
+
+    fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
+        run(self, out)?;
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+fn run(args: &ChartArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
     let notes = Notes::new(false);
     let start = Instant::now();
     let peers = args.peers.as_deref().map(peers::read).transpose()?.unwrap_or_default();

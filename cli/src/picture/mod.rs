@@ -3,6 +3,7 @@
 mod colour;
 mod legend;
 
+use clap::ValueEnum;
 use colour::{Rgb, add, encode, heat, mix, scale};
 use raykd::{
     Error, Hit, Mesh, Ray, Scene,
@@ -15,17 +16,17 @@ const BAND_RAYS: u64 = 1 << 22;
 const NOTHING: Rgb = [0.004, 0.004, 0.006];
 
 /// What colours show.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Shading {
-    /// Surfaces under a soft light.
+    /// Surfaces under a soft light
     Normal,
-    /// Distance: near is bright.
+    /// Distance: near is bright
     Depth,
-    /// Nodes visited and triangles tested, with a legend.
+    /// Work per pixel: nodes visited and triangles tested
     Heat,
-    /// A colour per triangle.
+    /// A colour per triangle
     Id,
-    /// How much of the sky each point sees.
+    /// Ambient occlusion: how much of the sky each point sees
     Ao,
 }
 

@@ -1,8 +1,10 @@
-//! Numbers and tables for people.
+//! Numbers and tables for people, JSON for programs.
 
 mod table;
 
 pub(crate) use table::Table;
+
+use std::io::{StdoutLock, Write as _};
 
 /// Three significant digits, thousands apart: `0.00123`, `1.23`, `12.3`, `123`, `1,230`.
 pub(crate) fn three(x: f64) -> String {
@@ -48,6 +50,12 @@ pub(crate) fn bytes(n: u64) -> String {
         1_000_000..1_000_000_000 => format!("{} MB", three(x * 1.0e-6)),
         _ => format!("{} GB", three(x * 1.0e-9)),
     }
+}
+
+/// Writes a value as JSON, indented, with a line end.
+pub(crate) fn write_json(out: &mut StdoutLock<'_>, value: &impl serde::Serialize) -> anyhow::Result<()> {
+    serde_json::to_writer_pretty(&mut *out, value)?;
+    Ok(writeln!(out)?)
 }
 
 #[cfg(test)]

@@ -1,0 +1,129 @@
+//! The commands that there are.
+
+use crate::{
+    bench::BenchArgs,
+    build::BuildArgs,
+    calibrate::CalibrateArgs,
+    chart::ChartArgs,
+    devices::DevicesArgs,
+    render::RenderArgs,
+    stress::StressArgs,
+    task::{On, Task},
+    trace::TraceArgs,
+};
+use clap::{CommandFactory as _, Parser, Subcommand, error::ErrorKind};
+
+const EXAMPLES: &str = "\
+Examples:
+  raykd bench                            the teapot on CPU and GPU, compared byte by byte
+  raykd bench dragon sponza --json       two scenes, for scripts
+  raykd build mesh.ply -o mesh.kd        build a tree and save it
+  raykd trace mesh.ply --rays r --hits h trace a file of rays
+  raykd render dragon -o dragon.png      make a picture
+  raykd stress                           the scenes in which ray tracers fail
+  raykd chart --quick                    what raykd knows about itself, drawn
+  raykd calibrate                        measure costs, for --quality auto
+  raykd devices                          what raykd can run on
+
+A scene is a mesh file (.obj, .ply, .stl, .gltf, .glb, each also .gz) or a name: teapot,
+teapot:LEVEL, dragon, dragon_res2, dragon_res3, dragon_res4, sponza (`cargo xtask scenes` gets all
+but the teapot).
+
+Exit code: 0 success, 1 an error or a difference between devices, 2 wrong usage.";
+
+/// kd-trees for ray tracing triangle meshes: one kernel source, identical bytes on CPU and GPU.
+#[derive(Debug, Parser)]
+#[command(name = "raykd", version, after_help = EXAMPLES, arg_required_else_help = true)]
+pub(super) struct Args {
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub(super) enum Command {
+    Bench(BenchArgs),
+    Build(BuildArgs),
+    Trace(TraceArgs),
+    Render(RenderArgs),
+    Devices(DevicesArgs),
+    Stress(StressArgs),
+    Chart(ChartArgs),
+    Calibrate(CalibrateArgs),
+}
+
+impl Command {
+    /// Its name, and what there is to do.
+    pub(super) fn task(&self) -> (&'static str, &dyn Task) {
+        match self {
+            Self::Bench(args) => ("bench", args),
+            Self::Build(args) => ("build", args),
+            Self::Trace(args) => ("trace", args),
+            Self::Render(args) => ("render", args),
+            Self::Devices(args) => ("devices", args),
+            Self::Stress(args) => ("stress", args),
+            Self::Chart(args) => ("chart", args),
+            Self::Calibrate(args) => ("calibrate", args),
+        }
+    }
+}
+
+impl Args {
+    /// Finds contradictions that clap does not see by itself.
+    pub(super) fn check(&self) -> Result<(), clap::Error> {
+        let (name, task) = self.command.task();
+        task.on().map_or(Ok(()), On::check).and_then(|()| task.check()).map_err(|wrong| {
+            let mut command = Self::command();
+            command.build();
+            let command = command.find_subcommand_mut(name).expect("it was parsed");
+            command.error(ErrorKind::ArgumentConflict, wrong)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn definition_holds_together() {
+        Args::command().debug_assert();
+    }
+
+    #[test]
+    fn contradictions() {
+        let check = |line: &str| Args::try_parse_from(line.split(' ')).unwrap().check();
+        for wrong in [
+            "raykd bench --device cpu --adapter x",
+            "raykd bench --device gpu --threads 2",
+            "raykd build m --adapter x --threads 2",
+            "raykd trace m --rays r --hits h --device cpu --adapter x",
+            "raykd render m -o p --device gpu --threads 1",
+            "raykd bench --intersector woop --traversal ropes",
+            "raykd bench --costs c.json",
+            "raykd build m --rays 10",
+            "raykd render m -o p --quality usual --costs c.json",
+            "raykd trace m --rays r --hits h --brute",
+            "raykd trace m --rays r --hits h --limit 4",
+            "raykd trace m --rays r --hits h --query count --limit 4",
+            "raykd trace m --rays r --hits h --intersector plane --query all",
+            "raykd render m -o p --intersector moeller --shading heat",
+        ] {
+            assert_eq!(check(wrong).unwrap_err().kind(), ErrorKind::ArgumentConflict, "{wrong}");
+        }
+        check("raykd bench --adapter x --threads 2").unwrap();
+        check("raykd bench --intersector woop --traversal brute").unwrap();
+        check("raykd build m --device cpu --threads 2").unwrap();
+        check("raykd build m --quality auto --rays 10 --costs c.json").unwrap();
+        check("raykd trace m --rays r --hits h --query all --limit 4").unwrap();
+        for wrong in [
+            "raykd build m --compare --quality auto",
+            "raykd build --scaling --quality auto",
+            "raykd trace m --compare --quality auto",
+            "raykd bench --quality auto --traversal ropes",
+            "raykd stress --list --json",
+        ] {
+            let error = Args::try_parse_from(wrong.split(' ')).unwrap_err();
+            assert_eq!(error.kind(), ErrorKind::ArgumentConflict, "{wrong}");
+        }
+    }
+}
