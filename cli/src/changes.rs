@@ -160,7 +160,10 @@ mod tests {
     use serde_json::json;
 
     fn row(build_ms: f64, mrays_b: f64) -> Value {
-        json!({"scene": "s", "device": "cpu", "build_ms": build_ms, "mrays_b": mrays_b, "digest": "x", "sets_digest": "h"})
+        json!({
+            "scene": "s", "device": "cpu", "build_ms": build_ms, "mrays_b": mrays_b,
+            "digest": "x", "sets_digest": "h",
+        })
     }
 
     fn verdicts(before: &[Value], after: &[Value]) -> Vec<&'static str> {

@@ -17,6 +17,7 @@ mod machine;
 mod measure;
 mod notes;
 mod picture;
+mod png_file;
 mod ray_file;
 mod render;
 mod report;

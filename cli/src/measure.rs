@@ -24,7 +24,8 @@ const PARTS: usize = 8;
 /// of at least so many bytes.
 const PART: usize = 1 << 24;
 
-/// A graphics card that was idle is woken before anything is timed, until no trace was faster than those before for so long.
+/// A graphics card that was idle is woken before anything is timed, until no trace was faster than those before for
+/// so long.
 const AWAKE: Duration = Duration::from_millis(300);
 
 /// Wakes a graphics card by random rays, of which the scene needs none of its own.

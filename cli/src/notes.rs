@@ -8,8 +8,8 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// A spinner that names the stage, on a terminal only; and notes, always. Elsewhere long work says from time to time how
-/// far it is.
+/// A spinner that names the stage, on a terminal only; and notes, always. Elsewhere long work says from time to
+/// time how far it is.
 #[derive(Debug)]
 pub(super) struct Notes {
     bar: ProgressBar,

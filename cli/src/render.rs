@@ -8,12 +8,12 @@ use crate::{
     measure::ms,
     notes::Notes,
     picture::{Picture, Shading, corners, rays_of, render},
+    png_file,
     report::count,
     task::{On, Task},
 };
 use anyhow::{Context as _, bail};
 use clap::Parser;
-use image::{ExtendedColorType, ImageEncoder as _, codecs::png::PngEncoder};
 use raykd::{
     Device, Error, Scene,
     internals::{output, quoted},
@@ -21,7 +21,7 @@ use raykd::{
 };
 use std::{
     ffi::OsString,
-    io::{self, StdoutLock, Write as _},
+    io::{StdoutLock, Write as _},
     path::PathBuf,
     process::ExitCode,
     time::Instant,
@@ -125,14 +125,7 @@ fn run(args: &RenderArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
     let (picture, device, [before, shown]) = machine.run(&notes, draw)?;
     notes.stage("writing the picture");
     let [width, height] = args.size;
-    output::write_whole(&args.output, |file| {
-        let encoder = PngEncoder::new(file);
-        let written = encoder.write_image(&picture.rgb, width, height, ExtendedColorType::Rgb8);
-        written.map_err(|error| match error {
-            image::ImageError::IoError(error) => error,
-            other => io::Error::other(other),
-        })
-    })?;
+    output::write_whole(&args.output, |file| png_file::write(file, &picture.rgb, args.size))?;
     notes.clear();
     let seen = format!("{} of {} rays hit", count(picture.hits), count(picture.rays));
     writeln!(out, "{}: {width}x{height}, {seen}, {device}", args.output.display())?;

@@ -54,7 +54,8 @@ pub(crate) struct StressArgs {
     #[arg(long = "method", value_name = "NAME", value_delimiter = ',')]
     pub methods: Vec<String>,
     /// Rays a scene; of leaks, a surface
-    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=1_000_000_000_000))]
+    #[arg(long, value_name = "N", default_value_t = 1000)]
+    #[arg(value_parser = clap::value_parser!(u64).range(1..=1_000_000_000_000))]
     pub rays: u64,
     /// Trace the failing rays of an earlier --json output again
     #[arg(long, value_name = "FILE", conflicts_with_all = ["scenes", "methods", "rays"])]

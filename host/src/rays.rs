@@ -98,7 +98,6 @@ fn normalize(a: V) -> V {
 fn wide(a: [f32; 3]) -> V {
     a.map(f64::from)
 }
-#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is the purpose")]
 fn narrow(a: V) -> [f32; 3] {
     a.map(|x| x as f32)
 }
@@ -222,13 +221,14 @@ pub fn facing_normal(mesh: &Mesh, ray: &Ray, hit: &Hit) -> [f64; 3] {
     if dot(normal, wide(ray.direction)) > 0.0 { mul(normal, -1.0) } else { normal }
 }
 
-/// The origin for a ray that leaves a surface: the point moved to the side that the unit normal points to, far enough to be
-/// off the surface if the point is a hit rounded to `f32` (Wächter & Binder 2019, "A fast and robust method for avoiding
-/// self-intersection", Ray Tracing Gems, chapter 6).
+/// The origin for a ray that leaves a surface: the point moved to the side that the unit normal points to, far
+/// enough to be off the surface if the point is a hit rounded to `f32` (Wächter & Binder 2019, "A fast and robust
+/// method for avoiding self-intersection", Ray Tracing Gems, chapter 6).
 ///
 /// Coordinates move by up to 256 of their units in the last place, those below 1/32 in size by up to 2^-16: so the
 /// point's size must come from where it is, as in scenes of size 1 and more, not from far larger terms that cancelled.
-/// What lies nearer than that to the surface is passed over; [`Scene::trace_except`](crate::Scene::trace_except) does not.
+/// What lies nearer than that to the surface is passed over; [`Scene::trace_except`](crate::Scene::trace_except)
+/// does not.
 pub fn offset_origin(point: [f32; 3], normal: [f32; 3]) -> [f32; 3] {
     const NEAR_ZERO: f32 = 1.0 / 32.0;
     [0, 1, 2].map(|axis| {
@@ -236,7 +236,6 @@ pub fn offset_origin(point: [f32; 3], normal: [f32; 3]) -> [f32; 3] {
         if p.abs() < NEAR_ZERO {
             return p + n * (1.0 / 65_536.0);
         }
-        #[expect(clippy::cast_possible_truncation, reason = "a number of units, cut")]
         let units = (n * 256.0) as i32;
         // Bits rise with the size of a number, so away from zero is up for either sign.
         let units = if p < 0.0 { -units } else { units };

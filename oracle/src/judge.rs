@@ -136,7 +136,6 @@ fn meant(t: f32) -> [f64; 2] {
 
 /// How far a `t` is from the exact one, in ULP of the exact one.
 pub fn ulps(t: f32, exact: f64) -> f64 {
-    #[expect(clippy::cast_possible_truncation, reason = "the nearest f32 is what is meant")]
     let size = (exact as f32).abs().clamp(f32::MIN_POSITIVE, f32::MAX);
     let ulp = f64::from(f32::from_bits(size.to_bits() & 0x7F80_0000)) * f64::from(f32::EPSILON);
     (f64::from(t) - exact).abs() / ulp

@@ -30,7 +30,8 @@ impl HowArgs {
 #[derive(Clone, Debug, clap::Args)]
 pub(crate) struct TreeArgs {
     /// How planes are chosen
-    #[arg(long, value_name = "NAME", default_value_t, value_parser = one_of(&Builder::ALL, Builder::name, Builder::about))]
+    #[arg(long, value_name = "NAME", default_value_t)]
+    #[arg(value_parser = one_of(&Builder::ALL, Builder::name, Builder::about))]
     pub builder: Builder,
     /// Keep references where only a triangle's box reaches, not the triangle
     #[arg(long)]
@@ -44,7 +45,8 @@ pub(crate) struct TreeArgs {
     /// Price of a reference: tests a ray it has to save, times the number of triangles; more makes smaller trees
     #[arg(long, value_name = "X", value_parser = within(0.0_f32, 1e9))]
     pub price: Option<f32>,
-    /// Most references a triangle, on average, at least 1: the price is doubled until the tree keeps to it (median and zhou may not)
+    /// Most references a triangle, on average, at least 1: the price is doubled until the tree keeps to it (median
+    /// and zhou may not)
     #[arg(long, value_name = "X", value_parser = within(1.0_f32, 1e6))]
     pub budget: Option<f32>,
     /// Factor on the cost of planes that cut off empty space, from 0 to 1
@@ -84,15 +86,18 @@ pub(crate) struct AmountArgs {
 #[derive(Clone, Debug, clap::Args)]
 pub(crate) struct WalkArgs {
     /// The way through the tree; hits do not depend on it, steps do
-    #[arg(long, value_name = "NAME", default_value_t, value_parser = one_of(&Traversal::ALL, Traversal::name, Traversal::about), conflicts_with = "quality")]
+    #[arg(long, value_name = "NAME", default_value_t, conflicts_with = "quality")]
+    #[arg(value_parser = one_of(&Traversal::ALL, Traversal::name, Traversal::about))]
     pub traversal: Traversal,
     /// How triangles are tested; all but strict and exact lose hits
-    #[arg(long, value_name = "NAME", default_value_t, value_parser = one_of(&Intersector::ALL, Intersector::name, Intersector::about))]
+    #[arg(long, value_name = "NAME", default_value_t)]
+    #[arg(value_parser = one_of(&Intersector::ALL, Intersector::name, Intersector::about))]
     pub intersector: Intersector,
 }
 
 impl WalkArgs {
-    /// Whether the triangle test does what is asked for: with this traversal, and `more` that only the default one does.
+    /// Whether the triangle test does what is asked for: with this traversal, and `more` that only the default one
+    /// does.
     pub(crate) fn check(&self, more: Option<&str>) -> Result<(), String> {
         let test = self.intersector;
         let done = match more.filter(|_| test != Intersector::default()) {

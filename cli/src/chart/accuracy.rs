@@ -83,7 +83,8 @@ fn say(all: &[Accuracy], devices: &[&str], scene: &str) -> String {
         }
     };
     format!(
-        "{sound}: {} (rays of {scene}; failures are those of the CPU, whose bytes the GPU repeats; dashed: the best there is).",
+        "{sound}: {} (rays of {scene}; failures are those of the CPU, whose bytes the GPU repeats; dashed: the \
+         best there is).",
         fastest.join("; ")
     )
 }

@@ -54,8 +54,8 @@ pub(super) fn figure(data: &Data) -> Option<Figure> {
         file: "9-lazy".to_owned(),
         title: "Building only what rays touch (CPU)".to_owned(),
         say: format!(
-            "The most that a lazy {TREE} builder could gain over the best of what there is: {}. Below 1 it loses even if \
-             being lazy costs nothing.",
+            "The most that a lazy {TREE} builder could gain over the best of what there is: {}. Below 1 it loses \
+             even if being lazy costs nothing.",
             said.join(", ")
         ),
         x: Axis::new("rays", Scale::Log),

@@ -30,14 +30,15 @@ pub(super) fn page(title: &str, figures: &[(Figure, String)], made: &[String]) -
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\n\
          <title>{0}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<h1>{0}</h1>\n\
-         <p>Full marks and lines are the CPU, hollow marks and dashes the GPU. Rays are those of a picture and a bounce \
-         from each hit, unless said. Times are the best of some; moving rays is counted in totals only.</p>\n",
+         <p>Full marks and lines are the CPU, hollow marks and dashes the GPU. Rays are those of a picture and a \
+         bounce from each hit, unless said. Times are the best of some; moving rays is counted in totals only.</p>\n",
         text(title)
     );
     for (figure, svg) in figures {
         let _ = writeln!(
             html,
-            "<figure id=\"{}\">\n{}\n<figcaption>{}</figcaption>\n<details><summary>Numbers</summary>\n{}\n</details>\n</figure>",
+            "<figure id=\"{}\">\n{}\n<figcaption>{}</figcaption>\n\
+             <details><summary>Numbers</summary>\n{}\n</details>\n</figure>",
             text(&figure.file),
             svg.trim(),
             text(&figure.say),

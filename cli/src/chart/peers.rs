@@ -67,8 +67,9 @@ fn figure(scene: &str, peers: &[Peer]) -> Figure {
         file: format!("7-peers-{}", scene.replace(|c: char| !c.is_ascii_alphanumeric(), "-")),
         title: format!("{scene}: crates on one thread"),
         say: format!(
-            "Upper left is better: {best} traces fastest on one CPU thread; no hit that exact arithmetic refutes came from {} \
-             (hollow: some did). Mray/s is over the four ray sets of `raykd bench --help`, as many rays of each.{}",
+            "Upper left is better: {best} traces fastest on one CPU thread; no hit that exact arithmetic refutes \
+             came from {} (hollow: some did). Mray/s is over the four ray sets of `raykd bench --help`, as many \
+             rays of each.{}",
             clean.join(", "),
             if of().any(|p| p.peer.starts_with("Embree")) { "" } else { " Embree was not on that machine." }
         ),

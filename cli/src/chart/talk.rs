@@ -49,8 +49,9 @@ pub(super) fn figures(data: &Data, scenes: &[&str]) -> Vec<Figure> {
                 Some(&(name, build, rays)) => {
                     let old = number(&(String::new(), build, rays));
                     format!(
-                        "The quickest now takes {} ms, the {name} took {}: {} times; other hardware, so the ratio is of \
-                         years and algorithms together. The talk's rays were random ones, these are a picture's and bounces.",
+                        "The quickest now takes {} ms, the {name} took {}: {} times; other hardware, so the \
+                         ratio is of years and algorithms together. The talk's rays were random ones, these are \
+                         a picture's and bounces.",
                         three(best),
                         three(old),
                         three(old / best)

@@ -55,8 +55,8 @@ pub(super) fn figure(data: &Data, scene: &str) -> Option<Figure> {
         file: format!("3-total-{slug}"),
         title: format!("{scene}: from the mesh to the last hit"),
         say: format!(
-            "The lowest line is the right amount. Quickest by number of rays, of all that was measured: {}. Beyond the rays \
-             measured the lines go on straight.",
+            "The lowest line is the right amount. Quickest by number of rays, of all that was measured: {}. \
+             Beyond the rays measured the lines go on straight.",
             said.join("; ")
         ),
         x: Axis::new("rays", Scale::Log),

@@ -47,7 +47,8 @@ pub(super) fn shares(name: &str, mesh: &Mesh, scene: &Scene) -> Result<Vec<Share
     Ok(shares)
 }
 
-/// Marks the nodes that a ray passes before its hit. Rounding may add a neighbour or leave one out: it is a measurement.
+/// Marks the nodes that a ray passes before its hit. Rounding may add a neighbour or leave one out: it is a
+/// measurement.
 fn pass(
     nodes: &[Node],
     scale: f32,

@@ -188,7 +188,8 @@ fn say_sah(groups: &[Group<'_>]) -> String {
     let named = |s: &Sample| format!("{} at price {}", s.builder(), s.choice.options().price);
     let misled = worst.map_or_else(String::new, |(_, a, b)| {
         format!(
-            " It misleads most on the {}: {} has the lower cost ({} against {}) and the slower rays ({} against {} ns) than {}.",
+            " It misleads most on the {}: {} has the lower cost ({} against {}) and the slower rays ({} against \
+             {} ns) than {}.",
             a.device.to_uppercase(),
             named(a),
             three(a.sah),

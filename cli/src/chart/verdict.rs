@@ -111,8 +111,8 @@ pub(crate) fn say(verdicts: &[Verdict]) -> String {
     let count = |fits: &dyn Fn(&Verdict) -> bool| verdicts.iter().filter(|v| fits(v)).count();
     let most = |of: &dyn Fn(&Verdict) -> f64| verdicts.iter().map(of).fold(1.0, f64::max);
     format!(
-        "Of {} cases, what auto chose takes at most 1.10 times as long as the best in hindsight in {}, and {:.2} times at \
-         worst; its prediction is within 25 % in {}, and off by {:.2} times at worst.",
+        "Of {} cases, what auto chose takes at most 1.10 times as long as the best in hindsight in {}, and {:.2} \
+         times at worst; its prediction is within 25 % in {}, and off by {:.2} times at worst.",
         verdicts.len(),
         count(&|v| v.loss() <= 1.1),
         most(&Verdict::loss),

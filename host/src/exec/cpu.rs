@@ -62,13 +62,11 @@ impl Cpu {
         &self.name
     }
 
-    #[expect(clippy::unused_self, reason = "same shape as the GPU's")]
     pub(super) const fn limit(&self) -> Limit {
         // Indices are u32, of elements down to 4 bytes.
         Limit { bytes: (u32::MAX as u64) * 4, name: "32-bit indices" }
     }
 
-    #[expect(clippy::unused_self, reason = "same shape as the GPU's")]
     pub(super) fn alloc(&self, name: &'static str, bytes: u64) -> Result<Memory, Error> {
         Memory::zeroed(bytes).ok_or(Error::OutOfMemory { buffer: name, bytes })
     }

@@ -162,7 +162,10 @@ pub enum MeshError {
         value: String,
     },
     /// A face names a vertex that does not exist.
-    #[error("{at}: vertex index {index} is out of range, {}; correct or remove this face", range_of(*.first, *.vertices))]
+    #[error(
+        "{at}: vertex index {index} is out of range, {}; correct or remove this face",
+        range_of(*.first, *.vertices)
+    )]
     IndexOutOfRange {
         /// Where.
         at: Place,

@@ -5,10 +5,10 @@
 //!
 //! - **Polygons** are cut into triangles, and counted: one of n corners takes n - 2 numbers. Where the fan from the
 //!   first corner covers it, it is that fan, as always if it is convex; a concave one is cut so that no ray beside it
-//!   hits, and counted. One whose edges cross, or that a corner touches from outside, stays a fan; that, and one thicker
-//!   than a thousandth of its extent, so that nothing says what surface it is, is counted and named. All of that is
-//!   decided where the axis looks from which most of the face is seen. A face with fewer than three corners is an
-//!   error. Points, lines and curves are ignored, and counted.
+//!   hits, and counted. One whose edges cross, or that a corner touches from outside, stays a fan; that, and one
+//!   thicker than a thousandth of its extent, so that nothing says what surface it is, is counted and named. All of
+//!   that is decided where the axis looks from which most of the face is seen. A face with fewer than three corners
+//!   is an error. Points, lines and curves are ignored, and counted.
 //! - **Zero-area** triangles, whose corners lie exactly on one line or coincide, are kept out of the tree, and
 //!   counted. The test is exact, not a threshold.
 //! - **Duplicates**, with the same three positions in the same order as an earlier triangle, stay in the tree,

@@ -173,9 +173,9 @@ fn fan_covers(points: &[[f64; 2]]) -> bool {
     true
 }
 
-/// The order in which points come into the triangulation: in rounds that double in number, each along a curve that fills
-/// the plane (Amenta, Choi & Rote 2003, "Incremental constructions con BRIO"). Corners in order of the face, or all
-/// along a curve, take quadratic time for some shapes.
+/// The order in which points come into the triangulation: in rounds that double in number, each along a curve that
+/// fills the plane (Amenta, Choi & Rote 2003, "Incremental constructions con BRIO"). Corners in order of the face,
+/// or all along a curve, take quadratic time for some shapes.
 fn rounds(points: &[[f64; 2]]) -> Vec<usize> {
     let key = |i: usize| {
         let round = crate::rays::Random::new(i as u64).bits().trailing_zeros();

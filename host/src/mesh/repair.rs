@@ -209,15 +209,22 @@ mod tests {
 
     proptest! {
         #[test]
-        fn area_agrees_with_integers(t in prop::array::uniform3(prop::array::uniform3(-4i64..5)), shift in -149i32..120) {
+        fn area_agrees_with_integers(
+            t in prop::array::uniform3(prop::array::uniform3(-4i64..5)),
+            shift in -149i32..120,
+        ) {
             let scale = power_of_two(shift);
             let float = t.map(|p| p.map(|x| (x as f64 * scale) as f32));
             prop_assert_eq!(has_area(float), lattice_area(t));
         }
 
         #[test]
-        fn large_multiples_are_exact(a in prop::array::uniform3(-2000i64..2000), d in prop::array::uniform3(-2000i64..2000),
-                                     m in -4000i64..4000, nudge in prop::array::uniform3(-1i64..2)) {
+        fn large_multiples_are_exact(
+            a in prop::array::uniform3(-2000i64..2000),
+            d in prop::array::uniform3(-2000i64..2000),
+            m in -4000i64..4000,
+            nudge in prop::array::uniform3(-1i64..2),
+        ) {
             // a, a + d and a + m d are collinear; a nudge by one unit mostly undoes that.
             let b = [0, 1, 2].map(|i| a[i] + d[i]);
             let c = [0, 1, 2].map(|i| a[i] + m * d[i] + nudge[i]);

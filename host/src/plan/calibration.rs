@@ -142,8 +142,8 @@ impl Calibration {
     }
 
     /// What a choice costs for so many triangles: read between the sizes measured, each cost a power of the size, and
-    /// beyond them by the last two. If a look at the mesh has shown how many steps a ray takes, rays cost as many times more
-    /// than in a teapot. `through` is the share of triangles that a first look does not turn away.
+    /// beyond them by the last two. If a look at the mesh has shown how many steps a ray takes, rays cost as many
+    /// times more than in a teapot. `through` is the share of triangles that a first look does not turn away.
     pub(super) fn predict(
         &self,
         choice: &Choice,

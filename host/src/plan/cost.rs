@@ -38,8 +38,8 @@ pub struct Cost {
     pub launch_ms: f64,
     /// A ray, nanoseconds: mean of a picture's and a bounce from each hit.
     pub ray_ns: f64,
-    /// The same where a first look at a triangle tells nothing, and all are tested in full: without a tree, if triangles
-    /// are tiny in a large scene.
+    /// The same where a first look at a triangle tells nothing, and all are tested in full: without a tree, if
+    /// triangles are tiny in a large scene.
     pub worst_ns: f64,
     /// A ray to the device and its hit back, nanoseconds.
     pub transfer_ns: f64,

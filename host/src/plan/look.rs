@@ -57,8 +57,8 @@ impl<'m> Looking<'m> {
         Self { mesh, grid: OnceCell::new() }
     }
 
-    /// Sends rays through an exact tree of a coarse copy of the mesh, and as far through a grid of its triangles, on the
-    /// CPU.
+    /// Sends rays through an exact tree of a coarse copy of the mesh, and as far through a grid of its triangles,
+    /// on the CPU.
     pub(super) fn seen(&self, look: &Look) -> Result<Seen, Error> {
         let device = Device::cpu();
         let coarse = coarse(self.mesh, look.cells);
@@ -105,8 +105,8 @@ pub(super) fn through(mesh: &Mesh) -> f64 {
     f64::from(passed) / f64::from(all.max(1))
 }
 
-/// The mesh with its vertices moved to the middles of coarse cells (Rossignac & Borrel 1993), which leaves few triangles
-/// but no holes: what hid others still does. A small mesh as it is.
+/// The mesh with its vertices moved to the middles of coarse cells (Rossignac & Borrel 1993), which leaves few
+/// triangles but no holes: what hid others still does. A small mesh as it is.
 fn coarse(mesh: &Mesh, cells: f32) -> Mesh {
     if mesh.kept().len() <= SMALL {
         return mesh.clone();

@@ -1,7 +1,7 @@
 //! The right amount: what a scene and a number of rays need, from costs that were measured once on each device.
 //!
-//! A [`Calibration`] holds what each [`Choice`] cost on teapots of several sizes; [`choose`] reads between them and adds
-//! up what the whole job would take. If that is long enough, a coarse copy of the mesh is looked at first: how
+//! A [`Calibration`] holds what each [`Choice`] cost on teapots of several sizes; [`choose`] reads between them and
+//! adds up what the whole job would take. If that is long enough, a coarse copy of the mesh is looked at first: how
 //! many steps a ray takes there, as against a teapot. All choices give the same hits.
 //!
 //! ```no_run

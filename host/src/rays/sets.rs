@@ -35,7 +35,6 @@ impl Sets {
     ) -> Result<Self, E> {
         let (camera, (light, radius)) = view(name, mesh);
         let (_, half) = ball_around(mesh.bounds());
-        #[expect(clippy::cast_possible_truncation, reason = "any number of this size will do")]
         let t_max = (REACH * half) as f32;
         let ending = |rays: Vec<Ray>| rays.into_iter().map(|ray| Ray { t_max, ..ray }).collect::<Vec<_>>();
         let b = ending(camera.rays(PICTURE, PICTURE));

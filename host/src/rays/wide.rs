@@ -61,7 +61,6 @@ impl AnyRay for Ray {
     }
 }
 
-#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is the purpose")]
 impl AnyRay for Ray64 {
     fn local(rays: &[Self], translation: [f64; 3]) -> Cow<'_, [Ray]> {
         rays.par_iter().map(|ray| ray.alone(translation)).collect::<Vec<_>>().into()
@@ -77,13 +76,11 @@ impl AnyRay for Ray64 {
     }
 }
 
-#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is the purpose")]
 fn moved(origin: [f64; 3], translation: [f64; 3]) -> [f32; 3] {
     [0, 1, 2].map(|axis| (origin[axis] - translation[axis]) as f32)
 }
 
 /// The largest `f32` that is not above a number.
-#[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is the purpose")]
 pub(crate) fn below(x: f64) -> f32 {
     let nearest = x as f32;
     if f64::from(nearest) > x { nearest.next_down() } else { nearest }

@@ -128,7 +128,6 @@ impl Surface {
     /// One ray: from somewhere through a vertex (one in four) or a point of an edge; `None` if it may pass beside.
     fn ray(&self, random: &mut Random) -> Option<Ray> {
         let signed = |random: &mut Random| random.unit() * 2.0 - 1.0;
-        #[expect(clippy::cast_possible_truncation, reason = "the nearest f32 is what is meant")]
         let narrow = |p: V| p.map(|x| x as f32);
         let origin = match &self.from {
             From::Inside(centres, half) => {
@@ -190,7 +189,6 @@ impl Surface {
             // The line through the edge is no nearer than the edge.
             same && turn * turn > disc * disc * length
         });
-        #[expect(clippy::cast_possible_truncation, reason = "a bit more than needed")]
         around.then_some((last + disc / d[main].abs()) as f32)
     }
 

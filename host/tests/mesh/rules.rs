@@ -165,9 +165,13 @@ fn corner() -> impl Strategy<Value = f32> {
 proptest! {
     /// Whatever finite numbers come: no panic, and the promises hold.
     #[test]
-    fn promises(corners in prop::collection::vec(prop::array::uniform3(prop::array::uniform3(corner())), 1..12), shift in -100i32..100) {
+    fn promises(
+        corners in prop::collection::vec(prop::array::uniform3(prop::array::uniform3(corner())), 1..12),
+        shift in -100i32..100,
+    ) {
         let factor = 2f32.powi(shift);
-        let corners: Vec<_> = corners.iter().map(|t| t.map(|p| p.map(|x| if (x * factor).is_finite() { x * factor } else { x }))).collect();
+        let scaled = |x: f32| if (x * factor).is_finite() { x * factor } else { x };
+        let corners: Vec<_> = corners.iter().map(|t| t.map(|p| p.map(scaled))).collect();
         let mesh = match soup(&corners) {
             Err(e) => {
                 let too_small = matches!(e, MeshError::TooSmall { .. });
@@ -205,7 +209,9 @@ proptest! {
 
     /// Duplicates as the definition has them, counted the slow way.
     #[test]
-    fn duplicates(corners in prop::collection::vec(prop::array::uniform3(prop::array::uniform3((0i8..2).prop_map(f32::from))), 1..60)) {
+    fn duplicates(corners in prop::collection::vec(
+        prop::array::uniform3(prop::array::uniform3((0i8..2).prop_map(f32::from))), 1..60,
+    )) {
         let mesh = soup(&corners).unwrap();
         let kept: Vec<_> = mesh.kept().iter().map(|&t| corners[t as usize]).collect();
         let slow = (0..kept.len()).filter(|&i| kept[..i].contains(&kept[i])).count();
@@ -214,8 +220,12 @@ proptest! {
 
     /// Times a power of two, a mesh gives the kernels the same digits.
     #[test]
-    fn scaling_loses_nothing(corners in prop::collection::vec(prop::array::uniform3(prop::array::uniform3(-1f32..1.0)), 1..6), e in prop_oneof![-100i32..-40, 40i32..120]) {
-        let scaled: Vec<_> = corners.iter().map(|t| t.map(|p| p.map(|x| (f64::from(x) * 2f64.powi(e)) as f32))).collect();
+    fn scaling_loses_nothing(
+        corners in prop::collection::vec(prop::array::uniform3(prop::array::uniform3(-1f32..1.0)), 1..6),
+        e in prop_oneof![-100i32..-40, 40i32..120],
+    ) {
+        let scale = |x: f32| (f64::from(x) * 2f64.powi(e)) as f32;
+        let scaled: Vec<_> = corners.iter().map(|t| t.map(|p| p.map(scale))).collect();
         let (small, large) = (soup(&corners).unwrap(), soup(&scaled).unwrap());
         let ratio = f64::from(large.scale()) * 2f64.powi(e);
         prop_assert_eq!(small.kept(), large.kept());

@@ -1,35 +1,9 @@
-//! Mesh files: what is read, what is refused, and with which words.
+//! OBJ and PLY: what is read, what is refused, and with which words.
 
-use flate2::{Compression, write::GzEncoder};
+use crate::{A, B, C, D, corners, gzip, read, refusal};
 use proptest::prelude::*;
 use raykd::mesh::{Mesh, MeshError};
-use std::io::Write;
 use std::path::Path;
-
-fn read(name: &str, bytes: impl AsRef<[u8]>) -> Result<Mesh, MeshError> {
-    Mesh::from_bytes(Path::new(name), bytes.as_ref().to_vec())
-}
-
-/// The message of the error that reading gives.
-fn refusal(name: &str, bytes: impl AsRef<[u8]>) -> String {
-    read(name, bytes).expect_err("this file should be refused").to_string()
-}
-
-fn gzip(bytes: &[u8]) -> Vec<u8> {
-    let mut encoder = GzEncoder::new(Vec::new(), Compression::default());
-    encoder.write_all(bytes).unwrap();
-    encoder.finish().unwrap()
-}
-
-/// The corners of every triangle, in order: what a mesh is whatever its vertices are numbered like.
-fn corners(mesh: &Mesh) -> Vec<[[f32; 3]; 3]> {
-    mesh.triangles().iter().map(|t| t.map(|v| mesh.positions()[v as usize])).collect()
-}
-
-const A: [f32; 3] = [0.0, 0.0, 0.0];
-const B: [f32; 3] = [1.0, 0.0, 0.0];
-const C: [f32; 3] = [1.0, 1.0, 0.5];
-const D: [f32; 3] = [0.0, 1.0, 0.25];
 
 const QUAD_OBJ: &str = "v 0 0 0\nv 1 0 0\nv 1 1 .5\nv 0 1. 2.5e-1\nf 1 2 3 4\n";
 
@@ -105,13 +79,12 @@ const PLAIN: Types =
     Types { big_endian: false, coordinate: "float", count: "uchar", index: "int", list: "vertex_indices" };
 
 fn quad_binary(types: Types) -> Vec<u8> {
-    let vertices = [A, B, C, D].map(|p| p.map(f64::from));
+    let vertices = [A, B, C, D];
     binary_ply(types, &vertices, &[&[0, 1, 2, 3]])
 }
 
 fn is_the_quad(mesh: &Mesh) {
-    assert_eq!(corners(mesh), [[A, B, C], [A, C, D]]);
-    assert_eq!(mesh.kept(), [0, 1]);
+    crate::is_the_quad(mesh);
     assert_eq!(mesh.repairs().polygons, 1);
     assert_eq!(mesh.bounds(), ([0.0; 3], [1.0, 1.0, 0.5]));
 }
@@ -221,9 +194,10 @@ fn obj_loses_no_line() {
         is_the_quad(&read("unnamed", &text).unwrap_or_else(|e| panic!("{text:?}: {e}")));
     }
     // All statements of the format that make no surface.
-    let others = "vt 0\nvn 0\nvp 0\ng\ns off\nmg 1\no a\\ \nbevel on\nc_interp on\nd_interp on\nlod 1\nusemtl a#b\nmtllib m\n\
-        usemap off\nmaplib m\nshadow_obj s\ntrace_obj t\nctech t\nstech t\ncstype bezier\ndeg 3\nbmat u 1\nstep 1\n\
-        curv2 1 2\nparm u 0 1\ntrim 0 1 1\nhole 0 1 1\nscrv 0 1 1\nsp 1\nend\ncon 1 0 1 1 2 0 1 1\nres 1\ncsh ls\n\n\t\n";
+    let others = "vt 0\nvn 0\nvp 0\ng\ns off\nmg 1\no a\\ \nbevel on\nc_interp on\nd_interp on\nlod 1\nusemtl a#b\n\
+        mtllib m\nusemap off\nmaplib m\nshadow_obj s\ntrace_obj t\nctech t\nstech t\ncstype bezier\ndeg 3\n\
+        bmat u 1\nstep 1\ncurv2 1 2\nparm u 0 1\ntrim 0 1 1\nhole 0 1 1\nscrv 0 1 1\nsp 1\nend\n\
+        con 1 0 1 1 2 0 1 1\nres 1\ncsh ls\n\n\t\n";
     let mesh = read("a.obj", format!("{others}{QUAD_OBJ}")).unwrap();
     is_the_quad(&mesh);
     assert_eq!(mesh.repairs().ignored, 0);
@@ -289,7 +263,7 @@ fn ply_reads_strips() {
     }
     let mesh = read("a.ply", strips("9 0 1 2 3 0 -1 2 1 0\n")).unwrap();
     assert_eq!(corners(&mesh), [[A, B, C], [C, B, D], [C, D, A], [C, B, A]]);
-    let vertices = [A, B, C, D].map(|p| p.map(f64::from));
+    let vertices = [A, B, C, D];
     for big_endian in [false, true] {
         let types = Types { count: "int", big_endian, ..PLAIN };
         let both = binary_ply(types, &vertices, &[&[0, 1, 2, 3, -1, 0, 2, 3]]);
@@ -476,7 +450,7 @@ fn text_ply_errors_name_the_line() {
 
 #[test]
 fn binary_ply_errors_name_the_element() {
-    let vertices = [A, B, C, D].map(|p| p.map(f64::from));
+    let vertices = [A, B, C, D];
     let with = |x: f64| {
         let mut vertices = vertices;
         vertices[2][1] = x;
@@ -643,7 +617,10 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(2000))]
 
     #[test]
-    fn damage_is_no_panic(sample in 0usize..7, damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6)) {
+    fn damage_is_no_panic(
+        sample in 0usize..7,
+        damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
+    ) {
         let (name, mut bytes) = samples().swap_remove(sample);
         for (at, byte) in damage {
             let at = at.index(bytes.len());
@@ -655,16 +632,22 @@ proptest! {
     }
 
     #[test]
-    fn noise_is_no_panic(name in prop::sample::select(vec!["a.obj", "a.ply", "a.gz", "a"]), bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+    fn noise_is_no_panic(
+        name in prop::sample::select(vec!["a.obj", "a.ply", "a.gz", "a"]),
+        bytes in prop::collection::vec(any::<u8>(), 0..200),
+    ) {
         let _ = read(name, bytes);
     }
 
     /// Words of the formats in any order reach deeper than noise.
     #[test]
     fn word_salad_is_no_panic(ply in any::<bool>(), words in prop::collection::vec(prop::sample::select(vec![
-        "v", "f", "l", "1", "-1", "2/", "/", "//", "1/1/1/1", "9e99", "\\\n", "\n", "\n", "\n", "ply\n", "format ascii 1.0\n", "format binary_little_endian 1.0\n",
+        "v", "f", "l", "1", "-1", "2/", "/", "//", "1/1/1/1", "9e99", "\\\n", "\n", "\n", "\n", "ply\n",
+        "format ascii 1.0\n", "format binary_little_endian 1.0\n",
         "element vertex 3\n", "element face 1\n", "property float x\n", "property float y\n", "property float z\n",
-        "property list uchar int vertex_indices\n", "property list float int vertex_index\n", "end_header\n", "0 0 0\n", "3 0 1 2\n", "nan", "\u{e9}",
+        "property list uchar int vertex_indices\n", "property list float int vertex_index\n", "end_header\n",
+        "0 0 0\n", "3 0 1 2\n",
+        "nan", "\u{e9}",
         "f 9223372036854775807 -9223372036854775808 1\n",
     ]), 0..40)) {
         let text = words.join(" ").replace("\n ", "\n");

@@ -1,6 +1,5 @@
 //! Files that the program writes: never over what it reads, whole or not at all, with the mode and the owner of what
 //! was there, and nothing left behind.
-#![cfg(unix)]
 
 use raykd::KdTree;
 use std::{

@@ -7,7 +7,7 @@ use raykd::{
 use std::path::Path;
 
 fn read(name: &str, text: &str) -> Mesh {
-    Mesh::from_bytes(Path::new(name), text.as_bytes().to_vec()).unwrap()
+    crate::read(name, text).unwrap()
 }
 
 /// Two triangles for each side.

@@ -1,6 +1,7 @@
 //! The program `raykd` from outside: what it prints, writes and exits with. Needs a Vulkan adapter; a software
 //! one will do (Debian: mesa-vulkan-drivers).
 
+use crate::picture;
 use raykd::{
     BuildOptions, Device, Hit, Intersector, Mesh, Ray, Scene, Traversal, hits_digest,
     rays::{self, Camera},
@@ -558,10 +559,6 @@ fn software_adapter_is_named_as_such() {
     has(&good(&["devices"]), &["GPU  ", "CPU  ", "driver", "probe      exact", "(default)"]);
 }
 
-fn picture(file: &Path) -> image::RgbImage {
-    image::open(file).unwrap().into_rgb8()
-}
-
 #[test]
 fn render_draws_what_the_library_sees() {
     let folder = folder();
@@ -569,16 +566,15 @@ fn render_draws_what_the_library_sees() {
     let look = ["--eye", "0,5,60", "--target", "0,0,0", "--fov", "35"];
     let line = ["render", "teapot", "-o", &file, "--size", "96x64", "--shading", "id", "--device", "gpu"];
     has(&good(&[&line as &[&str], &look].concat()), &["96x64", "GPU"]);
-    let seen = picture(Path::new(&file));
-    assert_eq!(seen.dimensions(), (96, 64));
+    let (size, seen) = picture(Path::new(&file));
+    assert_eq!(size, [96, 64]);
 
     let (device, mesh) = (Device::cpu(), Mesh::teapot(4));
     let camera = Camera { eye: [0.0, 5.0, 60.0], target: [0.0; 3], up: [0.0, 1.0, 0.0], fov: 35.0 };
     let scene = Scene::build(&device, &mesh, &BuildOptions::default()).unwrap();
     let hits = scene.closest(&camera.rays(96, 64)).unwrap();
-    let background = seen.get_pixel(0, 0);
-    for (pixel, hit) in seen.pixels().zip(&hits) {
-        assert_eq!(pixel != background, hit.is_hit());
+    for (pixel, hit) in seen.iter().zip(&hits) {
+        assert_eq!(*pixel != seen[0], hit.is_hit());
     }
     let silhouette = hits.iter().filter(|hit| hit.is_hit()).count();
     assert!((600..4000).contains(&silhouette), "{silhouette} pixels");
@@ -591,15 +587,14 @@ fn render_frames_and_shades() {
     for (shading, colours) in [("normal", 100), ("depth", 30), ("heat", 30), ("id", 100)] {
         let name = file.to_str().unwrap();
         good(&["render", "teapot", "-o", name, "--size", "320x240", "--shading", shading, "--device", "cpu"]);
-        let seen = picture(&file);
-        assert_eq!(seen.dimensions(), (320, 240));
-        let different: std::collections::HashSet<_> = seen.pixels().collect();
+        let (size, seen) = picture(&file);
+        assert_eq!(size, [320, 240]);
+        let different: std::collections::HashSet<_> = seen.iter().collect();
         assert!(different.len() >= colours, "{shading}: {} colours", different.len());
         if shading == "id" {
             // Framed: the teapot reaches from one side nearly to the other, and no pixel beyond.
-            let background = *seen.get_pixel(0, 0);
-            let filled = |x: u32| (0..240).any(|y| *seen.get_pixel(x, y) != background);
-            let columns: Vec<u32> = (0..320).filter(|&x| filled(x)).collect();
+            let filled = |x: usize| seen[x..].iter().step_by(320).any(|pixel| *pixel != seen[0]);
+            let columns: Vec<usize> = (0..320).filter(|&x| filled(x)).collect();
             assert!(columns[0] > 0 && columns[0] < 20, "{columns:?}");
             assert!(columns[columns.len() - 1] < 319 && columns[columns.len() - 1] > 299, "{columns:?}");
         }
@@ -729,7 +724,8 @@ fn any_name_names_a_mesh() {
     use std::{ffi::OsStr, os::unix::ffi::OsStrExt as _};
     let folder = folder();
     let name = folder.path().join(OsStr::from_bytes(b"gr\xfc\xdfe.obj"));
-    let faces = "v 0 0 0\nv 4 0 0\nv 1 1 0\nv 0 4 0\nv 4 4 1\nv 4 4 0\nf 2 3 4 1\nf 1 2 5 4\nf 1 3 2 4\nf 3 2 1 4\nf 1 2 4 6\n";
+    let faces = "v 0 0 0\nv 4 0 0\nv 1 1 0\nv 0 4 0\nv 4 4 1\nv 4 4 0\n\
+                 f 2 3 4 1\nf 1 2 5 4\nf 1 3 2 4\nf 3 2 1 4\nf 1 2 4 6\n";
     fs::write(&name, faces).unwrap();
     let run = |line: &[&OsStr]| {
         let output =

@@ -301,7 +301,9 @@ proptest! {
 
     /// Any corners: rays hit inside, by parity, unless the face is crossed; the same every time.
     #[test]
-    fn any_corners(points in prop::collection::vec((-4i32..4, -4i32..4).prop_map(|(x, y)| [x as f32, y as f32]), 4..9)) {
+    fn any_corners(points in prop::collection::vec(
+        (-4i32..4, -4i32..4).prop_map(|(x, y)| [x as f32, y as f32]), 4..9,
+    )) {
         let mesh = face(&flat(&points));
         prop_assert_eq!(mesh.triangles().len(), points.len() - 2);
         if mesh.repairs().crossed == 0 && !is_fan(&mesh) && mesh.kept().len() > 1 {

@@ -1,5 +1,4 @@
 //! What goes wrong around the program: disks, memory, interruptions. Output files appear whole or not at all.
-#![cfg(unix)]
 
 use raykd::{Device, Error, KdTree};
 use std::{
@@ -121,7 +120,8 @@ fn too_little_memory_is_told_and_nothing_is_written() {
     }
 }
 
-/// A software driver's memory is the machine's. How much it takes for itself is its own affair, so limits are tried, rising.
+/// A software driver's memory is the machine's. How much it takes for itself is its own affair, so limits are
+/// tried, rising.
 #[test]
 #[cfg(feature = "gpu")]
 fn too_little_memory_on_a_gpu_is_told_and_nothing_is_written() {
