@@ -1,9 +1,6 @@
 //! What `cargo xtask kernels` writes next to the committed SPIR-V module, and how anyone checks it without
 //! rust-gpu: the module is current if [`verify`] finds the manifest's hashes in the tree.
 
-pub mod lint;
-pub mod postpass;
-
 use anyhow::{Context as _, Result, ensure};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};

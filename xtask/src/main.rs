@@ -9,7 +9,6 @@ mod kernels;
 mod results;
 mod scenes;
 mod test;
-mod toolchain;
 
 /// Chores of the raykd checkout.
 #[derive(Debug, Parser)]

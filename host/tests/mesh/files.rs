@@ -2,7 +2,7 @@
 
 use crate::{A, B, C, D, corners, gzip, read, refusal};
 use proptest::prelude::*;
-use raykd::mesh::{Mesh, MeshError};
+use raykd::mesh::Mesh;
 use std::path::Path;
 
 const QUAD_OBJ: &str = "v 0 0 0\nv 1 0 0\nv 1 1 .5\nv 0 1. 2.5e-1\nf 1 2 3 4\n";
@@ -155,14 +155,14 @@ fn obj_keeps_the_order_of_faces() {
 fn polygons_become_fans() {
     let ring = "v 1 0 0\nv 0.5 0.9 0\nv -0.5 0.9 0\nv -1 0 0\nv -0.5 -0.9 0\nv 0.5 -0.9 0\n";
     let obj = read("a.obj", format!("{ring}f 1 2 3 4 5 6\nf 3 2 1\n")).unwrap();
-    let p: Vec<[f32; 3]> =
-        vec![[1., 0., 0.], [0.5, 0.9, 0.], [-0.5, 0.9, 0.], [-1., 0., 0.], [-0.5, -0.9, 0.], [0.5, -0.9, 0.]];
+    let p: [[f32; 3]; 6] =
+        [[1., 0., 0.], [0.5, 0.9, 0.], [-0.5, 0.9, 0.], [-1., 0., 0.], [-0.5, -0.9, 0.], [0.5, -0.9, 0.]];
+    let p = p.map(|p| p.map(f64::from));
     let fan =
         [[p[0], p[1], p[2]], [p[0], p[2], p[3]], [p[0], p[3], p[4]], [p[0], p[4], p[5]], [p[2], p[1], p[0]]];
     assert_eq!(corners(&obj), fan);
     assert_eq!(obj.repairs().polygons, 1);
-    let vertices: Vec<[f64; 3]> = p.iter().map(|p| p.map(f64::from)).collect();
-    let ply = read("a.ply", binary_ply(PLAIN, &vertices, &[&[0, 1, 2, 3, 4, 5], &[2, 1, 0]])).unwrap();
+    let ply = read("a.ply", binary_ply(PLAIN, &p, &[&[0, 1, 2, 3, 4, 5], &[2, 1, 0]])).unwrap();
     assert_eq!(corners(&ply), fan);
     assert_eq!(ply.repairs().polygons, 1);
     // 0.9 is no f32, and was one when it was written to the binary file.

@@ -4,7 +4,6 @@ use crate::{A, B, C, D, corners, gzip, is_the_quad, read, refusal};
 use proptest::prelude::*;
 use raykd::mesh::{Mesh, MeshError};
 use serde_json::{Value, json};
-use std::path::Path;
 
 // STL
 

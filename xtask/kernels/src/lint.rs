@@ -11,13 +11,13 @@ use std::{
 
 /// One instruction that must not be in a kernel.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Finding {
+pub(crate) struct Finding {
     /// Entry point that reaches it, or nothing if it stands outside of functions.
-    pub entry: Option<String>,
+    pub(crate) entry: Option<String>,
     /// The instruction, as SPIR-V calls it.
-    pub instruction: String,
+    pub(crate) instruction: String,
     /// Why it is refused and what to write instead.
-    pub reason: &'static str,
+    pub(crate) reason: &'static str,
 }
 
 impl fmt::Display for Finding {
@@ -41,7 +41,7 @@ const UNKNOWN: &str = "not on the list of float operations that are exact on eve
 /// What may make floats is a list: `+ - *`, negation, moving and conversion from integers. All else that has
 /// a float result is refused, and so are the extended instructions that are not known to be exact, matrices
 /// and floats that are not 32 bits wide. And pointers that are anything but a variable's or a parameter's, or lead into one.
-pub fn check(module: &Module) -> Vec<Finding> {
+pub(crate) fn check(module: &Module) -> Vec<Finding> {
     let mut findings = BTreeSet::new();
     let (mut floats, mut pointers) = (HashSet::new(), HashSet::new());
     for i in &module.types_global_values {

@@ -18,7 +18,7 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 /// * names, lines and sources go, and ids are numbered in the order in which they appear.
 ///
 /// Returns how many operations were decorated.
-pub fn run(module: &mut Module) -> Result<usize> {
+pub(crate) fn run(module: &mut Module) -> Result<usize> {
     strip(module);
     memory_model(module)?;
     float_controls(module);
