@@ -33,14 +33,16 @@ const INEXACT: &str = "its precision is up to the device; write it with + - * or
 const MIN_MAX: &str = "Vulkan leaves open which zero or NaN wins; use math::low and math::high";
 const WIDTH: &str = "only f32 is supported on every device";
 const MATRIX: &str = "matrix operations may be evaluated in any order; use vectors";
-const CHOSEN: &str = "Vulkan has no choice between buffers, which spirv-val overlooks and drivers crash on; choose what is read or written";
+const CHOSEN: &str = "Vulkan has no choice between buffers, which spirv-val overlooks and drivers crash on; choose \
+                      what is read or written";
 const UNKNOWN: &str = "not on the list of float operations that are exact on every device";
 
 /// Finds every operation whose float result is not the same, to the bit, on every Vulkan device.
 ///
 /// What may make floats is a list: `+ - *`, negation, moving and conversion from integers. All else that has
 /// a float result is refused, and so are the extended instructions that are not known to be exact, matrices
-/// and floats that are not 32 bits wide. And pointers that are anything but a variable's or a parameter's, or lead into one.
+/// and floats that are not 32 bits wide. And pointers that are anything but a variable's or a parameter's, or lead
+/// into one.
 pub(crate) fn check(module: &Module) -> Vec<Finding> {
     let mut findings = BTreeSet::new();
     let (mut floats, mut pointers) = (HashSet::new(), HashSet::new());
