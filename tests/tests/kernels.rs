@@ -2,13 +2,15 @@
 
 use proptest::prelude::*;
 use raykd::{
-    BuildOptions, Builder, Device,
+    BuildOptions, Builder, Device, KdTree, Scene,
     internals::Cpu,
     kernels::{
         KERNELS, Order,
+        build::tally::BLOCK,
         math::{div, ldexp, product_difference, product_difference_wide, quotient, whole},
     },
     rays::Random,
+    shared::{Content, limits::CHUNK},
 };
 use raykd_tests::{
     cases, cpu, devices,
@@ -42,19 +44,44 @@ proptest! {
     }
 }
 
-/// Triangles for several chunks, and for more small nodes on a level than one workgroup gives places to.
-const LARGE: u32 = 8000;
+/// Triangles for several chunks, and for more nodes on a level than one workgroup gives places to. `median` repeats
+/// its build with twice the room, which takes the longer the larger the mesh is.
+const LARGE: [(Builder, u32); 3] =
+    [(Builder::Binned, 8000), (Builder::Exact, 3000), (Builder::Median, MEDIAN)];
+const MEDIAN: u32 = 1500;
 
 #[test]
 fn each_kernel_does_so_over_several_chunks_too() {
     let devices: Vec<_> = devices().iter().map(|named| &named.device).collect();
     for family in [Family::Soup, Family::Lattice] {
-        for builder in BUILDERS.into_iter().chain([Builder::Median]) {
-            let mesh = Recipe { family, size: LARGE, seed: 1 }.mesh();
+        for (builder, size) in LARGE {
+            let mesh = Recipe { family, size, seed: 1 }.mesh();
             let options = BuildOptions { builder, ..BuildOptions::default() };
+            if family == Family::Soup {
+                let tree = Scene::build(devices[0], &mesh, &options).unwrap().tree().unwrap();
+                let most = widest(&tree);
+                assert!(most > BLOCK as usize && size > 2 * CHUNK, "{builder}: {most} nodes on a level");
+            }
             Job { mesh: &mesh, options: &options, seed: 1 }.compare(&devices).unwrap();
         }
     }
+}
+
+/// Most nodes on a level.
+fn widest(tree: &KdTree) -> usize {
+    let nodes = tree.view().nodes;
+    let (mut level, mut most) = (vec![0], 0);
+    while !level.is_empty() {
+        most = most.max(level.len());
+        level = level
+            .into_iter()
+            .flat_map(|at: u32| match nodes[at as usize].content() {
+                Content::Inner { below, .. } => vec![below, below + 1],
+                Content::Leaf { .. } => Vec::new(),
+            })
+            .collect();
+    }
+    most
 }
 
 #[test]
@@ -65,7 +92,7 @@ fn every_kernel_is_compared() {
         Job { mesh: &mesh, options: &options, seed: 1 }.kernels(gpu()).unwrap()
     };
     let small = BUILDERS.map(|builder| (builder, 60));
-    let seen: BTreeSet<_> = small.into_iter().chain([(Builder::Median, LARGE)]).flat_map(kernels).collect();
+    let seen: BTreeSet<_> = small.into_iter().chain([(Builder::Median, MEDIAN)]).flat_map(kernels).collect();
     // The probe is compared by the executors' own tests: it asks what raykd need not rely on.
     let all: BTreeSet<_> =
         KERNELS.iter().map(|kernel| kernel.name()).filter(|&name| name != "probe").collect();
