@@ -28,7 +28,8 @@ fn thickest(mesh: &Mesh, threads: u32) -> Result<f32, Error> {
         rays.filter_map(|ray| thickness(&tracer, &ray)).fold(0.0, f32::max)
     };
     Ok(std::thread::scope(|scope| {
-        let of = |thread| scope.spawn(move || (thread..64).step_by(threads as usize).map(row).fold(0.0, f32::max));
+        let of =
+            |thread| scope.spawn(move || (thread..64).step_by(threads as usize).map(row).fold(0.0, f32::max));
         let all: Vec<_> = (0..threads).map(of).collect();
         all.into_iter().map(|thread| thread.join().expect("no panic")).fold(0.0, f32::max)
     }))

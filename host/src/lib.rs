@@ -72,9 +72,9 @@ pub use raykd_shared as shared;
 pub use raykd_shared::{Hit, Ray};
 pub use rays::Ray64;
 pub use read::usual_max_bytes;
+pub use scene::{AllHits, Query, RaySteps, Resident, Scene, Traced, Tracer};
 #[cfg(feature = "gpu")]
 pub use scene::{Encoded, RayCount, SceneBuffers};
-pub use scene::{AllHits, Query, RaySteps, Resident, Scene, Traced, Tracer};
 pub use traversal::Traversal;
 pub use tree::{KdTree, hits_digest};
 #[cfg(feature = "gpu")]

@@ -11,8 +11,8 @@ mod tracer;
 pub use batch::Resident;
 #[cfg(feature = "gpu")]
 pub use encode::{Encoded, RayCount, SceneBuffers};
-pub use tracer::Tracer;
 pub use trace::{AllHits, Query, RaySteps, Traced};
+pub use tracer::Tracer;
 
 use crate::{
     BuildTimes, Error, Intersector, KdTree,

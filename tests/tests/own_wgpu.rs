@@ -82,13 +82,19 @@ fn hits_in_own_buffers_are_those_of_the_batch() -> Result<(), Failure> {
     rays[17].direction = [0.0; 3];
     let input = own.buffer(&rays, Use::STORAGE);
     let blank = vec![Hit { triangle: 7, t: 7.0, u: 7.0, v: 7.0 }; 1024];
-    let (closest, any) = (own.buffer(&blank, Use::STORAGE | Use::COPY_SRC), own.buffer(&blank, Use::STORAGE | Use::COPY_SRC));
+    let (closest, any) =
+        (own.buffer(&blank, Use::STORAGE | Use::COPY_SRC), own.buffer(&blank, Use::STORAGE | Use::COPY_SRC));
     let skipped = 8 * ALIGNED;
     let mut encoded = Vec::new();
     own.encode(|encoder| {
         let part = input.slice(skipped..);
-        encoded.push(own.scene.encode(encoder, Query::Closest, input.slice(..), closest.slice(..), 1000).expect("encoded"));
-        encoded.push(own.scene.encode(encoder, Query::Any, part, any.slice(ALIGNED..), 500).expect("encoded"));
+        encoded.push(
+            own.scene
+                .encode(encoder, Query::Closest, input.slice(..), closest.slice(..), 1000)
+                .expect("encoded"),
+        );
+        encoded
+            .push(own.scene.encode(encoder, Query::Any, part, any.slice(ALIGNED..), 500).expect("encoded"));
     });
     let invalid: Vec<u32> = encoded.iter().map(|it| it.invalid()).collect::<Result<_, Error>>()?;
     assert_eq!(invalid, [1, 0]);
@@ -116,7 +122,9 @@ fn the_number_of_rays_may_be_on_the_device() -> Result<(), Failure> {
         own.encode(|encoder| {
             encoder.copy_buffer_to_buffer(&counts, 4 * i as u64, &number, ALIGNED, 4);
             let count = number.slice(ALIGNED..);
-            own.scene.encode(encoder, Query::Closest, input.slice(..), hits.slice(..), count).expect("encoded");
+            own.scene
+                .encode(encoder, Query::Closest, input.slice(..), hits.slice(..), count)
+                .expect("encoded");
         });
         let found = own.read::<Hit>(&hits);
         same(&format!("{count} rays"), &all[..count], &found[..count])?;

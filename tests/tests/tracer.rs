@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use raykd::{
     BuildOptions, Device, Hit, Intersector, Mesh, Query, Ray, Scene, Tracer,
     kernels::trace::single::{LeafTriangle, Tree, lay_out},
-    rays::{Ray64, Random},
+    rays::{Random, Ray64},
     shared::MISS,
 };
 use raykd_tests::{Failure, cases, cpu, devices, gpu, meshes::traceable_mesh, rays::rays, same};
@@ -122,10 +122,12 @@ fn scenes_of_all_devices_give_the_same_tracer() -> Result<(), Failure> {
     for named in devices() {
         let tracer = Scene::build(&named.device, &mesh, &BuildOptions::default())?.tracer()?;
         let parts: Vec<Vec<Hit>> = std::thread::scope(|scope| {
-            let of = |part| scope.spawn({
-                let tracer = tracer.clone();
-                move || closest(&tracer, part)
-            });
+            let of = |part| {
+                scope.spawn({
+                    let tracer = tracer.clone();
+                    move || closest(&tracer, part)
+                })
+            };
             let threads: Vec<_> = rays.chunks(1000).map(of).collect();
             threads.into_iter().map(|thread| thread.join().expect("no panic")).collect()
         });
@@ -180,7 +182,8 @@ fn single_rays_are_moved_with_the_mesh() -> Result<(), Failure> {
 #[test]
 #[should_panic(expected = "by the triangle test strict")]
 fn all_hits_are_for_the_usual_test() {
-    let mut scene = Scene::build(&Device::cpu(), &Mesh::teapot(2), &BuildOptions::default()).expect("a scene");
+    let mut scene =
+        Scene::build(&Device::cpu(), &Mesh::teapot(2), &BuildOptions::default()).expect("a scene");
     scene.intersect_by(Intersector::Moeller).expect("it goes");
     let tracer = scene.tracer().expect("a tracer");
     let _ = tracer.for_each_hit(&Ray::new([0.0; 3], [1.0; 3]), |_| ControlFlow::Break(()));

@@ -109,7 +109,9 @@ impl Scene {
         let gpu = self.gpu()?;
         if self.traversal != Traversal::Stack {
             let (asked, usual) = (self.traversal, Traversal::Stack);
-            return Err(refused(format!("rays in buffers are traced by {usual}, the scene's traversal is {asked}")));
+            return Err(refused(format!(
+                "rays in buffers are traced by {usual}, the scene's traversal is {asked}"
+            )));
         }
         if rays.buffer() == hits.buffer() {
             return Err(refused("rays and hits are parts of one buffer; give each its own"));

@@ -3,9 +3,7 @@
 use super::Scene;
 use crate::{Error, Intersector, exec::cpu::Kept, rays::AnyRay};
 use raykd_kernels::trace::{
-    intersect::{
-        baldwin::Baldwin, exact::Exact, moeller::Moeller, plane::Plane, strict::Strict, woop::Woop,
-    },
+    intersect::{baldwin::Baldwin, exact::Exact, moeller::Moeller, plane::Plane, strict::Strict, woop::Woop},
     single::Tree,
 };
 use raykd_shared::{Hit, TreeHeader};
@@ -74,7 +72,11 @@ impl Tracer {
     ///
     /// # Panics
     /// The scene's triangle test was not the default.
-    pub fn for_each_hit<B>(&self, ray: &impl AnyRay, each: impl FnMut(Hit) -> ControlFlow<B>) -> ControlFlow<B> {
+    pub fn for_each_hit<B>(
+        &self,
+        ray: &impl AnyRay,
+        each: impl FnMut(Hit) -> ControlFlow<B>,
+    ) -> ControlFlow<B> {
         assert!(
             self.intersector == Intersector::default(),
             "all hits of a ray are found by the triangle test {}, this is {}",

@@ -60,7 +60,8 @@ pub const fn required_features() -> wgpu::Features {
 ///
 /// `max_storage_buffer_binding_size` and `max_buffer_size` bound the scenes that fit; ask for what the adapter has.
 pub fn required_limits(limits: wgpu::Limits) -> wgpu::Limits {
-    let most = |of: fn(&Kernel) -> u32| raykd_kernels::KERNELS.iter().map(|&kernel| of(kernel)).max().unwrap_or(0);
+    let most =
+        |of: fn(&Kernel) -> u32| raykd_kernels::KERNELS.iter().map(|&kernel| of(kernel)).max().unwrap_or(0);
     let (threads, buffers) = (most(|kernel| kernel.threads), most(|kernel| kernel.slots.len() as u32));
     wgpu::Limits {
         max_compute_invocations_per_workgroup: limits.max_compute_invocations_per_workgroup.max(threads),
