@@ -9,7 +9,7 @@
 
 use raykd::{
     BuildOptions, Builder, Device, Hit, Intersector, Mesh, Query, Scene, Traversal,
-    internals::{Cpu, exact_by_host},
+    internals::Cpu,
     rays,
 };
 use std::thread;
@@ -32,7 +32,7 @@ fn main() {
             tree.validate().expect("it is valid");
             if builder == Builder::Exact {
                 let kernels = Scene::exact_by_kernels(device, mesh, &options, 5).expect("it builds");
-                assert_eq!(kernels.tree().expect("it is read"), exact_by_host(mesh, &options));
+                assert_eq!(kernels.tree().expect("it is read"), tree);
             }
             let expected = &*expected.get_or_insert_with(|| scene.brute(rays).expect("it traces"));
             for traversal in Traversal::ALL {

@@ -129,9 +129,9 @@ pub fn triangles(bytes: &[u8]) {
         trace(&mesh, &scene, &rays);
         // The two forms of `exact`, lists of faces in all but the smallest nodes.
         let exact = BuildOptions { builder: Builder::Exact, ..BuildOptions::default() };
-        let scene = Scene::exact_by_kernels(&CPU, &mesh, &exact, 5).expect("kernels build it");
-        let tree = scene.tree().expect("a CPU gives it back");
-        assert_eq!(tree.digest(), raykd::internals::exact_by_host(&mesh, &exact).digest());
+        let kernels = Scene::exact_by_kernels(&CPU, &mesh, &exact, 5).expect("kernels build it");
+        let host = Scene::build(&CPU, &mesh, &exact).expect("a CPU builds it");
+        assert_eq!(kernels.tree().expect("it is read").digest(), host.tree().expect("it is read").digest());
     }
 }
 

@@ -45,7 +45,6 @@
 mod build;
 mod choices;
 mod error;
-mod exact;
 mod exec;
 mod intersector;
 pub mod mesh;
@@ -95,10 +94,9 @@ pub mod internals {
         calibration::rays_for,
         cost::{speed, wake},
     };
-    use crate::{BuildOptions, KdTree, Mesh};
     pub use crate::{
+        build::LISTED as EXACT_SMALL,
         error::{QUOTED, quoted},
-        exact::levels::SMALL as EXACT_SMALL,
         exec::{Buffer, Cpu, Groups, Step, Timing, watch},
         read::all_of,
         tree::digest_of,
@@ -107,11 +105,5 @@ pub mod internals {
     /// Files that appear whole or not at all.
     pub mod output {
         pub use crate::output::{abandon, check, check_folder, write_folder, write_whole};
-    }
-
-    /// The host's form of [`Builder::Exact`](crate::Builder::Exact).
-    pub fn exact_by_host(mesh: &Mesh, options: &BuildOptions) -> KdTree {
-        let KdTree { header, nodes, refs } = crate::exact::build(mesh, options);
-        KdTree::sealed(header, nodes, refs, mesh.digest())
     }
 }

@@ -1,6 +1,6 @@
 //! A kd-tree in memory and on disk.
 
-use crate::{BuildOptions, Error, Mesh, error::quoted};
+use crate::{Error, Mesh, error::quoted};
 use raykd_shared::{LAYOUT_VERSION, Node, Report, TreeHeader, TreeView};
 use sha2::{Digest, Sha256};
 use std::{io::Write, path::Path};
@@ -22,27 +22,6 @@ impl KdTree {
     /// The parts, for code that reads the layout.
     pub fn view(&self) -> TreeView<'_> {
         TreeView { header: &self.header, nodes: &self.nodes, refs: &self.refs }
-    }
-
-    /// No tree: one leaf that lists every triangle.
-    pub(crate) fn leaf(mesh: &Mesh, options: &BuildOptions) -> Self {
-        let (lo, hi) = mesh.scaled_bounds();
-        let refs = mesh.kept().to_vec();
-        let nodes = vec![Node::leaf(0, refs.len() as u32), Node::PADDING];
-        let header = TreeHeader {
-            lo,
-            nodes: nodes.len() as u32,
-            hi,
-            refs: refs.len() as u32,
-            triangles: mesh.triangles().len() as u32,
-            depth: 0,
-            scale: mesh.scale(),
-            cost_step: options.cost_step,
-            cost_test: options.cost_test,
-            mesh: [0; 2],
-            checksum: 0,
-        };
-        Self { header, nodes, refs }
     }
 
     /// A tree whose header says which mesh it is of, and has its checksum.

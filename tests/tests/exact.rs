@@ -1,7 +1,7 @@
 //! The exact builder: nothing is left out, whatever the mesh, and builds end.
 
 use proptest::prelude::*;
-use raykd::{BuildOptions, Builder, KdTree, Mesh, Scene, internals::exact_by_host as build};
+use raykd::{BuildOptions, Builder, KdTree, Mesh, Scene};
 use raykd_tests::{
     Failure, any_options, cases,
     covers::covers,
@@ -11,6 +11,14 @@ use raykd_tests::{
     same,
     trees::without_reference,
 };
+
+/// The tree by the host's form, which a CPU uses.
+fn build(mesh: &Mesh, options: &BuildOptions) -> KdTree {
+    let options = BuildOptions { builder: Builder::Exact, profile: true, ..options.clone() };
+    let scene = Scene::build(cpu(), mesh, &options).expect("a CPU builds it");
+    assert!(scene.times().kernels.is_empty(), "it was built by kernels");
+    scene.tree().expect("a CPU gives it back")
+}
 
 fn clipped(mesh: &Mesh, clip: bool) -> KdTree {
     build(mesh, &BuildOptions { clip, ..BuildOptions::default() })

@@ -2,9 +2,8 @@
 
 use super::{Extras, Scene};
 use crate::{
-    BuildOptions, BuildTimes, Builder, Error, Intersector, KdTree, Mesh, Traversal,
-    build::{Built, MeshBuffers, build, upload},
-    exact::{self, levels},
+    BuildOptions, BuildTimes, Error, Intersector, KdTree, Mesh, Traversal,
+    build::{Built, MeshBuffers, build, put, sweep_by_kernels, upload},
     exec::{Buffer, Device, Step},
 };
 use raykd_kernels::{Kernel, trace::prepare::corners::CORNERS};
@@ -17,68 +16,8 @@ impl Scene {
     /// # Errors
     /// An option is out of its range, the mesh does not fit the device, or the device failed.
     pub fn build(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Result<Self, Error> {
-        options.check()?;
-        let triangles = mesh.kept().len() as f32;
-        let most = options.budget.map_or(u32::MAX, |b| (b.max(1.0) * triangles) as u32);
-        let mut options = options.clone();
-        let (mut retries, mut failed, mut before) = (0, Duration::ZERO, u32::MAX);
-        loop {
-            let begin = Instant::now();
-            let mut scene = Self::build_once(device, mesh, &options)?;
-            // Planes that are not chosen by cost stay where they are; no other saves so much.
-            let settled = scene.header.refs == before
-                && options.long as f32 >= triangles
-                && options.price >= triangles * triangles;
-            if scene.header.refs <= most || settled || options.builder == Builder::Median {
-                scene.times.retries += retries;
-                scene.times.failed += failed;
-                return Ok(scene);
-            }
-            before = scene.header.refs;
-            options.price = (2.0 * options.price).max(0.25);
-            options.long = options.long.max(1).saturating_mul(2);
-            retries += 1 + scene.times.retries;
-            failed += begin.elapsed();
-        }
-    }
-
-    fn build_once(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Result<Self, Error> {
-        let by_host = options.builder == Builder::Exact && device.is_cpu();
-        if by_host || options.max_depth == 0 {
-            return Self::by_host(device, mesh, options);
-        }
-        let begin = Instant::now();
-        match build(device, mesh, options) {
-            // The host builds the same tree, more slowly.
-            Err(Error::TooLarge { .. } | Error::OutOfMemory { .. }) if options.builder == Builder::Exact => {
-                let failed = begin.elapsed();
-                let mut scene = Self::by_host(device, mesh, options)?;
-                scene.times.by_host = true;
-                scene.times.failed += failed;
-                Ok(scene)
-            }
-            built => built.and_then(|(on_device, built)| Self::assemble(device, mesh, on_device, built)),
-        }
-    }
-
-    /// Builds by host code.
-    fn by_host(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Result<Self, Error> {
-        let start = Instant::now();
-        let (tree, taken) = if options.max_depth == 0 {
-            (KdTree::leaf(mesh, options), exact::Taken::default())
-        } else {
-            device.install(|| exact::build_counted(mesh, options))
-        };
-        let build = start.elapsed();
-        let mut scene = Self::place(device, mesh, &tree)?;
-        scene.times = BuildTimes {
-            build: build.saturating_sub(taken.failed),
-            peak_bytes: taken.bytes,
-            retries: taken.retries,
-            failed: taken.failed,
-            ..scene.times
-        };
-        Ok(scene)
+        let (on_device, built) = build(device, mesh, options)?;
+        Self::assemble(device, mesh, on_device, built)
     }
 
     /// For tests: [`Builder::Exact`] by its kernels, on any device, with lists in nodes of more than `small` references.
@@ -89,7 +28,7 @@ impl Scene {
         options: &BuildOptions,
         small: u32,
     ) -> Result<Self, Error> {
-        let (on_device, built) = levels::build(device, mesh, options, small)?;
+        let (on_device, built) = sweep_by_kernels(device, mesh, options, small)?;
         Self::assemble(device, mesh, on_device, built)
     }
 
@@ -100,17 +39,9 @@ impl Scene {
     pub fn with_tree(device: &Device, mesh: &Mesh, tree: &KdTree) -> Result<Self, Error> {
         tree.validate()?;
         tree.check_mesh(mesh)?;
-        Self::place(device, mesh, tree)
-    }
-
-    /// The same without looking at the tree.
-    fn place(device: &Device, mesh: &Mesh, tree: &KdTree) -> Result<Self, Error> {
         let header = TreeHeader { mesh: [0; 2], checksum: 0, ..tree.header };
         let start = Instant::now();
-        let nodes = device.alloc("nodes", tree.nodes.len() as u64 * 8)?;
-        let refs = device.alloc("refs", tree.refs.len() as u64 * 4)?;
-        device.write(&nodes, 0, bytemuck::cast_slice(&tree.nodes))?;
-        device.write(&refs, 0, bytemuck::cast_slice(&tree.refs))?;
+        let [nodes, refs] = put(device, &tree.nodes, &tree.refs)?;
         let on_device = upload(device, mesh)?;
         let times = BuildTimes { upload: start.elapsed(), ..BuildTimes::default() };
         Self::assemble(device, mesh, on_device, Built { header, nodes, refs, times })

@@ -221,6 +221,14 @@ pub fn is_above(hi: f32, at: f32) -> bool {
     hi > at
 }
 
+/// Whether a reference with this extent belongs below the plane, and whether above, where one that lies in the plane goes to a
+/// side of choice. What touches the plane from one side is on that side only.
+#[inline(always)]
+pub fn sides(lo: f32, hi: f32, at: f32, flat_above: bool) -> (bool, bool) {
+    let flat = (lo == at) & (hi == at);
+    ((lo < at) | (flat & !flat_above), (hi > at) | (flat & flat_above))
+}
+
 /// A node's box cut by a plane: the boxes of the children.
 #[inline(always)]
 pub fn cut(lo: Vec3, hi: Vec3, plane: SplitPlane) -> (Vec3, Vec3) {

@@ -2,7 +2,7 @@
 
 use super::{ABOVE, BELOW, CLIPPED_SHIFT, CUT, Cell, HEAD, LEAF, LEVEL_REFS, LISTED, Reference, decide};
 use crate::{
-    build::clip::clip_plane,
+    build::{clip::clip_plane, sides},
     glam::UVec4,
     math::component,
     mem::{Buf, Slots},
@@ -33,10 +33,7 @@ pub fn classify(
             let (bounds, at) = (reference.bounds, cutting.plane.at);
             let (lo, hi) =
                 (component(bounds.lo, cutting.plane.axis), component(bounds.hi, cutting.plane.axis));
-            // What touches the plane from one side is on that side only.
-            let flat = lo == at && hi == at;
-            let below = lo < at || (flat && !cutting.flat_above);
-            let above = hi > at || (flat && cutting.flat_above);
+            let (below, above) = sides(lo, hi, at, cutting.flat_above);
             code = (below as u32) * BELOW + (above as u32) * ABOVE;
             let large = cell.count > params.small;
             if below && above {

@@ -1,14 +1,18 @@
-//! The same tree by kernels, level by level: which run, over which buffers, how large.
+//! The sweep by kernels, level by level: which run, over which buffers, how large.
 
 use crate::{
-    BuildOptions, Error, Mesh,
-    build::{Arena, BuildTimes, Built, MeshBuffers, Room, add_times, growth, most_refs, params, upload},
-    exec::{Buffer, Device, Step},
+    Error, Mesh,
+    build::{
+        BuildTimes, Grown, MeshBuffers,
+        retry::Stop,
+        room::{Arena, Need, growth},
+    },
+    exec::{Buffer, Step},
 };
 use raykd_kernels::build::sweep::{
-    CHEAPEST_BITS, FRESH_SHARE, LEVEL_WORDS, LISTS, OVER_CELLS, OVER_FACES, OVER_FRESH, OVER_RANKS,
-    OVER_REFERENCES, ROWS, SORT_BITS, STATE_CELLS, STATE_DEPTH, STATE_FRESH, STATE_LEVEL, STATE_LISTS,
-    STATE_NODES, STATE_REFS, STATE_STATUS, STATE_WORDS,
+    CHEAPEST_BITS, LEVEL_WORDS, LISTS, OVER_CELLS, OVER_FACES, OVER_FRESH, OVER_RANKS, OVER_REFERENCES, ROWS,
+    SORT_BITS, STATE_CELLS, STATE_DEPTH, STATE_FRESH, STATE_LEVEL, STATE_LISTS, STATE_NODES, STATE_REFS,
+    STATE_STATUS, STATE_WORDS,
     advance::{ADVANCE, Level, record},
     blocks,
     carry::CARRY,
@@ -27,91 +31,28 @@ use raykd_kernels::build::sweep::{
     total::TOTAL,
     weigh::WEIGH,
 };
-use raykd_shared::{BuildParams, Node, TreeHeader, limits::MAX_DEPTH, status};
+use raykd_shared::{BuildParams, Node, status};
 use std::time::Instant;
-
-/// Nodes of more references keep the faces of their boxes in order; in others they are counted one by one.
-pub const SMALL: u32 = 64;
 
 /// Levels after which the host looks whether there are more.
 const LOOK: usize = 16;
 
-/// Builds the tree of `mesh` on `device`.
-pub(crate) fn build(
-    device: &Device,
+/// Builds the tree.
+pub(in crate::build) fn build(
+    arena: &mut Arena<'_>,
     mesh: &Mesh,
-    options: &BuildOptions,
-    small: u32,
-) -> Result<(MeshBuffers, Built), Error> {
+    on_device: &MeshBuffers,
+    params: &BuildParams,
+    profile: bool,
+) -> Result<Grown, Stop> {
+    let device = arena.device;
     let begin = Instant::now();
-    let on_device = upload(device, mesh)?;
-    let kept = device.alloc("kept", mesh.kept().len() as u64 * 4)?;
+    let kept = arena.alloc("kept", mesh.kept().len() as u32, 4)?;
     device.write(&kept, 0, bytemuck::cast_slice(mesh.kept()))?;
-    let mut times = BuildTimes { upload: begin.elapsed(), ..BuildTimes::default() };
-    let references = mesh.kept().len() as u32;
-    let most = most_refs(references);
-    let depth = options.max_depth.min(MAX_DEPTH);
-    let mut params = BuildParams { small, ..params(mesh, options, first_guess(references), depth) };
-    loop {
-        let begin = Instant::now();
-        let bytes = on_device.positions.bytes() + on_device.indices.bytes() + kept.bytes();
-        let mut arena = Arena { device, bytes };
-        let attempt = Attempt::new(&mut arena, &params)?;
-        match attempt.run(&mut arena, (&on_device, &kept), options.profile)? {
-            Outcome::Built(built) => {
-                times.build = built.times.build;
-                times.peak_bytes = arena.bytes;
-                times.kernels = built.times.kernels;
-                let header = TreeHeader { scale: mesh.scale(), ..built.header };
-                return Ok((on_device, Built { header, times, ..*built }));
-            }
-            // Splitting does not separate these triangles: fewer levels, longer leaves, bounded memory.
-            Outcome::MoreRoom(need) if need.references.max(need.listed) > most => params.max_depth /= 2,
-            Outcome::MoreRoom(need) => need.grow(&mut params, most),
-        }
-        times.retries += 1;
-        times.failed += begin.elapsed();
-    }
-}
-
-/// What the dragons, Sponza and the teapot need.
-pub(super) fn first_guess(references: u32) -> Room {
-    let n = references;
-    Room {
-        level_refs: 2 * n + n / 4 + 1024,
-        treelet_refs: 3 * n + 1024,
-        active: n / 2 + 1024,
-        treelets: 2 * n + n / 4 + 1024,
-        levels: 0,
-    }
-}
-
-/// What a level that did not fit would have needed.
-#[derive(Clone, Copy, Debug)]
-struct Need {
-    references: u32,
-    fresh: u32,
-    cells: u32,
-    nodes: u32,
-    listed: u32,
-}
-
-impl Need {
-    /// Makes room for that and something more.
-    fn grow(self, params: &mut BuildParams, most: u32) {
-        let more = |has: u32, needed: u32| if needed > has { 2 * needed } else { has };
-        // Lists of new faces are shorter than others.
-        let refs = self.references.max(self.fresh.saturating_mul(FRESH_SHARE));
-        params.level_refs = more(params.level_refs, refs).min(most.saturating_mul(FRESH_SHARE));
-        params.treelet_refs = more(params.treelet_refs, self.listed).min(most);
-        params.active = more(params.active, self.cells);
-        params.treelets = more(params.treelets, self.nodes + self.cells);
-    }
-}
-
-enum Outcome {
-    Built(Box<Built>),
-    MoreRoom(Need),
+    let upload = begin.elapsed();
+    let attempt = Attempt::new(arena, params)?;
+    let grown = attempt.run(arena, (on_device, &kept), profile)?;
+    Ok(Grown { times: BuildTimes { upload, ..grown.times }, ..grown })
 }
 
 /// How many passes of `2^bits` to one it takes until `count` are one.
@@ -304,13 +245,12 @@ impl Attempt {
         arena: &mut Arena<'_>,
         (mesh, kept): (&MeshBuffers, &Buffer),
         profile: bool,
-    ) -> Result<Outcome, Error> {
+    ) -> Result<Grown, Stop> {
         let device = arena.device;
         let mut times = BuildTimes::default();
         let mut go = |steps: Vec<Step<'_>>| -> Result<(), Error> {
             let timing = device.dispatch(&steps, profile)?;
-            times.build += timing.total;
-            add_times(&mut times.kernels, &steps, &timing);
+            times.add(&steps, &timing);
             Ok(())
         };
         let mut steps = self.root(mesh, kept);
@@ -323,7 +263,7 @@ impl Attempt {
             let words: Vec<u32> = device.read(&self.state, 0, STATE_WORDS as usize)?;
             let state = move |i: u32| words[i as usize];
             if state(STATE_STATUS) & status::CAPACITY != 0 {
-                return Ok(Outcome::MoreRoom(Need {
+                return Err(Stop::Needs(Need {
                     references: state(STATE_LEVEL),
                     fresh: state(STATE_FRESH),
                     cells: state(STATE_CELLS),
@@ -335,7 +275,7 @@ impl Attempt {
                 break state;
             }
             if end == number {
-                return Err(Error::Kernel(status::describe(status::LEVELS)));
+                return Err(Error::Kernel(status::describe(status::LEVELS)).into());
             }
             (depth, lists) = (end, state(STATE_LISTS) > 0);
         };
@@ -353,20 +293,6 @@ impl Attempt {
         steps.extend(levels.iter().map(number));
         steps.push(Step::over(&LEAVES, ref_count, vec![&self.state, &self.listed, tree, places, &out]));
         go(steps)?;
-        let given = &self.given;
-        let header = TreeHeader {
-            lo: given.lo,
-            nodes: node_count,
-            hi: given.hi,
-            refs: ref_count,
-            triangles: given.triangles,
-            depth,
-            scale: 1.0,
-            cost_step: given.cost_step,
-            cost_test: given.cost_test,
-            mesh: [0; 2],
-            checksum: 0,
-        };
-        Ok(Outcome::Built(Box::new(Built { header, nodes, refs: out, times })))
+        Ok(Grown { nodes, refs: out, counts: [node_count, ref_count], depth, times })
     }
 }

@@ -1,0 +1,169 @@
+//! What a build may be told, and what it tells.
+
+use crate::{Error, choices::choices, exec::Step, exec::Timing, mesh::Mesh};
+use raykd_shared::{
+    limits::{MAX_DEPTH, TREELET},
+    rule,
+};
+use std::time::Duration;
+
+choices! {
+    /// How the planes of a tree are chosen; the cheapest first.
+    pub enum Builder {
+        /// Empty space cut off, else the middle of the longest axis, down to 8 references: the cheap baseline
+        Median = "median",
+        /// As median above 32 references and as binned below (Zhou et al. 2008, who go over at 64)
+        Zhou = "zhou",
+        /// Surface area heuristic, over 32 bins an axis above 32 references (Shevtsov et al. 2007) and all box faces
+        /// below
+        Binned = "binned",
+        /// Surface area heuristic over all box faces, with boxes clipped at every plane (Wald & Havran 2006; on a GPU
+        /// after Wu et al. 2011)
+        Exact = "exact",
+    }
+    default = Binned;
+}
+
+impl Builder {
+    pub(super) fn rule(self) -> u32 {
+        match self {
+            Self::Median => rule::MEDIAN | rule::LEAVES,
+            Self::Binned | Self::Exact => 0,
+            Self::Zhou => rule::MEDIAN,
+        }
+    }
+
+    /// References at which a node leaves the level loop.
+    pub(super) fn small(self) -> u32 {
+        if self == Self::Median { 8 } else { TREELET }
+    }
+}
+
+/// What a build may be told.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BuildOptions {
+    /// SAH cost of one traversal step, from 0 to [`Self::MOST`].
+    pub cost_step: f32,
+    /// SAH cost of one triangle test, from 0 to [`Self::MOST`].
+    pub cost_test: f32,
+    /// Price of a reference, from 0 to [`Self::MOST`]: how many tests a ray through the scene it has to save, times the
+    /// number of triangles. 0 takes every split that saves anything; more makes trees smaller where that costs least. It has
+    /// never to save a ray through its own node more than there is to save, nor in nodes of more than `long` more than half a
+    /// test: an object that is small in its scene is split, too.
+    pub price: f32,
+    /// In nodes of more references the price is a hundredth (2^-7): long leaves hold up the rays beside.
+    pub long: u32,
+    /// Most references a triangle, on average, at least 1: `price` and `long` are doubled until the tree keeps to it. A scene that
+    /// needs more gets slow. [`Builder::Median`] weighs no costs, [`Builder::Zhou`] none in large nodes: they may not keep to it.
+    pub budget: Option<f32>,
+    /// Factor on the cost of planes that cut off empty space, from 0 to 1.
+    pub empty: f32,
+    /// Deepest level for a leaf, at most [`MAX_DEPTH`].
+    pub max_depth: u32,
+    /// How planes are chosen.
+    pub builder: Builder,
+    /// Whether a reference is dropped where its triangle does not reach, though its box does ("perfect splits",
+    /// Wald & Havran 2006, section 4.3).
+    pub clip: bool,
+    /// Time every kernel, see [`BuildTimes::kernels`].
+    pub profile: bool,
+}
+
+impl Default for BuildOptions {
+    fn default() -> Self {
+        Self {
+            cost_step: 1.0,
+            cost_test: 1.0,
+            price: 5.0,
+            long: 16,
+            budget: None,
+            empty: 0.9,
+            max_depth: MAX_DEPTH,
+            builder: Builder::default(),
+            clip: true,
+            profile: false,
+        }
+    }
+}
+
+impl BuildOptions {
+    /// The most that a cost or price may be.
+    pub const MOST: f32 = 1e9;
+
+    /// Refuses numbers that costs cannot be weighed by.
+    pub(super) fn check(&self) -> Result<(), Error> {
+        let numbers = [
+            ("cost_step", self.cost_step, 0.0, Self::MOST),
+            ("cost_test", self.cost_test, 0.0, Self::MOST),
+            ("price", self.price, 0.0, Self::MOST),
+            ("empty", self.empty, 0.0, 1.0),
+            ("budget", self.budget.unwrap_or(1.0), 1.0, f32::INFINITY),
+        ];
+        match numbers.into_iter().find(|(_, value, least, most)| !(least..=most).contains(&value)) {
+            Some((name, value, least, most)) => Err(Error::Options { name, value, least, most }),
+            None => Ok(()),
+        }
+    }
+
+    /// [`BuildParams::price`] in the scaled mesh.
+    pub(super) fn price(&self, mesh: &Mesh) -> f32 {
+        let (lo, hi) = mesh.scaled_bounds();
+        let d: [f32; 3] = std::array::from_fn(|i| hi[i] - lo[i]);
+        let area = d[0] * d[1] + d[1] * d[2] + d[2] * d[0];
+        self.price * self.cost_test * area / mesh.kept().len().max(1) as f32
+    }
+}
+
+/// How long a build took and what it needed.
+#[derive(Clone, Debug, Default)]
+pub struct BuildTimes {
+    /// Mesh to device.
+    pub upload: Duration,
+    /// All kernels, on the device's clock.
+    pub build: Duration,
+    /// Laying the leaves' triangles out for tracing, on the device's clock.
+    pub layout: Duration,
+    /// Most bytes of buffers held at once, the mesh included.
+    pub peak_bytes: u64,
+    /// How often the build was repeated, with more room, a higher price or by the host; the other times are those of the last
+    /// try.
+    pub retries: u32,
+    /// What the tries before the last took in all, by the clock on the wall.
+    pub failed: Duration,
+    /// Whether the host built the tree because the device had not the room to.
+    pub by_host: bool,
+    /// With profiling: what each kernel took, in order of first use.
+    pub kernels: Vec<KernelTimes>,
+}
+
+/// What all dispatches of a kernel took.
+#[derive(Clone, Copy, Debug)]
+pub struct KernelTimes {
+    /// Its name.
+    pub name: &'static str,
+    /// How often it was dispatched.
+    pub dispatches: u32,
+    /// On the device's clock.
+    pub time: Duration,
+    /// Bytes read and written in buffers: on the CPU, with the feature `traffic`.
+    pub bytes: Option<u64>,
+}
+
+impl BuildTimes {
+    /// Adds the times of steps, summed by kernel in order of first use.
+    pub(super) fn add(&mut self, steps: &[Step<'_>], timing: &Timing) {
+        self.build += timing.total;
+        for (i, (step, &time)) in steps.iter().zip(&timing.steps).enumerate() {
+            let name = step.kernel.name();
+            let bytes = timing.moved.get(i).copied();
+            match self.kernels.iter_mut().find(|kernel| kernel.name == name) {
+                Some(kernel) => {
+                    kernel.dispatches += 1;
+                    kernel.time += time;
+                    kernel.bytes = kernel.bytes.zip(bytes).map(|(sum, more)| sum + more);
+                }
+                None => self.kernels.push(KernelTimes { name, dispatches: 1, time, bytes }),
+            }
+        }
+    }
+}

@@ -1,0 +1,138 @@
+//! How much room the lists of a build get.
+
+use crate::{
+    Error,
+    exec::{Buffer, Device},
+};
+use raykd_kernels::build::sweep::FRESH_SHARE;
+use raykd_shared::limits::{CHUNK, MAX_DEPTH, TREELET};
+
+/// References that the large nodes of so many triangles may make of them: few more a triangle where those are many, as
+/// memory and time go by all.
+fn bound(triangles: u32) -> u32 {
+    let few = triangles.saturating_mul(48).saturating_add(1 << 16);
+    few.min(triangles.saturating_mul(4).saturating_add(1 << 23)).min(1 << 29)
+}
+
+/// The same for each triangle: what the root's references may become, see [`raykd_kernels::build::Costs::most`].
+pub(super) fn growth(triangles: u32) -> f32 {
+    bound(triangles) as f32 / triangles.max(1) as f32
+}
+
+/// Most references of a tree by the sweep, even if more depth were allowed.
+pub(super) fn most_of_sweep(triangles: u32) -> u32 {
+    bound(triangles).saturating_mul(2).min(1 << 29)
+}
+
+/// Most references on a level of the level loop: rounding counts.
+fn most_of_levels(triangles: u32) -> u32 {
+    bound(triangles) / 64 * 65 + 64
+}
+
+/// Allocates, and keeps count.
+pub(super) struct Arena<'d> {
+    pub device: &'d Device,
+    pub bytes: u64,
+}
+
+impl Arena<'_> {
+    pub(super) fn alloc(&mut self, name: &'static str, count: u32, stride: u64) -> Result<Buffer, Error> {
+        let buffer = self.device.alloc(name, u64::from(count) * stride)?;
+        self.bytes += buffer.bytes();
+        Ok(buffer)
+    }
+
+    /// Two of a kind: one for a level, one for the next.
+    pub(super) fn pair(&mut self, name: &'static str, count: u32, stride: u64) -> Result<[Buffer; 2], Error> {
+        Ok([self.alloc(name, count, stride)?, self.alloc(name, count, stride)?])
+    }
+}
+
+/// Capacities of one try.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Room {
+    pub level_refs: u32,
+    pub treelet_refs: u32,
+    pub active: u32,
+    pub treelets: u32,
+    /// Levels of the level loop.
+    pub levels: u32,
+}
+
+impl Room {
+    /// The first guess for the level loop, which nodes of `small` references leave.
+    pub(super) fn of_levels(references: u32, small: u32) -> Self {
+        let n = references;
+        // The usual bound on useful depth (Pharr, Jakob & Humphreys, PBRT): 8 + 1.3 log2 N.
+        let levels = 12 + 13 * (n + 1).ilog2() / 10;
+        let chunks = n.div_ceil(CHUNK);
+        let level_refs = n + n / 2 + 64;
+        // Dragons, Sponza and the teapot take 1.4 to 2.1 in treelets of 14 to 18; without costs, in short leaves, 5.
+        let (treelet_refs, a_treelet) = if small < TREELET { (5 * n, 3) } else { (2 * n + n / 4, 14) };
+        let treelet_refs = treelet_refs + 64;
+        Self {
+            level_refs,
+            treelet_refs,
+            active: n / small + chunks + 4,
+            treelets: treelet_refs / a_treelet + 16,
+            levels: levels.min(MAX_DEPTH),
+        }
+    }
+
+    /// The first guess for the sweep: what the dragons, Sponza and the teapot need.
+    pub(super) fn of_sweep(references: u32) -> Self {
+        let n = references;
+        Self {
+            level_refs: 2 * n + n / 4 + 1024,
+            treelet_refs: 3 * n + 1024,
+            active: n / 2 + 1024,
+            treelets: 2 * n + n / 4 + 1024,
+            levels: 0,
+        }
+    }
+
+    /// Twice the room for the level loop. None if lists of references are as long as those of so many triangles get.
+    pub(super) fn doubled(self, triangles: u32, small: u32) -> Option<Self> {
+        let most = most_of_levels(triangles);
+        let double = |x: u32| x.saturating_mul(2).min(1 << 29);
+        (self.level_refs.min(self.treelet_refs) < most).then(|| {
+            let level_refs = double(self.level_refs).min(most);
+            Self {
+                level_refs,
+                treelet_refs: double(self.treelet_refs).min(most),
+                // Active nodes hold more than `small` each, and their last chunk may be short.
+                active: double(self.active).min(level_refs / small + level_refs / CHUNK + 4),
+                treelets: double(self.treelets),
+                levels: self.levels,
+            }
+        })
+    }
+
+    /// Room for what a level of the sweep would have needed, and something more. None if that is more references than trees of
+    /// so many triangles may have.
+    pub(super) fn holding(self, need: &Need, triangles: u32) -> Option<Self> {
+        let most = most_of_sweep(triangles);
+        let more = |has: u32, needed: u32| if needed > has { 2 * needed } else { has };
+        (need.references.max(need.listed) <= most).then(|| {
+            // Lists of new faces are shorter than others.
+            let refs = need.references.max(need.fresh.saturating_mul(FRESH_SHARE));
+            Self {
+                level_refs: more(self.level_refs, refs).min(most.saturating_mul(FRESH_SHARE)),
+                treelet_refs: more(self.treelet_refs, need.listed).min(most),
+                active: more(self.active, need.cells),
+                treelets: more(self.treelets, need.nodes + need.cells),
+                levels: self.levels,
+            }
+        })
+    }
+}
+
+/// What a level of the sweep that did not fit would have needed.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Need {
+    pub references: u32,
+    pub fresh: u32,
+    pub cells: u32,
+    pub nodes: u32,
+    pub listed: u32,
+}
