@@ -1,14 +1,6 @@
 //! The triangle tests that there are to choose from.
 
 use crate::{Error, Traversal, choices::choices};
-use raykd_kernels::{
-    Kernel,
-    trace::queries::{
-        baldwin::BALDWIN, brute_baldwin::BRUTE_BALDWIN, brute_exact::BRUTE_EXACT,
-        brute_moeller::BRUTE_MOELLER, brute_plane::BRUTE_PLANE, brute_strict::BRUTE_STRICT,
-        brute_woop::BRUTE_WOOP, exact::EXACT, moeller::MOELLER, plane::PLANE, woop::WOOP,
-    },
-};
 
 choices! {
     /// How it is told whether a ray hits a triangle, and where. [`Intersector::Strict`] keeps raykd's promises, and
@@ -44,30 +36,6 @@ impl Intersector {
         match (self, traversal) {
             (Self::Strict, _) | (_, Traversal::Stack | Traversal::Brute) => Ok(()),
             _ => Err(Error::Intersector { name: self.name(), asked: format!("traversal {traversal}") }),
-        }
-    }
-
-    /// The kernel that tests all triangles.
-    pub(crate) const fn brute(self) -> &'static Kernel {
-        match self {
-            Self::Strict => &BRUTE_STRICT,
-            Self::Exact => &BRUTE_EXACT,
-            Self::Woop => &BRUTE_WOOP,
-            Self::Moeller => &BRUTE_MOELLER,
-            Self::Plane => &BRUTE_PLANE,
-            Self::Baldwin => &BRUTE_BALDWIN,
-        }
-    }
-
-    /// The kernel that goes through the tree with a full stack; the default has several of its own.
-    pub(crate) const fn stack(self) -> Option<&'static Kernel> {
-        match self {
-            Self::Strict => None,
-            Self::Exact => Some(&EXACT),
-            Self::Woop => Some(&WOOP),
-            Self::Moeller => Some(&MOELLER),
-            Self::Plane => Some(&PLANE),
-            Self::Baldwin => Some(&BALDWIN),
         }
     }
 }

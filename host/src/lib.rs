@@ -97,7 +97,7 @@ pub mod internals {
     pub use crate::{
         build::LISTED as EXACT_SMALL,
         error::{QUOTED, quoted},
-        exec::{Buffer, Cpu, Groups, Step, Timing, watch},
+        exec::{AnyBuffer, Buffer, Cpu, Groups, Launch, OnDevice, Out, Step, Timing, watch},
         read::all_of,
         tree::digest_of,
     };

@@ -22,6 +22,7 @@ use crate::{
     traversal::Traversal,
 };
 use extras::Extras;
+use raykd_kernels::glam::{UVec4, Vec4};
 use raykd_shared::TreeHeader;
 use std::sync::Arc;
 
@@ -30,11 +31,12 @@ use std::sync::Arc;
 pub struct Scene {
     device: Device,
     header: TreeHeader,
-    header_buffer: Buffer,
-    nodes: Buffer,
-    refs: Buffer,
+    header_buffer: Buffer<TreeHeader>,
+    /// Node by node a `Node`, of which kernels read pairs.
+    nodes: Buffer<UVec4>,
+    refs: Buffer<u32>,
     mesh: MeshBuffers,
-    corners: Buffer,
+    corners: Buffer<Vec4>,
     kept: Arc<[u32]>,
     /// What rays lose of their origins, as the mesh did.
     translation: [f64; 3],
@@ -65,11 +67,11 @@ impl Scene {
     /// # Errors
     /// The device failed.
     pub fn tree(&self) -> Result<KdTree, Error> {
-        let nodes = self.device.read(&self.nodes, 0, self.header.nodes as usize)?;
+        let nodes = self.device.read(&self.nodes.view(), 0, self.header.nodes as usize)?;
         let refs = self.device.read(&self.refs, 0, self.header.refs as usize)?;
-        let positions: Vec<f32> = self.device.read(&self.mesh.positions, 0, self.mesh.coordinates)?;
+        let positions = self.device.read(&self.mesh.positions, 0, self.mesh.coordinates)?;
         let indices: Vec<[u32; 3]> =
-            self.device.read(&self.mesh.indices, 0, self.header.triangles as usize)?;
+            self.device.read(&self.mesh.indices.view(), 0, self.header.triangles as usize)?;
         let mesh = self.device.install(|| digest(&positions, &indices, &self.kept));
         Ok(KdTree::sealed(self.header, nodes, refs, mesh))
     }
@@ -86,7 +88,6 @@ impl Scene {
 
     /// Bytes of the tree on the device as its traversal uses it: nodes, references, and parents, boxes or ropes.
     pub fn tree_bytes(&self) -> u64 {
-        let more: u64 = self.more().iter().map(|buffer| buffer.bytes()).sum();
-        u64::from(self.header.nodes) * 8 + u64::from(self.header.refs) * 4 + more
+        u64::from(self.header.nodes) * 8 + u64::from(self.header.refs) * 4 + self.more_bytes()
     }
 }

@@ -1,17 +1,7 @@
 //! The ways through the tree that there are to choose from.
 
 use crate::choices::choices;
-use raykd_kernels::{
-    Kernel,
-    trace::{
-        queries::{
-            backtrack::BACKTRACK, optimised_ropes::OPTIMISED_ROPES, pushdown::PUSHDOWN, restart::RESTART,
-            ropes::ROPES, sequential::SEQUENTIAL, shortstack1::SHORTSTACK1, shortstack2::SHORTSTACK2,
-            shortstack4::SHORTSTACK4, shortstack8::SHORTSTACK8,
-        },
-        traverse::{backtrack, pushdown, restart, ropes, sequential, shortstack},
-    },
-};
+use raykd_kernels::trace::traverse::{backtrack, pushdown, restart, ropes, sequential, shortstack};
 use raykd_shared::limits::MAX_DEPTH;
 
 choices! {
@@ -70,23 +60,6 @@ impl Traversal {
             Self::Ropes | Self::OptimisedRopes => ropes::STATE,
             Self::Sequential => sequential::STATE,
             Self::Brute => 0,
-        }
-    }
-
-    /// The kernel that also counts its steps; `stack` and `brute` have kernels of their own.
-    pub(crate) const fn kernel(self) -> Option<&'static Kernel> {
-        match self {
-            Self::Stack | Self::Brute => None,
-            Self::Restart => Some(&RESTART),
-            Self::Pushdown => Some(&PUSHDOWN),
-            Self::ShortStack1 => Some(&SHORTSTACK1),
-            Self::ShortStack2 => Some(&SHORTSTACK2),
-            Self::ShortStack4 => Some(&SHORTSTACK4),
-            Self::ShortStack8 => Some(&SHORTSTACK8),
-            Self::Backtrack => Some(&BACKTRACK),
-            Self::Ropes => Some(&ROPES),
-            Self::OptimisedRopes => Some(&OPTIMISED_ROPES),
-            Self::Sequential => Some(&SEQUENTIAL),
         }
     }
 

@@ -2,11 +2,12 @@
 
 use raykd::{
     Device, Error, Verdict, adapters,
-    internals::{Buffer, Gpu, Groups, Step, Timing},
+    internals::{AnyBuffer, Buffer, Gpu, Groups, Launch as _, OnDevice, Step, Timing},
     kernels::{
         Kernel,
-        build::boxes::BOXES,
-        probe::{PROBE, RESULTS},
+        build::boxes,
+        glam::Vec4,
+        probe::{self, PROBE, RESULTS},
     },
     shared::{BuildParams, limits::GROUPS_X},
 };
@@ -35,15 +36,15 @@ fn gpu() -> &'static Device {
 }
 
 /// A buffer with these contents.
-fn buffer<T: bytemuck::Pod>(device: &Device, name: &'static str, data: &[T]) -> Buffer {
-    let data: &[u8] = bytemuck::cast_slice(data);
+fn buffer<T: bytemuck::Pod>(device: &Device, name: &'static str, data: &[T]) -> Buffer<T> {
     let buffer = device.alloc(name, data.len() as u64).unwrap();
     device.write(&buffer, 0, data).unwrap();
     buffer
 }
 
-fn poisoned(device: &Device, name: &'static str, bytes: usize) -> Buffer {
-    buffer(device, name, &vec![POISON; bytes.next_multiple_of(16)])
+fn poisoned<T>(device: &Device, name: &'static str, count: usize) -> Buffer<T> {
+    let bytes = (count * size_of::<T>()).next_multiple_of(16);
+    buffer(device, name, &vec![POISON; bytes]).view()
 }
 
 /// Runs steps over buffers of these tests.
@@ -53,8 +54,8 @@ fn run(device: &Device, steps: &[Step<'_>], profile: bool) -> Result<Timing, Err
 }
 
 /// All bytes of a buffer.
-fn bytes(device: &Device, buffer: &Buffer) -> Vec<u8> {
-    device.read(buffer, 0, buffer.bytes() as usize).unwrap()
+fn bytes(device: &Device, buffer: &AnyBuffer) -> Vec<u8> {
+    device.read(&buffer.view(), 0, buffer.bytes() as usize).unwrap()
 }
 
 /// A stream of pseudo-random words.
@@ -71,33 +72,34 @@ fn probe_inputs(count: u32) -> Vec<f32> {
     words(7).map(float).take(count as usize * 4).collect()
 }
 
+type Buffers<'a> = probe::Buffers<'a, OnDevice>;
+
 /// The buffers of the probe kernel.
 struct Probe {
-    inputs: Buffer,
-    results: Buffer,
-    count: Buffer,
+    inputs: Buffer<Vec4>,
+    results: Buffer<f32>,
+    count: Buffer<u32>,
 }
 
 impl Probe {
     fn new(device: &Device, count: u32) -> Self {
         Self {
-            inputs: buffer(device, "inputs", &probe_inputs(count)),
-            results: poisoned(device, "results", (count * RESULTS) as usize * 4),
+            inputs: buffer(device, "inputs", &probe_inputs(count)).view(),
+            results: poisoned(device, "results", (count * RESULTS) as usize),
             count: buffer(device, "count", &[count]),
         }
     }
 
-    fn buffers(&self) -> Vec<&Buffer> {
-        vec![&self.inputs, &self.results, &self.count]
+    fn buffers(&self) -> Buffers<'_> {
+        Buffers { inputs: &self.inputs, results: self.results.out(), count: &self.count }
     }
 }
 
 /// The results of the probe when run as `groups` says, with indirect arguments at hand.
-fn probe(device: &Device, count: u32, groups: impl Fn(&Buffer) -> Groups<'_>) -> Vec<u8> {
+fn probe(device: &Device, count: u32, groups: impl Fn(&Buffer<u32>) -> Groups<'_>) -> Vec<u8> {
     let probe = Probe::new(device, count);
     let args = buffer(device, "args", &[9, 9, 9, 0, 1, 1, 1, 1, 1, 2, 3, 1u32]);
-    let step = Step { kernel: &PROBE, buffers: probe.buffers(), groups: groups(&args) };
-    run(device, &[step], false).unwrap();
+    run(device, &[probe.buffers().run(groups(&args))], false).unwrap();
     bytes(device, &probe.results)
 }
 
@@ -123,9 +125,15 @@ fn boxes_give_the_same_bytes() {
         let indices = buffer(device, "indices", &indices);
         let kept = buffer(device, "kept", &(0..triangles).collect::<Vec<_>>());
         // With room to spare, which must stay as it is.
-        let refs = poisoned(device, "refs", triangles as usize * 32 + 4096);
-        let step = Step::over(&BOXES, triangles, vec![&params, &positions, &indices, &kept, &refs]);
-        run(device, &[step], false).unwrap();
+        let refs = poisoned(device, "refs", triangles as usize * 2 + 256);
+        let boxes = boxes::Buffers {
+            params: &params,
+            positions: &positions,
+            indices: &indices,
+            kept: &kept,
+            refs: refs.out(),
+        };
+        run(device, &[boxes.over(triangles)], false).unwrap();
         bytes(device, &refs)
     });
     assert!(cpu == gpu);
@@ -152,20 +160,25 @@ fn large_dispatches_wrap_into_rows() {
     assert!(results.chunks(4).all(|word| word != [POISON; 4]));
 }
 
+fn again<'a>(inputs: &'a Buffer<Vec4>, results: &'a Buffer<f32>, count: &'a Buffer<u32>) -> Step<'a> {
+    Buffers { inputs, results: results.out(), count }.over(4096)
+}
+
 #[test]
 fn steps_see_what_earlier_steps_wrote() {
     // Each step reads the results of the one before as its inputs.
     let [cpu, gpu] = devices().map(|device| {
         let first = Probe::new(device, 4096);
-        let [second, third] = ["second", "third"].map(|name| poisoned(device, name, 4096 * 32));
+        let [second, third] = ["second", "third"].map(|name| poisoned(device, name, 4096 * 8));
+        let inputs = [&first.results, &second, &third].map(|results| results.view());
         let steps = [
-            Step::over(&PROBE, 4096, first.buffers()),
-            Step::over(&PROBE, 4096, vec![&first.results, &second, &first.count]),
-            Step::over(&PROBE, 4096, vec![&second, &third, &first.count]),
-            Step::over(&PROBE, 4096, vec![&third, &second, &first.count]),
+            first.buffers().over(4096),
+            again(&inputs[0], &second, &first.count),
+            again(&inputs[1], &third, &first.count),
+            again(&inputs[2], &second, &first.count),
         ];
         run(device, &steps, false).unwrap();
-        device.read::<f32>(&second, 0, 4096 * 8).unwrap()
+        device.read(&second, 0, 4096 * 8).unwrap()
     });
     // The numbers may grow out of range here, and NaNs have many patterns.
     let same =
@@ -177,18 +190,18 @@ fn steps_see_what_earlier_steps_wrote() {
 fn transfers_keep_every_byte() {
     let data: Vec<u32> = words(11).take(5 << 20).collect();
     for device in devices() {
-        let target = device.alloc("target", 24 << 20).unwrap();
-        device.write(&target, 4, bytemuck::cast_slice(&data)).unwrap();
-        device.write(&target, 64, &[1; 8]).unwrap();
+        let target = device.alloc("target", 6 << 20).unwrap();
+        device.write(&target, 1, &data).unwrap();
+        device.write(&target.view(), 64, &[1u8; 8]).unwrap();
         let read: Vec<u32> = device.read(&target, 0, 6 << 20).unwrap();
         assert_eq!(read[0], 0, "buffers start as zeroes");
         assert!(read[1..16] == data[..15]);
         assert_eq!(read[16..18], [0x0101_0101; 2]);
         assert!(read[18..=5 << 20] == data[17..]);
         assert!(read[(5 << 20) + 1..].iter().all(|&word| word == 0));
-        let tail: Vec<u32> = device.read(&target, 20 << 20, 1).unwrap();
+        let tail = device.read(&target, 5 << 20, 1).unwrap();
         assert_eq!(tail[0], data[(5 << 20) - 1]);
-        assert!(device.read::<u32>(&target, 0, 0).unwrap().is_empty());
+        assert!(device.read(&target, 0, 0).unwrap().is_empty());
     }
 }
 
@@ -203,24 +216,32 @@ fn panics(what: &str, act: impl FnOnce()) -> bool {
 #[test]
 fn ranges_outside_a_buffer_are_never_touched() {
     for device in devices() {
-        let small = device.alloc("small", 64).unwrap();
+        let small: Buffer<u8> = device.alloc("small", 64).unwrap();
+        let words: Buffer<u32> = small.view();
         for offset in [64, 61, u64::MAX, u64::MAX - 3, 1 << 63] {
             assert!(panics("past the end of small", || device.write(&small, offset, &[0; 4]).unwrap()));
         }
         // Sizes whose bytes wrap around to few.
         for count in [17, 1 << 62, (1 << 62) + 1, usize::MAX / 4 + 2, usize::MAX] {
-            assert!(panics("past the end of small", || drop(device.read::<u32>(&small, 0, count).unwrap())));
+            assert!(panics("past the end of small", || drop(device.read(&words, 0, count).unwrap())));
         }
-        assert!(panics("past the end", || drop(device.read::<u32>(&small, u64::MAX - 3, 1).unwrap())));
+        // And places.
+        for from in [16, u64::MAX / 4, u64::MAX / 4 + 1, u64::MAX - 3, 1 << 62] {
+            assert!(panics("past the end", || drop(device.read(&words, from, 1).unwrap())));
+            assert!(panics("past the end", || device.write(&words, from, &[0]).unwrap()));
+        }
         for bytes in [u64::MAX, u64::MAX - 15] {
-            assert!(matches!(device.alloc("all", bytes), Err(Error::TooLarge { .. })));
+            assert!(matches!(device.alloc::<u8>("all", bytes), Err(Error::TooLarge { .. })));
+        }
+        for count in [u64::MAX / 4 + 1, 1 << 62] {
+            assert!(matches!(device.alloc::<u32>("all", count), Err(Error::TooLarge { .. })));
         }
     }
     let cpu = devices()[0];
     let probe = Probe::new(cpu, 64);
     let args = buffer(cpu, "args", &[1u32, 1, 1]);
     for entry in [2, u32::MAX] {
-        let step = Step::indirect(&PROBE, &args, entry, probe.buffers());
+        let step = probe.buffers().indirect(&args, entry);
         assert!(panics("past the end of args", || drop(run(cpu, &[step], false))));
     }
 }
@@ -229,7 +250,7 @@ fn ranges_outside_a_buffer_are_never_touched() {
 #[test]
 fn no_thread_sees_a_buffer_that_another_writes() {
     let cpu = devices()[0];
-    let shared = cpu.alloc("shared", 1 << 16).unwrap();
+    let shared = cpu.alloc("shared", 1 << 14).unwrap();
     let (reads, refused) = (AtomicUsize::new(0), AtomicUsize::new(0));
     let count = |done: bool| if done { &reads } else { &refused }.fetch_add(1, Relaxed);
     thread::scope(|scope| {
@@ -238,9 +259,7 @@ fn no_thread_sees_a_buffer_that_another_writes() {
             scope.spawn(move || {
                 let data = vec![value; 1 << 14];
                 for _ in 0..5000 {
-                    panics("buffer shared is in use", || {
-                        cpu.write(shared, 0, bytemuck::cast_slice(&data)).unwrap()
-                    });
+                    panics("buffer shared is in use", || cpu.write(shared, 0, &data).unwrap());
                 }
             });
         }
@@ -259,9 +278,10 @@ fn no_thread_sees_a_buffer_that_another_writes() {
     assert!(reads > 0, "{refused} reads refused, all of them");
     // A dispatch that binds a buffer twice, and writes it.
     let probe = Probe::new(cpu, 64);
-    let step = Step::groups(&PROBE, 1, vec![&probe.results, &probe.results, &probe.count]);
+    let inputs = &probe.results.view();
+    let step = Buffers { inputs, ..probe.buffers() }.groups(1);
     assert!(panics("buffer results is in use", || drop(run(cpu, &[step], false))));
-    run(cpu, &[Step::groups(&PROBE, 1, probe.buffers())], false).unwrap();
+    run(cpu, &[probe.buffers().groups(1)], false).unwrap();
 }
 
 #[test]
@@ -270,7 +290,7 @@ fn profile_times_each_step() {
         let probe = Probe::new(device, 64);
         // More steps than one set of timestamps holds, some of them empty.
         for count in [0, 1, 2, 4500] {
-            let step = |i| Step::groups(&PROBE, u32::from(i % 16 == 0), probe.buffers());
+            let step = |i| probe.buffers().groups(u32::from(i % 16 == 0));
             let steps: Vec<_> = (0..count).map(step).collect();
             let timing = run(device, &steps, true).unwrap();
             assert_eq!(timing.steps.len(), count);
@@ -308,7 +328,7 @@ fn adapters_are_found_by_part_of_their_name() {
 fn too_large_a_buffer_is_an_error_that_names_the_limit() {
     for device in devices() {
         let limit = device.limit();
-        let error = device.alloc("everything", limit.bytes + 1).unwrap_err();
+        let error = device.alloc::<u8>("everything", limit.bytes + 1).unwrap_err();
         assert!(matches!(error, Error::TooLarge { buffer: "everything", .. }));
         assert!(error.to_string().contains(limit.name), "{error}");
     }
@@ -318,13 +338,15 @@ fn too_large_a_buffer_is_an_error_that_names_the_limit() {
 fn misuse_is_an_error_and_leaves_the_device_working() {
     let probe = Probe::new(gpu(), 64);
     // Read and written in one dispatch.
-    let step = Step::groups(&PROBE, 1, vec![&probe.results, &probe.results, &probe.count]);
+    let inputs = &probe.results.view();
+    let step = Buffers { inputs, ..probe.buffers() }.groups(1);
     assert!(matches!(run(gpu(), &[step], false), Err(Error::DeviceFailed { .. })));
     // Not in the compiled module.
     static UNKNOWN: Kernel = Kernel { path: "raykd_kernels::unknown::entry", ..PROBE };
-    let error = run(gpu(), &[Step::groups(&UNKNOWN, 1, probe.buffers())], false).unwrap_err();
+    let step = Step { kernel: &UNKNOWN, ..probe.buffers().groups(1) };
+    let error = run(gpu(), &[step], false).unwrap_err();
     assert!(error.to_string().contains("cargo xtask kernels"), "{error}");
-    run(gpu(), &[Step::groups(&PROBE, 1, probe.buffers())], true).unwrap();
+    run(gpu(), &[probe.buffers().groups(1)], true).unwrap();
 }
 
 #[test]

@@ -172,6 +172,30 @@ impl Kernel {
     }
 }
 
+/// How a host refers to the buffers that it binds.
+#[cfg(not(target_arch = "spirv"))]
+pub trait Host {
+    /// A buffer of `T` that a kernel reads.
+    type Read<'a, T: 'static>;
+    /// A buffer of `T` that a kernel writes, and perhaps reads too.
+    type Write<'a, T: 'static>;
+    /// Either, of any type.
+    type Any<'a>;
+    /// Forgets the type.
+    fn read<'a, T: 'static>(buffer: Self::Read<'a, T>) -> Self::Any<'a>;
+    /// Forgets the type, and that it is written.
+    fn write<'a, T: 'static>(buffer: Self::Write<'a, T>) -> Self::Any<'a>;
+}
+
+/// All buffers of a dispatch, by name: `kernel!` makes such a struct `Buffers` beside each kernel.
+#[cfg(not(target_arch = "spirv"))]
+pub trait Bindings<'a, H: Host> {
+    /// The kernel that binds them.
+    const KERNEL: &'static Kernel;
+    /// The buffers in binding order.
+    fn list(self) -> impl Iterator<Item = H::Any<'a>>;
+}
+
 #[cfg(target_arch = "spirv")]
 macro_rules! slot {
     (read $t:ty) => { &$crate::mem::Buf<$t> };
@@ -191,6 +215,37 @@ macro_rules! slot {
     };
     (pass write $b:ident) => {
         &mut $b
+    };
+    (bound read $l:lifetime $h:ident $t:ty) => {
+        $h::Read<$l, $t>
+    };
+    (bound write $l:lifetime $h:ident $t:ty) => {
+        $h::Write<$l, $t>
+    };
+    (forget read $h:ident $b:expr) => {
+        $h::read($b)
+    };
+    (forget write $h:ident $b:expr) => {
+        $h::write($b)
+    };
+}
+
+/// Declares a struct of buffers that several kernels begin with.
+macro_rules! bindings {
+    ($(#[$doc:meta])* $name:ident { $($b:tt $arg:ident: $mode:ident $t:ty),+ $(,)? }) => {
+        $(#[$doc])*
+        #[cfg(not(target_arch = "spirv"))]
+        #[allow(missing_docs, missing_debug_implementations, reason = "the kernels say what these are")]
+        pub struct $name<'a, H: $crate::Host> {
+            $(pub $arg: slot!(bound $mode 'a H $t)),+
+        }
+
+        #[cfg(not(target_arch = "spirv"))]
+        impl<'a, H: $crate::Host> $name<'a, H> {
+            fn list(self) -> impl Iterator<Item = H::Any<'a>> {
+                [$(slot!(forget $mode H self.$arg)),+].into_iter()
+            }
+        }
     };
 }
 
@@ -214,10 +269,12 @@ macro_rules! run_twice {
     }};
 }
 
-/// Declares a kernel: a SPIR-V entry point on the GPU, a [`Kernel`] constant on the CPU.
+/// Declares a kernel: a SPIR-V entry point on the GPU; on the CPU a [`Kernel`] constant, and `Buffers`, by which a host binds its
+/// buffers. A kernel may begin with those of a struct that [`bindings!`] made.
 macro_rules! kernel {
     ($(#[$doc:meta])* map $name:ident = $body:path, threads $n:tt,
-     { $($b:tt $arg:ident: $mode:ident $t:ty),+ $(,)? }) => {
+     $($head:ident: $shared:ident { $($hb:tt $harg:ident: $hmode:ident $ht:ty),+ $(,)? },)?
+     { $($b:tt $arg:ident: $mode:ident $t:ty),* $(,)? }) => {
         $(#[$doc])*
         #[cfg(target_arch = "spirv")]
         #[spirv_std::spirv(compute(threads($n), signed_zero_inf_nan_preserve = 32, rounding_mode_rte = 32))]
@@ -225,34 +282,20 @@ macro_rules! kernel {
             #[spirv(workgroup_id)] group: $crate::glam::UVec3,
             #[spirv(num_workgroups)] groups: $crate::glam::UVec3,
             #[spirv(local_invocation_index)] lane: u32,
-            $(#[spirv(storage_buffer, descriptor_set = 0, binding = $b)] $arg: slot!($mode $t)),+
+            $($(#[spirv(storage_buffer, descriptor_set = 0, binding = $hb)] $harg: slot!($hmode $ht),)+)?
+            $(#[spirv(storage_buffer, descriptor_set = 0, binding = $b)] $arg: slot!($mode $t)),*
         ) {
-            $body((group.y * groups.x + group.x) * $n + lane, $($arg),+);
+            $body((group.y * groups.x + group.x) * $n + lane, $($($harg,)+)? $($arg),*);
         }
 
-        $(#[$doc])*
-        #[cfg(not(target_arch = "spirv"))]
-        pub const $name: $crate::Kernel = $crate::Kernel {
-            path: concat!(module_path!(), "::entry"),
-            threads: $n,
-            slots: &[$($crate::Slot {
-                name: stringify!($arg), access: slot!(access $mode), stride: size_of::<$t>(),
-            }),+],
-            run: run_twice!($n, |group, buffers| {
-                $(
-                    let raw = buffers[$b];
-                    // SAFETY: the contract of `Kernel::run` is that of `Buf::new`.
-                    #[allow(unused_mut, reason = "buffers that are only read are passed by & below")]
-                    let mut $arg = unsafe {
-                        $crate::mem::Buf::<$t>::new(raw.ptr.cast(), raw.len / size_of::<$t>())
-                    };
-                )+
+        kernel! {
+            @host $(#[$doc])* $name, threads $n, |group, { $($($hb $harg: $hmode $ht,)+)? $($b $arg: $mode $t,)* }| {
                 for lane in group.lanes() {
-                    $body(group.id * $n + lane, $(slot!(pass $mode $arg)),+);
+                    $body(group.id * $n + lane, $($(slot!(pass $hmode $harg),)+)? $(slot!(pass $mode $arg)),*);
                 }
-                0 $(+ $arg.moved())+
-            }),
-        };
+            }
+        }
+        kernel!(@buffers $name, { $($head: $shared)? }, { $($arg: $mode $t,)* });
     };
     ($(#[$doc:meta])* group $name:ident = $body:path, threads $n:tt, shared [$($sh:ident: $len:expr),*],
      { $($b:tt $arg:ident: $mode:ident $t:ty),+ $(,)? }) => {
@@ -270,6 +313,18 @@ macro_rules! kernel {
             $body(group, $($sh,)* $($arg),+);
         }
 
+        kernel! {
+            @host $(#[$doc])* $name, threads $n, |group, { $($b $arg: $mode $t,)+ }| {
+                // Workgroup memory starts as garbage on a GPU, so it does here.
+                $(let mut $sh = [0xDEAD_BEEFu32; $len];)*
+                $body(group, $(&mut $sh,)* $(slot!(pass $mode $arg)),+);
+            }
+        }
+        kernel!(@buffers $name, {}, { $($arg: $mode $t,)+ });
+    };
+    // The kernel as the host dispatches it, and what runs a workgroup.
+    (@host $(#[$doc:meta])* $name:ident, threads $n:tt,
+     |$group:ident, { $($b:tt $arg:ident: $mode:ident $t:ty,)+ }| $run:block) => {
         $(#[$doc])*
         #[cfg(not(target_arch = "spirv"))]
         pub const $name: $crate::Kernel = $crate::Kernel {
@@ -278,7 +333,7 @@ macro_rules! kernel {
             slots: &[$($crate::Slot {
                 name: stringify!($arg), access: slot!(access $mode), stride: size_of::<$t>(),
             }),+],
-            run: run_twice!($n, |group, buffers| {
+            run: run_twice!($n, |$group, buffers| {
                 $(
                     let raw = buffers[$b];
                     // SAFETY: the contract of `Kernel::run` is that of `Buf::new`.
@@ -287,11 +342,27 @@ macro_rules! kernel {
                         $crate::mem::Buf::<$t>::new(raw.ptr.cast(), raw.len / size_of::<$t>())
                     };
                 )+
-                // Workgroup memory starts as garbage on a GPU, so it does here.
-                $(let mut $sh = [0xDEAD_BEEFu32; $len];)*
-                $body(group, $(&mut $sh,)* $(slot!(pass $mode $arg)),+);
+                $run
                 0 $(+ $arg.moved())+
             }),
         };
+    };
+    // What the host binds.
+    (@buffers $name:ident, { $($head:ident: $shared:ident)? }, { $($arg:ident: $mode:ident $t:ty,)* }) => {
+        #[doc = concat!("The buffers of [`", stringify!($name), "`].")]
+        #[cfg(not(target_arch = "spirv"))]
+        #[allow(missing_docs, missing_debug_implementations, reason = "the kernel says what these are")]
+        pub struct Buffers<'a, H: $crate::Host> {
+            $(pub $head: $shared<'a, H>,)?
+            $(pub $arg: slot!(bound $mode 'a H $t)),*
+        }
+
+        #[cfg(not(target_arch = "spirv"))]
+        impl<'a, H: $crate::Host> $crate::Bindings<'a, H> for Buffers<'a, H> {
+            const KERNEL: &'static $crate::Kernel = &$name;
+            fn list(self) -> impl Iterator<Item = H::Any<'a>> {
+                core::iter::empty()$(.chain(self.$head.list()))?.chain([$(slot!(forget $mode H self.$arg)),*])
+            }
+        }
     };
 }

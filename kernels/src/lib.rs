@@ -22,8 +22,8 @@
 //! * a **group** kernel is a function of one workgroup whose steps are written in [`lanes!`](crate::lanes)
 //!   blocks: on the GPU a block is one lane's work followed by a barrier, on the CPU a loop over all lanes.
 //!
-//! `kernel!` turns a body into a SPIR-V entry point (by rust-gpu) and, on the CPU, into a [`Kernel`] that the
-//! host dispatches. Both come from one declaration, so bindings cannot disagree.
+//! `kernel!` turns a body into a SPIR-V entry point (by rust-gpu) and, on the CPU, into a [`Kernel`] that the host dispatches
+//! and a struct `Buffers`, in which the host names what it binds. All come from one declaration, so bindings cannot disagree.
 //!
 //! # Rules for results that must agree to the bit
 //! `+ - *`, comparisons and exact conversions on `f32` only; quotients by [`math::div`]; no `min`/`max`
@@ -46,7 +46,7 @@ pub mod trace;
 
 pub use kernel::Group;
 #[cfg(not(target_arch = "spirv"))]
-pub use kernel::{Access, Kernel, Order, RawBuf, Slot};
+pub use kernel::{Access, Bindings, Host, Kernel, Order, RawBuf, Slot};
 
 #[cfg(not(target_arch = "spirv"))]
 pub use glam;

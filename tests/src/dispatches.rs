@@ -3,7 +3,7 @@
 use crate::{Failure, rays::rays, same};
 use raykd::{
     BuildOptions, Builder, Device, Error, Intersector, Mesh, Query, Ray, Scene, Traversal,
-    internals::{Step, watch::watching},
+    internals::{Buffer, Step, watch::watching},
     kernels::Access,
     rays::Random,
 };
@@ -110,8 +110,8 @@ impl Job<'_> {
                 let mut buffers = Vec::new();
                 for (slot, &buffer) in step.kernel.slots.iter().zip(&step.buffers) {
                     if slot.access == Access::Write {
-                        let words: Vec<u32> =
-                            device.read(buffer, 0, buffer.bytes() as usize / 4).expect("buffers can be read");
+                        let words: Buffer<u32> = buffer.view();
+                        let words = device.read(&words, 0, words.len()).expect("buffers can be read");
                         let hash = hash(&words);
                         let keep = kept == Some(log.len());
                         buffers.push((slot.name, hash, if keep { words } else { Vec::new() }));

@@ -2,7 +2,7 @@
 
 use raykd::{
     BuildOptions, Builder, Device, Hit, KdTree, Mesh, Ray, Scene,
-    internals::{Cpu, Step},
+    internals::{Cpu, Groups, Step},
     kernels::{
         Access, Group, Kernel, Order, RawBuf, Slot, lanes,
         math::{product_difference, quotient},
@@ -128,11 +128,11 @@ fn one_wrong_word_in_one_dispatch_is_traced_to_its_kernel() {
         let fault = |device: &Device, step: &Step<'_>| {
             if step.kernel.name() == FAULTY.get() {
                 let slot = step.kernel.slots.iter().position(|slot| slot.access == Access::Write).unwrap();
-                let buffer = step.buffers[slot];
+                let words = step.buffers[slot].view::<u32>();
                 // Nothing that stops the kernels after it: the first plane moves, its children stay.
-                let at = if ["treelet", "emit"].contains(&FAULTY.get()) { 0 } else { 4 };
-                let word: Vec<u32> = device.read(buffer, at, 1).unwrap();
-                device.write(buffer, at, &(word[0] ^ 0x10).to_le_bytes()).unwrap();
+                let at = if ["treelet", "emit"].contains(&FAULTY.get()) { 0 } else { 1 };
+                let word = device.read(&words, at, 1).unwrap();
+                device.write(&words, at, &[word[0] ^ 0x10]).unwrap();
                 FAULTY.set("none");
             }
         };
@@ -165,10 +165,11 @@ static RACY: Kernel = Kernel {
 fn a_kernel_that_depends_on_the_order_of_lanes_is_found() {
     let run = |order| {
         let device = Device::from(Cpu::default().in_order(order));
-        let out = device.alloc("out", 4 * 256).unwrap();
+        let out = device.alloc::<u32>("out", 256).unwrap();
+        let step = Step { kernel: &RACY, buffers: vec![&out], groups: Groups::Fixed(4) };
         // SAFETY: each group writes its own part of the buffer; only its lanes get in each other's way, in turn.
-        unsafe { device.run(&[Step::groups(&RACY, 4, vec![&out])], false) }.unwrap();
-        device.read::<u32>(&out, 0, 256).unwrap()
+        unsafe { device.run(&[step], false) }.unwrap();
+        device.read(&out, 0, 256).unwrap()
     };
     let forward = run(Order::Forward);
     same("again", &forward, &run(Order::Forward)).unwrap();

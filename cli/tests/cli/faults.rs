@@ -143,7 +143,7 @@ fn too_little_memory_on_a_gpu_is_told_and_nothing_is_written() {
 
 #[test]
 fn a_buffer_that_no_machine_has_room_for_is_an_error() {
-    let error = Device::cpu().alloc("everything", 1 << 46).unwrap_err();
+    let error = Device::cpu().alloc::<u8>("everything", 1 << 46).unwrap_err();
     assert!(matches!(error, Error::OutOfMemory { .. } | Error::TooLarge { .. }), "{error}");
     assert!(error.to_string().contains("everything"), "{error}");
 }

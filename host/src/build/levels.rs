@@ -7,25 +7,25 @@ use super::{
 };
 use crate::{
     Error,
-    exec::{Buffer, Device, Step},
+    exec::{Buffer, Device, Launch, Step},
     mesh::Mesh,
 };
-use raykd_kernels::build::{
-    ARGS_ACTIVE, ARGS_BLOCKS, ARGS_CHUNKS, ARGS_SEVERAL_ACTIVE, ARGS_SEVERAL_CHUNKS, ARGS_TREELET_BLOCKS,
-    ARGS_TREELETS, ARGS_WORDS, LEVEL_WORDS, STATE_DEPTH, STATE_LEFT, STATE_NODES, STATE_REFS, STATE_STATUS,
-    STATE_TOP, STATE_TREELET_REFS, STATE_TREELETS, STATE_WORDS,
-    alloc::{ALLOC, put_groups},
-    alone::ALONE,
-    bin::{BIN, HIST_WORDS},
-    boxes::BOXES,
-    count::COUNT,
-    emit::EMIT,
-    place::{self, PLACE},
-    scatter::SCATTER,
-    split::SPLIT,
-    tally::{self, BLOCK, TALLY, blocks_of},
-    top::TOP,
-    treelet::{TREELETS, scratch_base},
+use raykd_kernels::{
+    build::{
+        ARGS_ACTIVE, ARGS_BLOCKS, ARGS_CHUNKS, ARGS_SEVERAL_ACTIVE, ARGS_SEVERAL_CHUNKS, ARGS_TREELET_BLOCKS,
+        ARGS_TREELETS, ARGS_WORDS, Item, LEVEL_WORDS, STATE_DEPTH, STATE_LEFT, STATE_NODES, STATE_REFS,
+        STATE_STATUS, STATE_TOP, STATE_TREELET_REFS, STATE_TREELETS, STATE_WORDS,
+        alloc::{self, put_groups},
+        alone,
+        bin::{self, HIST_WORDS},
+        boxes, count, emit, place,
+        reference::Reference,
+        scatter, split,
+        tally::{self, BLOCK, blocks_of},
+        top,
+        treelet::{self, scratch_base},
+    },
+    glam::{UVec2, UVec4},
 };
 use raykd_shared::{BuildParams, Node, limits::CHUNK, status};
 use std::time::Instant;
@@ -34,26 +34,31 @@ use std::time::Instant;
 struct Lists<'a> {
     given: &'a BuildParams,
     mesh: &'a MeshBuffers,
-    params: Buffer,
-    state: Buffer,
-    levels: [Buffer; 2],
-    args: [Buffer; 2],
-    active: [Buffer; 2],
-    chunks: [Buffer; 2],
-    refs: [Buffer; 2],
-    /// Histograms; once these are done with, what treelets keep.
-    scratch: Buffer,
-    planes: Buffer,
-    sides: Buffer,
-    targets: Buffer,
-    sizes: Buffer,
-    blocks: Buffer,
-    top: Buffer,
-    treelets: Buffer,
-    treelet_refs: Buffer,
-    treelet_sizes: Buffer,
-    treelet_blocks: Buffer,
-    places: Buffer,
+    params: Buffer<BuildParams>,
+    state: Buffer<u32>,
+    levels: [Buffer<u32>; 2],
+    args: [Buffer<u32>; 2],
+    active: [Buffer<UVec4>; 2],
+    chunks: [Buffer<u32>; 2],
+    refs: [Buffer<UVec4>; 2],
+    /// The triangles that take part: the memory of the second list of references, which is free until the first is moved.
+    kept: Buffer<u32>,
+    hists: Buffer<u32>,
+    /// What treelets keep: the memory of the histograms, which are done with by then.
+    scratch: Buffer<UVec2>,
+    planes: Buffer<UVec2>,
+    sides: Buffer<UVec2>,
+    targets: Buffer<UVec2>,
+    /// How many references go below and above, and the same word by word.
+    sizes: Buffer<UVec2>,
+    size_words: Buffer<u32>,
+    blocks: Buffer<u32>,
+    top: Buffer<UVec2>,
+    treelets: Buffer<UVec4>,
+    treelet_refs: Buffer<UVec4>,
+    treelet_sizes: Buffer<UVec2>,
+    treelet_blocks: Buffer<u32>,
+    places: Buffer<UVec2>,
 }
 
 /// Builds a tree with so many levels above its treelets at most.
@@ -87,43 +92,45 @@ pub(super) fn build(
         return Err(Stop::Levels);
     }
     let counts = [state(STATE_NODES), state(STATE_REFS)];
-    let nodes = arena.alloc("nodes", counts[0], 8)?;
-    let refs = arena.alloc("refs", counts[1], 4)?;
+    let nodes = arena.alloc("nodes", counts[0], 1)?;
+    let refs = arena.alloc("refs", counts[1], 1)?;
     let steps = lists.last_steps(state(STATE_TOP), state(STATE_TREELETS), &nodes, &refs);
     times.add(&steps, &device.dispatch(&steps, profile)?);
-    Ok(Grown { nodes, refs, counts, depth: state(STATE_DEPTH), times })
+    Ok(Grown { nodes: nodes.view(), refs, counts, depth: state(STATE_DEPTH), times })
 }
 
 impl<'a> Lists<'a> {
     fn new(arena: &mut Arena<'_>, given: &'a BuildParams, mesh: &'a MeshBuffers) -> Result<Self, Error> {
-        let words = (u64::from(given.active) * u64::from(HIST_WORDS))
-            .max(2 * u64::from(scratch_base(given.treelet_refs, given.treelets)));
+        let scratch = 2 * u64::from(scratch_base(given.treelet_refs, given.treelets));
+        let words = (u64::from(given.active) * u64::from(HIST_WORDS)).max(scratch);
+        let hists: Buffer<u32> = arena.alloc("histograms", words.div_ceil(4) as u32, 4)?;
+        let sizes: Buffer<UVec2> = arena.alloc("sizes", given.active, 1)?;
+        let refs: [Buffer<UVec4>; 2] = arena.pair("level refs", given.level_refs, Reference::ELEMENTS)?;
         Ok(Self {
             given,
             mesh,
-            params: arena.alloc("params", 1, size_of::<BuildParams>() as u64)?,
-            state: arena.alloc("state", STATE_WORDS, 4)?,
-            levels: arena.pair("level", LEVEL_WORDS, 4)?,
-            args: arena.pair("args", ARGS_WORDS, 4)?,
-            active: arena.pair("active", given.active, 48)?,
-            chunks: arena.pair("chunks", given.active, 4)?,
-            refs: arena.pair("level refs", given.level_refs, 32)?,
-            scratch: arena.alloc("histograms", words.div_ceil(4) as u32, 16)?,
-            planes: arena.alloc("planes", given.active, 8)?,
-            sides: arena.alloc("sides", given.active, 8)?,
-            targets: arena.alloc("targets", given.active, 8)?,
-            sizes: arena.alloc("sizes", given.active, 8)?,
-            blocks: arena.alloc("blocks", blocks_of(given.active), u64::from(tally::KINDS) * 4)?,
-            top: arena.alloc("top", 2 * given.treelets, 8)?,
-            treelets: arena.alloc("treelets", given.treelets, 48)?,
-            treelet_refs: arena.alloc("treelet refs", given.treelet_refs, 32)?,
-            treelet_sizes: arena.alloc("treelet sizes", given.treelets, 8)?,
-            treelet_blocks: arena.alloc(
-                "treelet blocks",
-                blocks_of(given.treelets),
-                u64::from(place::KINDS) * 4,
-            )?,
-            places: arena.alloc("treelet places", given.treelets, 8)?,
+            params: arena.upload("params", std::slice::from_ref(given))?,
+            state: arena.alloc("state", 1, STATE_WORDS)?,
+            levels: arena.pair("level", 1, LEVEL_WORDS)?,
+            args: arena.pair("args", 1, ARGS_WORDS)?,
+            active: arena.pair("active", given.active, Item::ELEMENTS)?,
+            chunks: arena.pair("chunks", given.active, 1)?,
+            kept: refs[1].view(),
+            refs,
+            scratch: hists.view(),
+            hists,
+            planes: arena.alloc("planes", given.active, 1)?,
+            sides: arena.alloc("sides", given.active, 1)?,
+            targets: arena.alloc("targets", given.active, 1)?,
+            size_words: sizes.view(),
+            sizes,
+            blocks: arena.alloc("blocks", blocks_of(given.active), tally::KINDS)?,
+            top: arena.alloc("top", 2 * given.treelets, 1)?,
+            treelets: arena.alloc("treelets", given.treelets, Item::ELEMENTS)?,
+            treelet_refs: arena.alloc("treelet refs", given.treelet_refs, Reference::ELEMENTS)?,
+            treelet_sizes: arena.alloc("treelet sizes", given.treelets, 1)?,
+            treelet_blocks: arena.alloc("treelet blocks", blocks_of(given.treelets), place::KINDS)?,
+            places: arena.alloc("treelet places", given.treelets, 1)?,
         })
     }
 
@@ -132,22 +139,16 @@ impl<'a> Lists<'a> {
         self.given.references > self.given.small
     }
 
-    /// The list of triangles that take part. It is the second list of references, which is free until the first is moved.
-    const fn kept(&self) -> &Buffer {
-        &self.refs[1]
-    }
-
     /// Writes what the kernels start from.
     fn write(&self, device: &Device, mesh: &Mesh) -> Result<(), Error> {
         let given = self.given;
-        device.write(&self.params, 0, bytemuck::bytes_of(given))?;
-        let bits = |v: [f32; 3], last: u32| [v[0].to_bits(), v[1].to_bits(), v[2].to_bits(), last];
+        let bits = |v: [f32; 3], last: u32| UVec4::new(v[0].to_bits(), v[1].to_bits(), v[2].to_bits(), last);
         let growth = growth(given.references).to_bits();
-        let root = [[0, 0, given.references, 0], bits(given.lo, growth), bits(given.hi, 0)];
+        let root = [UVec4::new(0, 0, given.references, 0), bits(given.lo, growth), bits(given.hi, 0)];
         let mut state = [0u32; STATE_WORDS as usize];
         // The root and the padding after it are the first two slots.
         state[STATE_TOP as usize] = 2;
-        device.write(&self.top, 8, bytemuck::bytes_of(&Node::PADDING))?;
+        device.write(&self.top.view(), 1, &[Node::PADDING])?;
         let mut level = [0u32; LEVEL_WORDS as usize];
         let mut args = [0u32; ARGS_WORDS as usize];
         put_groups(&mut args, ARGS_TREELET_BLOCKS, 1);
@@ -164,91 +165,130 @@ impl<'a> Lists<'a> {
             ] {
                 put_groups(&mut args, entry, groups);
             }
-            device.write(&self.active[0], 0, bytemuck::cast_slice(&root))?;
-            device.write(&self.chunks[0], 0, bytemuck::cast_slice(&vec![0u32; pieces as usize]))?;
+            device.write(&self.active[0], 0, &root)?;
+            device.write(&self.chunks[0], 0, &vec![0; pieces as usize])?;
         } else {
             state[3 * ARGS_TREELETS as usize..].copy_from_slice(&[1, 1, 1]);
             state[STATE_TREELETS as usize] = 1;
             state[STATE_TREELET_REFS as usize] = given.references;
-            device.write(&self.treelets, 0, bytemuck::cast_slice(&root))?;
+            device.write(&self.treelets, 0, &root)?;
         }
-        device.write(&self.levels[0], 0, bytemuck::cast_slice(&level))?;
-        device.write(&self.args[0], 0, bytemuck::cast_slice(&args))?;
-        device.write(&self.treelet_blocks, 0, &vec![0; self.treelet_blocks.bytes() as usize])?;
-        device.write(self.kept(), 0, bytemuck::cast_slice(mesh.kept()))?;
-        device.write(&self.state, 0, bytemuck::cast_slice(&state))
+        device.write(&self.levels[0], 0, &level)?;
+        device.write(&self.args[0], 0, &args)?;
+        device.write(&self.treelet_blocks, 0, &vec![0; self.treelet_blocks.len()])?;
+        device.write(&self.kept, 0, mesh.kept())?;
+        device.write(&self.state, 0, &state)
     }
 
     /// All there is to do before the size of the tree is known.
     fn steps(&self, levels: usize) -> Vec<Step<'_>> {
-        let Self { params, state, mesh, .. } = self;
+        let Self { params, state, mesh, kept, .. } = self;
         let (positions, indices) = (&mesh.positions, &mesh.indices);
-        let whole = if self.root_is_large() { &self.refs[0] } else { &self.treelet_refs };
-        let buffers = vec![params, positions, indices, self.kept(), whole];
-        let mut steps = vec![Step::over(&BOXES, self.given.references, buffers)];
+        let refs = if self.root_is_large() { &self.refs[0] } else { &self.treelet_refs };
+        let boxes = boxes::Buffers { params, positions, indices, kept, refs: refs.out() };
+        let mut steps = vec![boxes.over(self.given.references)];
         for depth in 0..levels {
             self.level(depth, &mut steps);
         }
-        let buffers = vec![
+        let treelets = treelet::Buffers {
             params,
             positions,
             indices,
             state,
-            &self.treelets,
-            &self.treelet_refs,
-            &self.scratch,
-            &self.treelet_sizes,
-            &self.treelet_blocks,
-        ];
-        steps.push(Step::indirect(&TREELETS, state, ARGS_TREELETS, buffers));
+            treelets: &self.treelets,
+            refs: &self.treelet_refs,
+            scratch: self.scratch.out(),
+            sizes: self.treelet_sizes.out(),
+            blocks: self.treelet_blocks.out(),
+        };
+        steps.push(treelets.indirect(state, ARGS_TREELETS));
         let last = levels % 2;
-        let buffers =
-            vec![&self.levels[last], &self.treelet_sizes, &self.treelet_blocks, &self.places, state];
-        steps.push(Step::indirect(&PLACE, &self.args[last], ARGS_TREELET_BLOCKS, buffers));
+        let place = place::Buffers {
+            level: &self.levels[last],
+            sizes: &self.treelet_sizes,
+            blocks: &self.treelet_blocks,
+            places: self.places.out(),
+            state: state.out(),
+        };
+        steps.push(place.indirect(&self.args[last], ARGS_TREELET_BLOCKS));
         steps
     }
 
     /// Makes the level below one, and treelets of its small nodes.
     fn level<'b>(&'b self, depth: usize, steps: &mut Vec<Step<'b>>) {
         let (now, then) = (depth % 2, (depth + 1) % 2);
-        let Self { params, state, mesh, scratch, planes, sides, targets, sizes, blocks, .. } = self;
+        let Self { params, state, hists, planes, sides, targets, sizes, size_words, blocks, .. } = self;
+        let (positions, indices) = (&self.mesh.positions, &self.mesh.indices);
         let (level, args) = (&self.levels[now], &self.args[now]);
         let (active, chunks, refs) = (&self.active[now], &self.chunks[now], &self.refs[now]);
-        // What those bind that clip references.
-        let clipping = [params, &mesh.positions, &mesh.indices, level, active];
-        let of_chunks = [&clipping[..], &[chunks, refs, planes, sides]].concat();
-        let buffers = [&clipping[..], &[refs, planes, sizes, scratch]].concat();
-        steps.push(Step::indirect(&ALONE, args, ARGS_ACTIVE, buffers));
-        let buffers = vec![level, active, chunks, refs, scratch];
-        steps.push(Step::indirect(&BIN, args, ARGS_SEVERAL_CHUNKS, buffers));
-        let buffers = vec![params, level, active, scratch, planes];
-        steps.push(Step::indirect(&SPLIT, args, ARGS_SEVERAL_ACTIVE, buffers));
-        let buffers = [&of_chunks[..], &[sizes]].concat();
-        steps.push(Step::indirect(&COUNT, args, ARGS_SEVERAL_CHUNKS, buffers));
-        // No more nodes than that are active here.
-        if self.given.active.min(1 << depth.min(31)) > BLOCK {
-            let buffers = vec![params, level, planes, sizes, blocks];
-            steps.push(Step::indirect(&TALLY, args, ARGS_BLOCKS, buffers));
-        }
-        let buffers = vec![
+        let alone = alone::Buffers {
+            params,
+            positions,
+            indices,
+            level,
+            active,
+            refs: refs.out(),
+            planes: planes.out(),
+            sizes: size_words.out(),
+            hists: hists.out(),
+        };
+        let bin = bin::Buffers { level, active, chunks, refs, hists: hists.out() };
+        let split = split::Buffers { params, level, active, hists, planes: planes.out() };
+        let count = count::Buffers {
+            params,
+            positions,
+            indices,
+            level,
+            active,
+            chunks,
+            refs: refs.out(),
+            planes,
+            sides: sides.out(),
+            sizes: size_words.out(),
+        };
+        let tally = tally::Buffers { params, level, planes, sizes, blocks: blocks.out() };
+        let alloc = alloc::Buffers {
             params,
             level,
             active,
             planes,
             sizes,
             blocks,
+            targets: targets.out(),
+            top: self.top.out(),
+            next_level: self.levels[then].out(),
+            next_active: self.active[then].out(),
+            next_chunks: self.chunks[then].out(),
+            next_args: self.args[then].out(),
+            treelets: self.treelets.out(),
+            state: state.out(),
+        };
+        let scatter = scatter::Buffers {
+            params,
+            positions,
+            indices,
+            level,
+            active,
+            chunks,
+            refs,
+            planes,
+            sides,
             targets,
-            &self.top,
-            &self.levels[then],
-            &self.active[then],
-            &self.chunks[then],
-            &self.args[then],
-            &self.treelets,
             state,
-        ];
-        steps.push(Step::indirect(&ALLOC, args, ARGS_BLOCKS, buffers));
-        let buffers = [&of_chunks[..], &[targets, state, &self.refs[then], &self.treelet_refs]].concat();
-        steps.push(Step::indirect(&SCATTER, args, ARGS_CHUNKS, buffers));
+            next: self.refs[then].out(),
+            treelet_refs: self.treelet_refs.out(),
+        };
+        steps.extend([
+            alone.indirect(args, ARGS_ACTIVE),
+            bin.indirect(args, ARGS_SEVERAL_CHUNKS),
+            split.indirect(args, ARGS_SEVERAL_ACTIVE),
+            count.indirect(args, ARGS_SEVERAL_CHUNKS),
+        ]);
+        // No more nodes than that are active here.
+        if self.given.active.min(1 << depth.min(31)) > BLOCK {
+            steps.push(tally.indirect(args, ARGS_BLOCKS));
+        }
+        steps.extend([alloc.indirect(args, ARGS_BLOCKS), scatter.indirect(args, ARGS_CHUNKS)]);
     }
 
     /// Writes the tree out.
@@ -256,19 +296,20 @@ impl<'a> Lists<'a> {
         &'b self,
         top: u32,
         treelets: u32,
-        nodes: &'b Buffer,
-        refs: &'b Buffer,
+        nodes: &'b Buffer<UVec2>,
+        refs: &'b Buffer<u32>,
     ) -> [Step<'b>; 2] {
-        let buffers = vec![
-            &self.state,
-            &self.treelets,
-            &self.treelet_refs,
-            &self.scratch,
-            &self.treelet_sizes,
-            &self.places,
-            nodes,
-            refs,
-        ];
-        [Step::over(&TOP, top, vec![&self.state, &self.top, nodes]), Step::groups(&EMIT, treelets, buffers)]
+        let emit = emit::Buffers {
+            state: &self.state,
+            treelets: &self.treelets,
+            refs: &self.treelet_refs,
+            scratch: &self.scratch,
+            sizes: &self.treelet_sizes,
+            places: &self.places,
+            nodes: nodes.out(),
+            out: refs.out(),
+        };
+        let nodes = top::Buffers { state: &self.state, from: &self.top, nodes: nodes.out() };
+        [nodes.over(top), emit.groups(treelets)]
     }
 }

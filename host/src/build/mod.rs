@@ -26,16 +26,16 @@ pub use sweep::LISTED;
 #[derive(Debug)]
 pub(crate) struct Built {
     pub header: TreeHeader,
-    pub nodes: Buffer,
-    pub refs: Buffer,
+    pub nodes: Buffer<Node>,
+    pub refs: Buffer<u32>,
     pub times: BuildTimes,
 }
 
 /// What a try leaves of it.
 #[derive(Debug)]
 struct Grown {
-    nodes: Buffer,
-    refs: Buffer,
+    nodes: Buffer<Node>,
+    refs: Buffer<u32>,
     /// Numbers of nodes and references.
     counts: [u32; 2],
     depth: u32,
@@ -45,29 +45,18 @@ struct Grown {
 /// An indexed mesh on a device.
 #[derive(Clone, Debug)]
 pub(crate) struct MeshBuffers {
-    pub positions: Buffer,
+    pub positions: Buffer<f32>,
     /// Numbers in it.
     pub coordinates: usize,
-    pub indices: Buffer,
+    pub indices: Buffer<u32>,
 }
 
 /// Copies the mesh to the device.
 pub(crate) fn upload(device: &Device, mesh: &Mesh) -> Result<MeshBuffers, Error> {
     let coordinates = mesh.scaled_positions();
-    let positions = device.alloc("positions", coordinates.len() as u64 * 4)?;
-    let indices = device.alloc("indices", mesh.triangles().len() as u64 * 12)?;
-    device.write(&positions, 0, bytemuck::cast_slice(&coordinates))?;
-    device.write(&indices, 0, bytemuck::cast_slice(mesh.triangles()))?;
+    let positions = device.upload("positions", &coordinates)?;
+    let indices = device.upload("indices", mesh.triangles().as_flattened())?;
     Ok(MeshBuffers { positions, coordinates: coordinates.len(), indices })
-}
-
-/// Copies a tree to the device.
-pub(crate) fn put(device: &Device, nodes: &[Node], refs: &[u32]) -> Result<[Buffer; 2], Error> {
-    let on_device =
-        [device.alloc("nodes", size_of_val(nodes) as u64)?, device.alloc("refs", size_of_val(refs) as u64)?];
-    device.write(&on_device[0], 0, bytemuck::cast_slice(nodes))?;
-    device.write(&on_device[1], 0, bytemuck::cast_slice(refs))?;
-    Ok(on_device)
 }
 
 /// Builds the tree of `mesh` on `device`.
@@ -167,8 +156,7 @@ fn grown(
 ) -> Result<Grown, Error> {
     let counts = [nodes.len() as u32, refs.len() as u32];
     let begin = Instant::now();
-    let [nodes, refs] = put(arena.device, nodes, refs)?;
-    arena.bytes += nodes.bytes() + refs.bytes();
+    let (nodes, refs) = (arena.upload("nodes", nodes)?, arena.upload("refs", refs)?);
     Ok(Grown { nodes, refs, counts, depth, times: BuildTimes { upload: begin.elapsed(), ..times } })
 }
 

@@ -4,6 +4,7 @@ use crate::{
     Error,
     exec::{Buffer, Device},
 };
+use bytemuck::Pod;
 use raykd_kernels::build::sweep::FRESH_SHARE;
 use raykd_shared::limits::{CHUNK, MAX_DEPTH, TREELET};
 
@@ -36,15 +37,33 @@ pub(super) struct Arena<'d> {
 }
 
 impl Arena<'_> {
-    pub(super) fn alloc(&mut self, name: &'static str, count: u32, stride: u64) -> Result<Buffer, Error> {
-        let buffer = self.device.alloc(name, u64::from(count) * stride)?;
+    /// Room for so many records of so many elements.
+    pub(super) fn alloc<T>(
+        &mut self,
+        name: &'static str,
+        records: u32,
+        elements: u32,
+    ) -> Result<Buffer<T>, Error> {
+        let buffer = self.device.alloc(name, u64::from(records) * u64::from(elements))?;
         self.bytes += buffer.bytes();
         Ok(buffer)
     }
 
     /// Two of a kind: one for a level, one for the next.
-    pub(super) fn pair(&mut self, name: &'static str, count: u32, stride: u64) -> Result<[Buffer; 2], Error> {
-        Ok([self.alloc(name, count, stride)?, self.alloc(name, count, stride)?])
+    pub(super) fn pair<T>(
+        &mut self,
+        name: &'static str,
+        records: u32,
+        elements: u32,
+    ) -> Result<[Buffer<T>; 2], Error> {
+        Ok([self.alloc(name, records, elements)?, self.alloc(name, records, elements)?])
+    }
+
+    /// A buffer of these elements.
+    pub(super) fn upload<T: Pod>(&mut self, name: &'static str, data: &[T]) -> Result<Buffer<T>, Error> {
+        let buffer = self.device.upload(name, data)?;
+        self.bytes += buffer.bytes();
+        Ok(buffer)
     }
 }
 

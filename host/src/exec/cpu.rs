@@ -1,6 +1,6 @@
 //! The CPU executor: workgroups in parallel by rayon, the lanes of each in turn.
 
-use super::{Buffer, Groups, Limit, Step, Timing};
+use super::{AnyBuffer, Groups, Limit, Step, Timing};
 use crate::Error;
 use raykd_kernels::{Access, Group, Order, RawBuf};
 use rayon::prelude::*;
@@ -91,8 +91,7 @@ impl Cpu {
                 Groups::Fixed(n) => n,
                 Groups::Indirect(args, entry) => {
                     let mut xyz = [0u32; 3];
-                    let offset = u64::from(entry) * 12;
-                    args.check("arguments", offset, Some(size_of_val(&xyz)));
+                    let offset = args.place("arguments", size_of_val(&xyz), u64::from(entry), 1);
                     memory(args).read(args.name, offset, bytemuck::bytes_of_mut(&mut xyz));
                     xyz.iter().product()
                 }
@@ -154,7 +153,7 @@ unsafe impl Send for Shared {}
 // SAFETY: as above.
 unsafe impl Sync for Shared {}
 
-fn memory(buffer: &Buffer) -> &Memory {
+fn memory(buffer: &AnyBuffer) -> &Memory {
     match &buffer.memory {
         super::Memory::Cpu(memory) => memory,
         #[cfg(feature = "gpu")]

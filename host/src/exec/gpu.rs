@@ -11,7 +11,7 @@ pub use adapter::{AdapterReport, adapters, required_features, required_limits};
 pub(crate) use encode::Size;
 pub use probe::Verdict;
 
-use super::{Buffer, Device, Groups, Limit, Machine, Memory, Step, Timing};
+use super::{AnyBuffer, Device, Groups, Limit, Machine, Memory, Step, Timing};
 use crate::Error;
 use clock::Clock;
 use link::Link;
@@ -53,7 +53,7 @@ struct Pipeline {
 
 /// What the steps of one run bind: the levels of a build repeat the same buffers, told apart by where they are
 /// while the run borrows them.
-type Bindings = HashMap<(&'static str, Vec<*const Buffer>), wgpu::BindGroup>;
+type Bindings = HashMap<(&'static str, Vec<*const AnyBuffer>), wgpu::BindGroup>;
 
 impl Gpu {
     /// The best adapter, or the best whose name or driver contains `adapter` (any case).
@@ -331,7 +331,7 @@ impl Gpu {
         }
     }
 
-    fn bind(&self, layout: &wgpu::BindGroupLayout, buffers: &[&Buffer]) -> wgpu::BindGroup {
+    fn bind(&self, layout: &wgpu::BindGroupLayout, buffers: &[&AnyBuffer]) -> wgpu::BindGroup {
         let resources = buffers.iter().map(|buffer| buffer.as_wgpu().as_entire_binding());
         let entries: Vec<_> = (0..)
             .zip(resources)
@@ -385,7 +385,7 @@ impl Gpu {
     }
 }
 
-impl Buffer {
+impl AnyBuffer {
     /// Its memory on a GPU.
     pub(crate) fn as_wgpu(&self) -> &wgpu::Buffer {
         match &self.memory {
@@ -438,8 +438,8 @@ fn entry_points(words: &[u32]) -> HashSet<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use raykd_kernels::probe::PROBE;
+    use super::{super::Launch as _, *};
+    use raykd_kernels::probe::{self, PROBE};
 
     #[test]
     fn lost_device_gives_errors_ever_after() {
@@ -463,8 +463,10 @@ mod tests {
         let mut gpu = Gpu::open(None).unwrap();
         gpu.clock = None;
         let device = Device::from(gpu);
-        let buffers = ["inputs", "results", "count"].map(|name| device.alloc(name, 64).unwrap());
-        let steps = [1, 0, 1].map(|groups| Step::groups(&PROBE, groups, buffers.iter().collect()));
+        let (inputs, count) = (device.alloc("inputs", 4).unwrap(), device.alloc("count", 4).unwrap());
+        let results = device.alloc("results", 16).unwrap();
+        let buffers = || probe::Buffers { inputs: &inputs, results: results.out(), count: &count };
+        let steps = [1, 0, 1].map(|groups| buffers().groups(groups));
         for profile in [false, true] {
             let timing = device.dispatch(&steps, profile).unwrap();
             assert!(!timing.total.is_zero());

@@ -13,8 +13,8 @@ pub(crate) use gpu::Size;
 pub use gpu::{AdapterReport, Gpu, Verdict, adapters, required_features, required_limits};
 
 use crate::Error;
-use raykd_kernels::Kernel;
-use std::{sync::Arc, time::Duration};
+use raykd_kernels::{Bindings, Host, Kernel};
+use std::{marker::PhantomData, ops::Deref, sync::Arc, time::Duration};
 
 /// A machine that kernels run on: the processor, by rayon, or a Vulkan device, by wgpu. Clones are the same machine.
 #[derive(Clone, Debug)]
@@ -40,9 +40,9 @@ impl From<Gpu> for Device {
     }
 }
 
-/// A buffer on a [`Device`]. Clones share the memory.
+/// Memory on a [`Device`]. Clones share it.
 #[derive(Clone, Debug)]
-pub struct Buffer {
+pub struct AnyBuffer {
     name: &'static str,
     bytes: u64,
     memory: Memory,
@@ -55,7 +55,7 @@ enum Memory {
     Gpu(wgpu::Buffer),
 }
 
-impl Buffer {
+impl AnyBuffer {
     /// The name it was allocated under.
     pub const fn name(&self) -> &'static str {
         self.name
@@ -66,10 +66,72 @@ impl Buffer {
         self.bytes
     }
 
-    /// Panics if a range does not lie inside; `bytes` is None if its length is beyond all numbers.
-    fn check(&self, act: &str, offset: u64, bytes: Option<usize>) {
-        let end = bytes.and_then(|bytes| offset.checked_add(bytes as u64));
-        assert!(end.is_some_and(|end| end <= self.bytes), "{act} past the end of {}", self.name);
+    /// The same memory as elements of some type.
+    pub fn view<T>(&self) -> Buffer<T> {
+        Buffer { any: self.clone(), of: PhantomData }
+    }
+
+    /// Where `count` elements of `size` bytes begin from the one numbered `from` on. Panics if they do not lie inside.
+    fn place(&self, act: &str, size: usize, from: u64, count: usize) -> u64 {
+        let begin = from.checked_mul(size as u64);
+        let bytes = count.checked_mul(size).map(|bytes| bytes as u64);
+        let end = begin.zip(bytes).and_then(|(begin, bytes)| begin.checked_add(bytes));
+        let inside = begin.filter(|_| end.is_some_and(|end| end <= self.bytes));
+        inside.unwrap_or_else(|| panic!("{act} past the end of {}", self.name))
+    }
+}
+
+/// A buffer of elements of type `T`. Clones share the memory.
+#[derive(Debug)]
+pub struct Buffer<T> {
+    any: AnyBuffer,
+    of: PhantomData<fn() -> T>,
+}
+
+impl<T> Clone for Buffer<T> {
+    fn clone(&self) -> Self {
+        self.any.view()
+    }
+}
+
+impl<T> Deref for Buffer<T> {
+    type Target = AnyBuffer;
+    fn deref(&self) -> &AnyBuffer {
+        &self.any
+    }
+}
+
+impl<T> Buffer<T> {
+    /// How many elements it holds.
+    pub const fn len(&self) -> usize {
+        self.any.bytes as usize / size_of::<T>()
+    }
+
+    /// The buffer, to be written by a kernel.
+    pub const fn out(&self) -> Out<'_, T> {
+        Out(self)
+    }
+}
+
+/// A buffer that a kernel writes.
+#[derive(Debug)]
+pub struct Out<'a, T>(&'a Buffer<T>);
+
+/// How [`Device`]s refer to the buffers of a kernel.
+#[derive(Debug)]
+pub enum OnDevice {}
+
+impl Host for OnDevice {
+    type Read<'a, T: 'static> = &'a Buffer<T>;
+    type Write<'a, T: 'static> = Out<'a, T>;
+    type Any<'a> = &'a AnyBuffer;
+
+    fn read<'a, T: 'static>(buffer: Self::Read<'a, T>) -> Self::Any<'a> {
+        &buffer.any
+    }
+
+    fn write<'a, T: 'static>(buffer: Self::Write<'a, T>) -> Self::Any<'a> {
+        &buffer.0.any
     }
 }
 
@@ -80,36 +142,64 @@ pub enum Groups<'a> {
     Fixed(u32),
     /// As many as an earlier kernel wrote: three words `[x, y, z]` at word `3 * entry` of the buffer, for a
     /// dispatch of `x * y * z` workgroups. The step itself must not write that buffer.
-    Indirect(&'a Buffer, u32),
+    Indirect(&'a Buffer<u32>, u32),
 }
 
-/// One dispatch: a kernel, its buffers in binding order, and how many workgroups.
+/// One dispatch: a kernel, its buffers in binding order, and how many workgroups. [`Launch`] makes them.
 #[derive(Clone, Debug)]
 pub struct Step<'a> {
     /// What runs.
     pub kernel: &'static Kernel,
     /// On which buffers; as many as the kernel has slots.
-    pub buffers: Vec<&'a Buffer>,
+    pub buffers: Vec<&'a AnyBuffer>,
     /// How often.
     pub groups: Groups<'a>,
 }
 
-impl<'a> Step<'a> {
-    /// A step of as many workgroups as cover `items` lanes.
-    pub fn over(kernel: &'static Kernel, items: u32, buffers: Vec<&'a Buffer>) -> Self {
-        Self { kernel, buffers, groups: Groups::Fixed(items.div_ceil(kernel.threads)) }
+/// Makes a dispatch of a kernel's buffers.
+///
+/// ```
+/// # use raykd::{Device, internals::Launch, kernels::probe::Buffers};
+/// # let device = Device::cpu();
+/// # let (inputs, results) = (device.alloc("inputs", 1)?, device.alloc("results", 8)?);
+/// let count = device.alloc("count", 1)?;
+/// let step = Buffers { inputs: &inputs, results: results.out(), count: &count }.over(1);
+/// # Ok::<_, raykd::Error>(())
+/// ```
+///
+/// A buffer of another type does not compile, nor does one that is missing, or written without saying so:
+///
+/// ```compile_fail,E0271
+/// # use raykd::{Device, internals::Launch, kernels::probe::Buffers};
+/// # let device = Device::cpu();
+/// # let (inputs, results) = (device.alloc("inputs", 1)?, device.alloc("results", 8)?);
+/// let count = device.alloc::<f32>("count", 1)?;
+/// let step = Buffers { inputs: &inputs, results: results.out(), count: &count }.over(1);
+/// # Ok::<_, raykd::Error>(())
+/// ```
+pub trait Launch<'a>: Bindings<'a, OnDevice> + Sized {
+    /// Of so many workgroups.
+    fn run(self, groups: Groups<'a>) -> Step<'a> {
+        Step { kernel: Self::KERNEL, buffers: self.list().collect(), groups }
     }
 
-    /// A step of exactly `groups` workgroups.
-    pub fn groups(kernel: &'static Kernel, groups: u32, buffers: Vec<&'a Buffer>) -> Self {
-        Self { kernel, buffers, groups: Groups::Fixed(groups) }
+    /// Of as many workgroups as cover `items` lanes.
+    fn over(self, items: u32) -> Step<'a> {
+        self.run(Groups::Fixed(items.div_ceil(Self::KERNEL.threads)))
     }
 
-    /// A step whose size an earlier kernel wrote.
-    pub fn indirect(kernel: &'static Kernel, args: &'a Buffer, entry: u32, buffers: Vec<&'a Buffer>) -> Self {
-        Self { kernel, buffers, groups: Groups::Indirect(args, entry) }
+    /// Of exactly `groups` workgroups.
+    fn groups(self, groups: u32) -> Step<'a> {
+        self.run(Groups::Fixed(groups))
+    }
+
+    /// Of as many workgroups as an earlier kernel wrote.
+    fn indirect(self, args: &'a Buffer<u32>, entry: u32) -> Step<'a> {
+        self.run(Groups::Indirect(args, entry))
     }
 }
+
+impl<'a, B: Bindings<'a, OnDevice>> Launch<'a> for B {}
 
 /// How long a run took, measured on the device where it has timestamps.
 #[derive(Clone, Debug, Default)]
@@ -260,13 +350,14 @@ impl Device {
         }
     }
 
-    /// A zeroed buffer of at least `bytes` bytes (at least 16, rounded up to a multiple of 16).
+    /// A zeroed buffer of `count` elements at least: its size is a multiple of 16 bytes, and not 0.
     ///
     /// # Errors
     /// The size is past the device's limit, or memory ran out.
     #[doc(hidden)]
-    pub fn alloc(&self, name: &'static str, bytes: u64) -> Result<Buffer, Error> {
+    pub fn alloc<T>(&self, name: &'static str, count: u64) -> Result<Buffer<T>, Error> {
         let limit = self.limit();
+        let bytes = count.saturating_mul(size_of::<T>() as u64);
         let rounded = bytes.max(16).checked_next_multiple_of(16).filter(|&rounded| rounded <= limit.bytes);
         let Some(bytes) = rounded else {
             return Err(Error::TooLarge { buffer: name, bytes, limit: limit.bytes, limit_name: limit.name });
@@ -276,12 +367,23 @@ impl Device {
             #[cfg(feature = "gpu")]
             Machine::Gpu(gpu) => Memory::Gpu(gpu.alloc(name, bytes)?),
         };
-        let buffer = Buffer { name, bytes, memory };
+        let buffer = AnyBuffer { name, bytes, memory }.view();
         watch::poison(self, &buffer)?;
         Ok(buffer)
     }
 
-    /// Writes `data` (length a multiple of 4) at byte `offset` (a multiple of 4).
+    /// A buffer of these elements.
+    pub(crate) fn upload<T: bytemuck::Pod>(
+        &self,
+        name: &'static str,
+        data: &[T],
+    ) -> Result<Buffer<T>, Error> {
+        let buffer = self.alloc(name, data.len() as u64)?;
+        self.write(&buffer, 0, data)?;
+        Ok(buffer)
+    }
+
+    /// Writes elements from the one numbered `from` on. Where they begin and how long they are is a multiple of 4 bytes.
     ///
     /// # Errors
     /// The device was lost, or ran out of memory.
@@ -289,8 +391,9 @@ impl Device {
     /// # Panics
     /// The range lies outside the buffer, the buffer is another device's, or it is in use by another thread.
     #[doc(hidden)]
-    pub fn write(&self, buffer: &Buffer, offset: u64, data: &[u8]) -> Result<(), Error> {
-        buffer.check("write", offset, Some(data.len()));
+    pub fn write<T: bytemuck::Pod>(&self, buffer: &Buffer<T>, from: u64, data: &[T]) -> Result<(), Error> {
+        let offset = buffer.place("write", size_of::<T>(), from, data.len());
+        let data: &[u8] = bytemuck::cast_slice(data);
         match (&*self.0, &buffer.memory) {
             (Machine::Cpu(_), Memory::Cpu(memory)) => {
                 memory.write(buffer.name, offset, data);
@@ -303,7 +406,7 @@ impl Device {
         }
     }
 
-    /// Reads `bytes` bytes (a multiple of 4) from byte `offset` (a multiple of 4) into a vector of words.
+    /// Reads `count` elements from the one numbered `from` on. Where they begin and how long they are is a multiple of 4 bytes.
     ///
     /// # Errors
     /// The device was lost, or ran out of memory.
@@ -313,11 +416,11 @@ impl Device {
     #[doc(hidden)]
     pub fn read<T: bytemuck::Pod>(
         &self,
-        buffer: &Buffer,
-        offset: u64,
+        buffer: &Buffer<T>,
+        from: u64,
         count: usize,
     ) -> Result<Vec<T>, Error> {
-        buffer.check("read", offset, count.checked_mul(size_of::<T>()));
+        let offset = buffer.place("read", size_of::<T>(), from, count);
         let mut out = vec![T::zeroed(); count];
         if count > 0 {
             let target: &mut [u8] = bytemuck::cast_slice_mut(&mut out);
@@ -334,15 +437,14 @@ impl Device {
 
     /// A buffer's elements on the CPU, as they are from now on: where the device is the CPU they are not copied, and who
     /// writes the buffer panics.
-    pub(crate) fn kept(&self, buffer: &Buffer) -> Result<cpu::Kept, Error> {
+    pub(crate) fn kept(&self, buffer: &AnyBuffer) -> Result<cpu::Kept, Error> {
         match &buffer.memory {
             Memory::Cpu(memory) => Ok(memory.keep(buffer.name)),
             #[cfg(feature = "gpu")]
             Memory::Gpu(_) => {
-                let words: Vec<u32> = self.read(buffer, 0, (buffer.bytes / 4) as usize)?;
-                let (cpu, bytes) = (Self::cpu(), bytemuck::cast_slice(&words));
-                let copy = cpu.alloc(buffer.name, buffer.bytes)?;
-                cpu.write(&copy, 0, bytes)?;
+                let words: Buffer<u32> = buffer.view();
+                let cpu = Self::cpu();
+                let copy = cpu.upload(buffer.name, &self.read(&words, 0, words.len())?)?;
                 cpu.kept(&copy)
             }
         }

@@ -1,6 +1,6 @@
 //! For tests: watching a thread's dispatches one by one, on buffers that start as garbage.
 
-use super::{Buffer, Device, Step, Timing};
+use super::{AnyBuffer, Device, Step, Timing};
 use crate::Error;
 use std::cell::RefCell;
 
@@ -32,8 +32,8 @@ pub(super) fn is_on() -> bool {
     WATCHER.with_borrow(Option::is_some)
 }
 
-pub(super) fn poison(device: &Device, buffer: &Buffer) -> Result<(), Error> {
-    if is_on() { device.write(buffer, 0, &vec![POISON; buffer.bytes as usize]) } else { Ok(()) }
+pub(super) fn poison(device: &Device, buffer: &AnyBuffer) -> Result<(), Error> {
+    if is_on() { device.write(&buffer.view(), 0, &vec![POISON; buffer.bytes as usize]) } else { Ok(()) }
 }
 
 pub(super) fn one_by_one(device: &Device, steps: &[Step<'_>]) -> Result<Timing, Error> {

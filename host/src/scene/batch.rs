@@ -3,12 +3,15 @@
 use super::{Query, Scene, Traced};
 use crate::{
     Error,
-    exec::{Buffer, Device, Step},
+    exec::{Buffer, Device, Launch, OnDevice, Step},
     rays::AnyRay,
 };
 use raykd_kernels::{
-    Kernel,
-    trace::job::{JOB_WORDS, OUTCOME_INVALID, OUTCOME_STATUS, OUTCOME_WORDS},
+    glam::{UVec4, Vec4},
+    trace::{
+        job::{JOB_WORDS, OUTCOME_INVALID, OUTCOME_STATUS, OUTCOME_WORDS},
+        queries,
+    },
 };
 use raykd_shared::{Hit, status};
 use std::time::{Duration, Instant};
@@ -72,11 +75,11 @@ impl Resident {
 #[derive(Debug)]
 pub(super) struct Batch {
     pub count: u32,
-    pub job: Buffer,
-    pub rays: Buffer,
-    pub hits: Buffer,
-    pub outcome: Buffer,
-    pub counts: Buffer,
+    pub job: Buffer<u32>,
+    pub rays: Buffer<Vec4>,
+    pub hits: Buffer<UVec4>,
+    pub outcome: Buffer<u32>,
+    pub counts: Buffer<UVec4>,
 }
 
 impl Batch {
@@ -87,47 +90,50 @@ impl Batch {
     /// With room for so many hits a ray. Rays come in the mesh's own coordinates; here they are moved.
     pub(super) fn with_room(scene: &Scene, rays: &[impl AnyRay], room: u32) -> Result<Self, Error> {
         let (device, rays) = (&scene.device, &*AnyRay::local(rays, scene.translation));
-        let batch = Self {
+        Ok(Self {
             count: u32::try_from(rays.len()).unwrap_or(u32::MAX),
-            job: device.alloc("job", u64::from(JOB_WORDS) * 4)?,
-            rays: device.alloc("rays", size_of_val(rays) as u64)?,
-            hits: device.alloc("hits", rays.len() as u64 * 16 * u64::from(room))?,
-            outcome: device.alloc("outcome", u64::from(OUTCOME_WORDS) * 4)?,
-            counts: device.alloc("steps", rays.len() as u64 * 16)?,
-        };
-        device.write(&batch.rays, 0, bytemuck::cast_slice(rays))?;
-        Ok(batch)
+            job: device.alloc("job", u64::from(JOB_WORDS))?,
+            rays: device.upload("rays", rays)?.view(),
+            hits: device.alloc("hits", rays.len() as u64 * u64::from(room))?,
+            outcome: device.alloc("outcome", u64::from(OUTCOME_WORDS))?,
+            counts: device.alloc("steps", rays.len() as u64)?,
+        })
     }
 
-    pub(super) fn buffers<'a>(&'a self, scene: &'a Scene) -> Vec<&'a Buffer> {
-        vec![
-            &self.job,
-            &scene.header_buffer,
-            &scene.nodes,
-            scene.leaf_triangles(),
-            &self.rays,
-            &self.hits,
-            &self.outcome,
-        ]
+    /// What all queries of the tree bind.
+    pub(super) fn query<'a>(&'a self, scene: &'a Scene) -> queries::Query<'a, OnDevice> {
+        queries::Query {
+            job: &self.job,
+            header: &scene.header_buffer,
+            pairs: &scene.nodes,
+            corners: scene.leaf_triangles(),
+            rays: &self.rays,
+            hits: self.hits.out(),
+            outcome: self.outcome.out(),
+        }
     }
 
-    /// Runs the kernel of a query over the rays, and says how long it took.
-    pub(super) fn ask(
+    /// Runs a query over the rays, and says how long it took.
+    pub(super) fn ask<'a>(
         &self,
         device: &Device,
-        kernel: &'static Kernel,
-        buffers: Vec<&Buffer>,
+        buffers: impl Launch<'a>,
         query: Query,
     ) -> Result<Duration, Error> {
+        self.run(device, buffers.over(self.count), query)
+    }
+
+    /// The same, of a dispatch that is ready.
+    pub(super) fn run(&self, device: &Device, step: Step<'_>, query: Query) -> Result<Duration, Error> {
         self.begin(device, u32::from(query == Query::Any))?;
-        Ok(device.dispatch(&[Step::over(kernel, self.count, buffers)], false)?.total)
+        Ok(device.dispatch(&[step], false)?.total)
     }
 
     /// Forgets what earlier kernels reported, and sets the words of the job: how many rays, and what is asked.
     pub(super) fn begin(&self, device: &Device, option: u32) -> Result<(), Error> {
         let job: [u32; JOB_WORDS as usize] = [self.count, 0, 0, option];
-        device.write(&self.job, 0, bytemuck::cast_slice(&job))?;
-        device.write(&self.outcome, 0, &[0; OUTCOME_WORDS as usize * 4])
+        device.write(&self.job, 0, &job)?;
+        device.write(&self.outcome, 0, &[0; OUTCOME_WORDS as usize])
     }
 
     /// Checks the status the kernel left and returns how many rays were none.
@@ -136,7 +142,7 @@ impl Batch {
     }
 
     pub(super) fn hits(&self, device: &Device) -> Result<Vec<Hit>, Error> {
-        device.read(&self.hits, 0, self.count as usize)
+        device.read(&self.hits.view(), 0, self.count as usize)
     }
 
     /// Adds hits and how many rays were none, and the time to fetch them.
@@ -150,8 +156,8 @@ impl Batch {
 }
 
 /// Checks the status a kernel left and returns how many rays were none.
-pub(super) fn outcome(device: &Device, outcome: &Buffer) -> Result<u32, Error> {
-    let words: Vec<u32> = device.read(outcome, 0, OUTCOME_WORDS as usize)?;
+pub(super) fn outcome(device: &Device, outcome: &Buffer<u32>) -> Result<u32, Error> {
+    let words = device.read(outcome, 0, OUTCOME_WORDS as usize)?;
     match words[OUTCOME_STATUS as usize] {
         0 => Ok(words[OUTCOME_INVALID as usize]),
         bits => Err(Error::Kernel(status::describe(bits))),

@@ -3,12 +3,12 @@
 use super::{Extras, Scene};
 use crate::{
     BuildOptions, BuildTimes, Error, Intersector, KdTree, Mesh, Traversal,
-    build::{Built, MeshBuffers, build, put, sweep_by_kernels, upload},
-    exec::{Buffer, Device, Step},
+    build::{Built, MeshBuffers, build, sweep_by_kernels, upload},
+    exec::{Device, Launch},
 };
-use raykd_kernels::{Kernel, trace::prepare::corners::CORNERS};
+use raykd_kernels::trace::prepare::corners;
 use raykd_shared::TreeHeader;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 impl Scene {
     /// Builds the tree of a mesh on a device.
@@ -41,7 +41,8 @@ impl Scene {
         tree.check_mesh(mesh)?;
         let header = TreeHeader { mesh: [0; 2], checksum: 0, ..tree.header };
         let start = Instant::now();
-        let [nodes, refs] = put(device, &tree.nodes, &tree.refs)?;
+        let nodes = device.upload("nodes", &tree.nodes)?;
+        let refs = device.upload("refs", &tree.refs)?;
         let on_device = upload(device, mesh)?;
         let times = BuildTimes { upload: start.elapsed(), ..BuildTimes::default() };
         Self::assemble(device, mesh, on_device, Built { header, nodes, refs, times })
@@ -53,19 +54,24 @@ impl Scene {
         on_device: MeshBuffers,
         mut built: Built,
     ) -> Result<Self, Error> {
-        let header_buffer = device.alloc("header", size_of::<TreeHeader>() as u64)?;
-        device.write(&header_buffer, 0, bytemuck::bytes_of(&built.header))?;
-        let refs = &built.refs;
-        let (corners, layout) = lay_out(device, &CORNERS, &built.header, &header_buffer, &on_device, refs)?;
-        built.times.layout = layout;
+        let header = device.upload("header", &[built.header])?;
+        let laid = device.alloc("corners", 3 * u64::from(built.header.refs))?;
+        let corners = corners::Buffers {
+            header: &header,
+            positions: &on_device.positions,
+            indices: &on_device.indices,
+            refs: &built.refs,
+            corners: laid.out(),
+        };
+        built.times.layout = device.dispatch(&[corners.over(built.header.refs)], false)?.total;
         Ok(Self {
             device: device.clone(),
             header: built.header,
-            header_buffer,
-            nodes: built.nodes,
+            header_buffer: header,
+            nodes: built.nodes.view(),
             refs: built.refs,
             mesh: on_device,
-            corners,
+            corners: laid,
             kept: mesh.kept().into(),
             translation: mesh.translation(),
             times: built.times,
@@ -76,24 +82,10 @@ impl Scene {
     }
 }
 
-/// Lays out the triangles of the leaves by a kernel, and says how long that took.
-pub(super) fn lay_out(
-    device: &Device,
-    kernel: &'static Kernel,
-    header: &TreeHeader,
-    header_buffer: &Buffer,
-    mesh: &MeshBuffers,
-    refs: &Buffer,
-) -> Result<(Buffer, Duration), Error> {
-    let laid = device.alloc("corners", u64::from(header.refs) * 48)?;
-    let buffers = vec![header_buffer, &mesh.positions, &mesh.indices, refs, &laid];
-    let time = device.dispatch(&[Step::over(kernel, header.refs, buffers)], false)?.total;
-    Ok((laid, time))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Builder;
 
     /// A tree that such costs are written into is no valid one.
     #[test]

@@ -5,7 +5,14 @@ use crate::{
     Error, Traversal,
     exec::{Buffer, Device, Gpu, Size},
 };
-use raykd_kernels::trace::{job::OUTCOME_WORDS, workgroups::WORKGROUPS};
+use raykd_kernels::{
+    Bindings as _, Host,
+    trace::{
+        job::OUTCOME_WORDS,
+        queries,
+        workgroups::{self, WORKGROUPS},
+    },
+};
 use raykd_shared::{Hit, Ray};
 
 /// How many rays of a buffer are traced.
@@ -53,7 +60,7 @@ pub struct SceneBuffers<'a> {
 #[derive(Debug)]
 pub struct Encoded {
     device: Device,
-    outcome: Buffer,
+    outcome: Buffer<u32>,
 }
 
 impl Encoded {
@@ -85,6 +92,23 @@ fn bind(part: wgpu::BufferSlice<'_>) -> wgpu::BindingResource<'_> {
         offset: part.offset(),
         size: wgpu::BufferSize::new(part.size()),
     })
+}
+
+/// How a command encoder refers to the buffers of a kernel.
+enum InEncoder {}
+
+impl Host for InEncoder {
+    type Read<'a, T: 'static> = wgpu::BindingResource<'a>;
+    type Write<'a, T: 'static> = wgpu::BindingResource<'a>;
+    type Any<'a> = wgpu::BindingResource<'a>;
+
+    fn read<'a, T: 'static>(buffer: Self::Read<'a, T>) -> Self::Any<'a> {
+        buffer
+    }
+
+    fn write<'a, T: 'static>(buffer: Self::Write<'a, T>) -> Self::Any<'a> {
+        buffer
+    }
 }
 
 impl Scene {
@@ -127,14 +151,20 @@ impl Scene {
         };
         let any = u32::from(query == Query::Any);
         let job = gpu.words("job", &[job_rays, 0, 0, any])?;
-        let outcome = self.device.alloc("outcome", u64::from(OUTCOME_WORDS) * 4)?;
+        let outcome = self.device.alloc("outcome", u64::from(OUTCOME_WORDS))?;
         let encoded = Encoded { device: self.device.clone(), outcome };
-        let kernel = self.stack_kernel(query);
-        let mut resources = [&self.header_buffer, &self.nodes, self.leaf_triangles()]
-            .map(|buffer| buffer.as_wgpu().as_entire_binding())
-            .to_vec();
-        resources.insert(0, job.as_entire_binding());
-        resources.extend([bind(rays), bind(hits), encoded.outcome.as_wgpu().as_entire_binding()]);
+        let (kernel, resources) = self.stack::<InEncoder>(
+            queries::Query {
+                job: job.as_entire_binding(),
+                header: self.header_buffer.as_wgpu().as_entire_binding(),
+                pairs: self.nodes.as_wgpu().as_entire_binding(),
+                corners: self.leaf_triangles().as_wgpu().as_entire_binding(),
+                rays: bind(rays),
+                hits: bind(hits),
+                outcome: encoded.outcome.as_wgpu().as_entire_binding(),
+            },
+            query,
+        );
         match count {
             RayCount::Rays(0) => {}
             RayCount::Rays(rays) => gpu.encode_one(encoder, kernel, &resources, Size::Lanes(rays))?,
@@ -143,7 +173,12 @@ impl Scene {
                     return Err(refused("the number of rays takes four bytes"));
                 }
                 let args = gpu.words("workgroups", &[0; 3])?;
-                let counted = [bind(number), job.as_entire_binding(), args.as_entire_binding()];
+                let counted = workgroups::Buffers::<InEncoder> {
+                    count: bind(number),
+                    job: job.as_entire_binding(),
+                    args: args.as_entire_binding(),
+                };
+                let counted: Vec<_> = counted.list().collect();
                 gpu.encode_one(encoder, &WORKGROUPS, &counted, Size::Lanes(1))?;
                 gpu.encode_one(encoder, kernel, &resources, Size::Words(&args))?;
             }

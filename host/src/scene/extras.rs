@@ -1,23 +1,24 @@
 //! What some traversals and triangle tests need beside the tree.
 
-use super::{Scene, build::lay_out};
+use super::Scene;
 use crate::{
     Error, Intersector,
-    exec::{Buffer, Step},
+    exec::{Buffer, Launch},
     traversal::{Needs, Traversal},
 };
-use raykd_kernels::trace::prepare::{
-    corners::transforms::TRANSFORMS, node_boxes::NODE_BOXES, parents::PARENTS, rope_links::ROPE_LINKS,
+use raykd_kernels::{
+    glam::{UVec4, Vec4},
+    trace::prepare::{corners::transforms, node_boxes, parents, rope_links},
 };
 
 /// What some traversals and triangle tests need beside the tree.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Extras {
-    transforms: Option<Buffer>,
-    parents: Option<Buffer>,
-    boxes: Option<Buffer>,
+    transforms: Option<Buffer<Vec4>>,
+    parents: Option<Buffer<u32>>,
+    boxes: Option<Buffer<UVec4>>,
     /// As they are, and optimised.
-    ropes: [Option<Buffer>; 2],
+    ropes: [Option<Buffer<UVec4>>; 2],
 }
 
 impl Scene {
@@ -29,7 +30,7 @@ impl Scene {
     /// the device failed.
     pub fn traverse_by(&mut self, traversal: Traversal) -> Result<(), Error> {
         self.intersector.check(traversal)?;
-        let (device, header, nodes, count) =
+        let (device, header, pairs, count) =
             (&self.device, &self.header_buffer, &self.nodes, self.header.nodes);
         let needs = traversal.needs();
         if needs != Needs::Nothing {
@@ -37,26 +38,26 @@ impl Scene {
             let parents = match extras.parents.take() {
                 Some(parents) => parents,
                 None => {
-                    let parents = device.alloc("parents", u64::from(count / 2) * 4)?;
-                    device.dispatch(&[Step::over(&PARENTS, count, vec![header, nodes, &parents])], false)?;
-                    parents
+                    let made = device.alloc("parents", u64::from(count / 2))?;
+                    let parents = parents::Buffers { header, pairs, parents: made.out() };
+                    device.dispatch(&[parents.over(count)], false)?;
+                    made
                 }
             };
             if needs == Needs::Boxes && extras.boxes.is_none() {
-                let boxes = device.alloc("node boxes", u64::from(count) * 32)?;
-                let buffers = vec![header, nodes, &parents, &boxes];
-                device.dispatch(&[Step::over(&NODE_BOXES, count, buffers)], false)?;
-                extras.boxes = Some(boxes);
+                let made = device.alloc("node boxes", 2 * u64::from(count))?;
+                let boxes = node_boxes::Buffers { header, pairs, parents: &parents, boxes: made.out() };
+                device.dispatch(&[boxes.over(count)], false)?;
+                extras.boxes = Some(made);
             }
             if let Needs::Ropes { optimised } = needs
                 && extras.ropes[usize::from(optimised)].is_none()
             {
-                let job = device.alloc("job", 16)?;
-                device.write(&job, 0, bytemuck::cast_slice(&[u32::from(optimised), 0, 0, 0]))?;
-                let ropes = device.alloc("ropes", u64::from(count) * 48)?;
-                let buffers = vec![&job, header, nodes, &parents, &ropes];
-                device.dispatch(&[Step::over(&ROPE_LINKS, count, buffers)], false)?;
-                extras.ropes[usize::from(optimised)] = Some(ropes);
+                let job = &device.upload("job", &[u32::from(optimised), 0, 0, 0])?;
+                let made = device.alloc("ropes", 3 * u64::from(count))?;
+                let ropes = rope_links::Buffers { job, header, pairs, parents: &parents, links: made.out() };
+                device.dispatch(&[ropes.over(count)], false)?;
+                extras.ropes[usize::from(optimised)] = Some(made);
             }
             extras.parents = Some(parents);
         }
@@ -73,9 +74,16 @@ impl Scene {
     pub fn intersect_by(&mut self, intersector: Intersector) -> Result<(), Error> {
         intersector.check(self.traversal)?;
         if intersector == Intersector::Baldwin && self.extras.transforms.is_none() {
-            let (header, buffer, mesh) = (&self.header, &self.header_buffer, &self.mesh);
-            let (transforms, _) = lay_out(&self.device, &TRANSFORMS, header, buffer, mesh, &self.refs)?;
-            self.extras.transforms = Some(transforms);
+            let made = self.device.alloc("transforms", 3 * u64::from(self.header.refs))?;
+            let transforms = transforms::Buffers {
+                header: &self.header_buffer,
+                positions: &self.mesh.positions,
+                indices: &self.mesh.indices,
+                refs: &self.refs,
+                corners: made.out(),
+            };
+            self.device.dispatch(&[transforms.over(self.header.refs)], false)?;
+            self.extras.transforms = Some(made);
         }
         self.intersector = intersector;
         Ok(())
@@ -90,21 +98,32 @@ impl Scene {
     }
 
     /// The triangles of the leaves as the scene's test wants them.
-    pub(super) fn leaf_triangles(&self) -> &Buffer {
+    pub(super) fn leaf_triangles(&self) -> &Buffer<Vec4> {
         let transforms = self.extras.transforms.as_ref().filter(|_| self.intersector == Intersector::Baldwin);
         transforms.unwrap_or(&self.corners)
     }
 
-    /// Buffers that only the scene's traversal binds.
-    pub(super) fn more(&self) -> Vec<&Buffer> {
-        let extras = &self.extras;
-        let [first, second] = match self.traversal.needs() {
-            Needs::Nothing => [None, None],
-            Needs::Boxes => [extras.boxes.as_ref(), None],
-            Needs::Ropes { optimised } => {
-                [extras.parents.as_ref(), extras.ropes[usize::from(optimised)].as_ref()]
-            }
-        };
-        first.into_iter().chain(second).collect()
+    /// Parents of nodes, which [`Self::traverse_by`] made.
+    pub(super) fn parents(&self) -> &Buffer<u32> {
+        self.extras.parents.as_ref().expect("the traversal needs them")
+    }
+
+    /// Boxes of nodes, which it made.
+    pub(super) fn boxes(&self) -> &Buffer<UVec4> {
+        self.extras.boxes.as_ref().expect("the traversal needs them")
+    }
+
+    /// Ropes, which it made.
+    pub(super) fn ropes(&self, optimised: bool) -> &Buffer<UVec4> {
+        self.extras.ropes[usize::from(optimised)].as_ref().expect("the traversal needs them")
+    }
+
+    /// Bytes of what only the scene's traversal binds.
+    pub(super) fn more_bytes(&self) -> u64 {
+        match self.traversal.needs() {
+            Needs::Nothing => 0,
+            Needs::Boxes => self.boxes().bytes(),
+            Needs::Ropes { optimised } => self.parents().bytes() + self.ropes(optimised).bytes(),
+        }
     }
 }

@@ -2,16 +2,17 @@
 
 use super::{Scene, batch::Batch};
 use crate::{
-    Error,
-    exec::{Buffer, Step},
+    Error, Intersector,
+    exec::{Buffer, Groups, Launch, OnDevice, Step},
     rays::AnyRay,
     traversal::Traversal,
 };
 use raykd_kernels::{
-    Kernel,
-    trace::{
-        job::JOB_WORDS,
-        queries::{all::ALL_HITS, any::ANY, closest::CLOSEST, except::EXCEPT, steps::STEPS},
+    Bindings, Host, Kernel,
+    trace::queries::{
+        self, all, any, backtrack, baldwin, brute_baldwin, brute_exact, brute_moeller, brute_plane,
+        brute_strict, brute_woop, closest, exact, except, moeller, optimised_ropes, plane, pushdown, restart,
+        ropes, sequential, shortstack1, shortstack2, shortstack4, shortstack8, steps, woop,
     },
 };
 use raykd_shared::{Hit, Ray};
@@ -131,12 +132,10 @@ impl Scene {
         for (part, excluded) in rays.chunks(limit).zip(excluded.chunks(limit)) {
             let start = Instant::now();
             let batch = Batch::new(self, part)?;
-            let but = self.device.alloc("excluded", size_of_val(excluded) as u64)?;
-            self.device.write(&but, 0, bytemuck::cast_slice(excluded))?;
+            let excluded = &self.device.upload("excluded", excluded)?;
             traced.upload += start.elapsed();
-            let mut buffers = batch.buffers(self);
-            buffers.push(&but);
-            traced.trace += batch.ask(&self.device, &EXCEPT, buffers, query)?;
+            let except = except::Buffers { query: batch.query(self), excluded };
+            traced.trace += batch.ask(&self.device, except, query)?;
             batch.finish(&self.device, &mut traced)?;
         }
         Ok(traced)
@@ -169,16 +168,15 @@ impl Scene {
         for part in rays.chunks(self.batch_limit().min(room).max(1)) {
             let start = Instant::now();
             let batch = Batch::with_room(self, part, limit)?;
-            let totals = self.device.alloc("totals", part.len() as u64 * 4)?;
+            let totals = self.device.alloc("totals", part.len() as u64)?;
             all.upload += start.elapsed();
-            let mut buffers = batch.buffers(self);
-            buffers.push(&totals);
+            let each = all::Buffers { query: batch.query(self), totals: totals.out() };
             batch.begin(&self.device, limit)?;
-            all.trace += self.device.dispatch(&[Step::over(&ALL_HITS, batch.count, buffers)], false)?.total;
+            all.trace += self.device.dispatch(&[each.over(batch.count)], false)?.total;
             let start = Instant::now();
             all.invalid += batch.outcome(&self.device)?;
-            all.hits.extend(self.device.read::<Hit>(&batch.hits, 0, part.len() * limit as usize)?);
-            all.totals.extend(self.device.read::<u32>(&totals, 0, part.len())?);
+            all.hits.extend(self.device.read::<Hit>(&batch.hits.view(), 0, part.len() * limit as usize)?);
+            all.totals.extend(self.device.read(&totals, 0, part.len())?);
             all.download += start.elapsed();
         }
         Ok(all)
@@ -194,19 +192,18 @@ impl Scene {
             return Ok((self.brute(rays)?, vec![tests; rays.len()]));
         }
         self.needs_default("counting steps")?;
-        let (mut hits, mut steps) = (Vec::new(), Vec::new());
+        let (mut hits, mut counts) = (Vec::new(), Vec::new());
         for part in rays.chunks(self.batch_limit()) {
             let batch = Batch::new(self, part)?;
-            let mut buffers = batch.buffers(self);
-            buffers.push(&batch.counts);
-            buffers.extend(self.more());
-            let kernel = self.traversal.kernel().unwrap_or(&STEPS);
-            batch.ask(&self.device, kernel, buffers, Query::Closest)?;
+            let step = self.walk(&batch, self.traversal).unwrap_or_else(|| {
+                steps::Buffers { query: batch.query(self), counts: batch.counts.out() }.over(batch.count)
+            });
+            batch.run(&self.device, step, Query::Closest)?;
             batch.outcome(&self.device)?;
             hits.extend(batch.hits(&self.device)?);
-            steps.extend(self.device.read::<RaySteps>(&batch.counts, 0, part.len())?);
+            counts.extend(self.device.read::<RaySteps>(&batch.counts.view(), 0, part.len())?);
         }
-        Ok((hits, steps))
+        Ok((hits, counts))
     }
 
     /// Traces a batch once and says how long the kernels took.
@@ -214,54 +211,92 @@ impl Scene {
         if traversal == Traversal::Brute {
             return self.run_brute(batch);
         }
-        let mut buffers = batch.buffers(self);
-        let kernel = match traversal.kernel() {
-            Some(kernel) => {
-                buffers.push(&batch.counts);
-                buffers.extend(self.more());
-                kernel
-            }
-            None => self.stack_kernel(query),
-        };
-        batch.ask(&self.device, kernel, buffers, query)
+        let step = self.walk(batch, traversal).unwrap_or_else(|| {
+            let (kernel, buffers) = self.stack(batch.query(self), query);
+            Step { kernel, buffers, groups: Groups::Fixed(batch.count.div_ceil(kernel.threads)) }
+        });
+        batch.run(&self.device, step, query)
     }
 
-    /// The kernel that answers a query with a full stack, by the scene's triangle test.
-    pub(super) fn stack_kernel(&self, query: Query) -> &'static Kernel {
-        self.intersector.stack().unwrap_or(match query {
-            Query::Closest => &CLOSEST,
-            Query::Any => &ANY,
+    /// By a traversal that also counts its steps; `stack` and `brute` have kernels of their own.
+    fn walk<'a>(&'a self, batch: &'a Batch, traversal: Traversal) -> Option<Step<'a>> {
+        let (query, counts, count) = (batch.query(self), batch.counts.out(), batch.count);
+        Some(match traversal {
+            Traversal::Stack | Traversal::Brute => return None,
+            Traversal::Restart => restart::Buffers { query, counts }.over(count),
+            Traversal::Pushdown => pushdown::Buffers { query, counts }.over(count),
+            Traversal::ShortStack1 => shortstack1::Buffers { query, counts }.over(count),
+            Traversal::ShortStack2 => shortstack2::Buffers { query, counts }.over(count),
+            Traversal::ShortStack4 => shortstack4::Buffers { query, counts }.over(count),
+            Traversal::ShortStack8 => shortstack8::Buffers { query, counts }.over(count),
+            Traversal::Backtrack => backtrack::Buffers { query, counts, boxes: self.boxes() }.over(count),
+            Traversal::Ropes => {
+                let (parents, links) = (self.parents(), self.ropes(false));
+                ropes::Buffers { query, counts, parents, links }.over(count)
+            }
+            Traversal::OptimisedRopes => {
+                let (parents, links) = (self.parents(), self.ropes(true));
+                optimised_ropes::Buffers { query, counts, parents, links }.over(count)
+            }
+            Traversal::Sequential => sequential::Buffers { query, counts }.over(count),
         })
+    }
+
+    /// With a full stack, by the scene's triangle test: the kernel and its buffers.
+    pub(super) fn stack<'a, H: Host>(
+        &self,
+        query: queries::Query<'a, H>,
+        asked: Query,
+    ) -> (&'static Kernel, Vec<H::Any<'a>>) {
+        fn of<'a, H: Host, B: Bindings<'a, H>>(buffers: B) -> (&'static Kernel, Vec<H::Any<'a>>) {
+            (B::KERNEL, buffers.list().collect())
+        }
+        match self.intersector {
+            Intersector::Strict if asked == Query::Any => of(any::Buffers { query }),
+            Intersector::Strict => of(closest::Buffers { query }),
+            Intersector::Exact => of(exact::Buffers { query }),
+            Intersector::Woop => of(woop::Buffers { query }),
+            Intersector::Moeller => of(moeller::Buffers { query }),
+            Intersector::Plane => of(plane::Buffers { query }),
+            Intersector::Baldwin => of(baldwin::Buffers { query }),
+        }
+    }
+
+    /// Every triangle of a list, by the scene's triangle test.
+    fn all_triangles<'a>(&self, brute: queries::Brute<'a, OnDevice>, count: u32) -> Step<'a> {
+        match self.intersector {
+            Intersector::Strict => brute_strict::Buffers { brute }.over(count),
+            Intersector::Exact => brute_exact::Buffers { brute }.over(count),
+            Intersector::Woop => brute_woop::Buffers { brute }.over(count),
+            Intersector::Moeller => brute_moeller::Buffers { brute }.over(count),
+            Intersector::Plane => brute_plane::Buffers { brute }.over(count),
+            Intersector::Baldwin => brute_baldwin::Buffers { brute }.over(count),
+        }
     }
 
     /// Finds the closest hits of a batch by testing every triangle.
     fn run_brute(&self, batch: &Batch) -> Result<Duration, Error> {
-        let kept = self.device.alloc("kept", self.kept.len() as u64 * 4)?;
-        self.device.write(&kept, 0, bytemuck::cast_slice(&self.kept))?;
-        let bests = self.device.alloc("best hits", u64::from(batch.count) * 32)?;
+        let kept = self.device.upload("kept", &self.kept)?;
+        let bests = self.device.alloc("best hits", 2 * u64::from(batch.count))?;
         let count = self.kept.len() as u32;
         let slices = (0..count.div_ceil(BRUTE_SLICE)).map(|slice| {
-            let job = self.device.alloc("job", u64::from(JOB_WORDS) * 4)?;
             let from = slice * BRUTE_SLICE;
-            let words = [batch.count, from, count.min(from + BRUTE_SLICE), 0];
-            self.device.write(&job, 0, bytemuck::cast_slice(&words))?;
-            Ok(job)
+            self.device.upload("job", &[batch.count, from, count.min(from + BRUTE_SLICE), 0])
         });
-        let slices: Vec<Buffer> = slices.collect::<Result<_, Error>>()?;
+        let slices: Vec<Buffer<u32>> = slices.collect::<Result<_, Error>>()?;
         let step = |job| {
-            let (mesh, header) = (&self.mesh, &self.header_buffer);
-            let buffers = vec![
+            let brute = queries::Brute {
                 job,
-                header,
-                &kept,
-                &mesh.positions,
-                &mesh.indices,
-                &batch.rays,
-                &batch.hits,
-                &batch.outcome,
-                &bests,
-            ];
-            Step::over(self.intersector.brute(), batch.count, buffers)
+                header: &self.header_buffer,
+                kept: &kept,
+                positions: &self.mesh.positions,
+                indices: &self.mesh.indices,
+                rays: &batch.rays,
+                hits: batch.hits.out(),
+                outcome: batch.outcome.out(),
+                bests: bests.out(),
+            };
+            self.all_triangles(brute, batch.count)
         };
         // Without triangles one empty slice still writes the misses.
         let steps: Vec<Step<'_>> =

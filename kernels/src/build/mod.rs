@@ -134,6 +134,9 @@ pub struct Item {
 }
 
 impl Item {
+    /// Elements of a list that one takes.
+    pub const ELEMENTS: u32 = 3;
+
     /// Whether its references are one chunk.
     #[inline(always)]
     pub fn is_alone(&self) -> bool {

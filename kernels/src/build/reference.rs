@@ -28,6 +28,9 @@ pub fn triangle_at(list: &Buf<UVec4>, i: u32) -> u32 {
 }
 
 impl Reference {
+    /// Elements of a list that one takes.
+    pub const ELEMENTS: u32 = 2;
+
     /// A triangle's reference in the root.
     #[inline(always)]
     pub fn whole(positions: &Buf<f32>, indices: &Buf<u32>, triangle: u32) -> Self {

@@ -20,8 +20,44 @@ use crate::{
 };
 use raykd_shared::{MISS, TreeHeader, status};
 
-/// Declares the kernel of a query: how it answers ray `i`, whether it writes counts of its steps too, and
-/// buffers that only it binds.
+/// Declares something of the buffers that all queries of the tree bind.
+macro_rules! of_query {
+    ($declare:ident { $($head:tt)* } { $($own:tt)* }) => {
+        $declare! {
+            $($head)* Query {
+                0 job: read u32, 1 header: read TreeHeader, 2 pairs: read UVec4, 3 corners: read Vec4,
+                4 rays: read Vec4, 5 hits: write UVec4, 6 outcome: write u32,
+            } $($own)*
+        }
+    };
+}
+
+/// Declares something of the buffers that all tests of every triangle bind.
+macro_rules! of_brute {
+    ($declare:ident { $($head:tt)* } { $($own:tt)* }) => {
+        $declare! {
+            $($head)* Brute {
+                0 job: read u32, 1 header: read TreeHeader, 2 kept: read u32, 3 positions: read f32,
+                4 indices: read u32, 5 rays: read Vec4, 6 hits: write UVec4, 7 outcome: write u32,
+                8 bests: write UVec4,
+            } $($own)*
+        }
+    };
+}
+
+of_query! {
+    bindings {
+        /// What all queries of the tree bind.
+    } {}
+}
+of_brute! {
+    bindings {
+        /// What all tests of every triangle bind.
+    } {}
+}
+
+/// Declares the kernel of a query: how it answers ray `i`, whether it writes counts of its steps too, and buffers that
+/// only it binds.
 macro_rules! query {
     ($(#[$doc:meta])* $file:ident::$name:ident $($counts:ident)? = |$i:pat_param, $ray:ident, $pairs:ident,
      $corners:ident, $any:pat_param, $steps:ident| $walk:expr
@@ -58,15 +94,9 @@ macro_rules! query {
                 }
             }
 
-            kernel! {
-                $(#[$doc])*
-                map $name = answer, threads 64, {
-                    0 job: read u32, 1 header: read TreeHeader, 2 $pairs: read UVec4,
-                    3 $corners: read Vec4, 4 rays: read Vec4,
-                    5 hits: write UVec4, 6 outcome: write u32,
-                    $(7 $counts: write UVec4,)?
-                    $($($b $more: read $t),*)?
-                }
+            of_query! {
+                kernel { $(#[$doc])* map $name = answer, threads 64, query: }
+                { , { $(7 $counts: write UVec4,)? $($($b $more: read $t),*)? } }
             }
         }
     };
@@ -79,13 +109,9 @@ macro_rules! brute {
         pub mod $file {
             use super::*;
 
-            kernel! {
-                /// All rays against a slice of the triangles.
-                map $name = brute::<$test>, threads 64, {
-                    0 job: read u32, 1 header: read TreeHeader, 2 kept: read u32, 3 positions: read f32,
-                    4 indices: read u32, 5 rays: read Vec4, 6 hits: write UVec4, 7 outcome: write u32,
-                    8 bests: write UVec4,
-                }
+            of_brute! {
+                kernel { #[doc = "All rays against a slice of the triangles."] map $name = brute::<$test>, threads 64, brute: }
+                { , {} }
             }
         }
     };
@@ -189,12 +215,11 @@ pub fn each(
 pub mod all {
     use super::*;
 
-    kernel! {
-        /// [`each`] over all rays.
-        map ALL_HITS = each, threads 64, {
-            0 job: read u32, 1 header: read TreeHeader, 2 pairs: read UVec4, 3 corners: read Vec4,
-            4 rays: read Vec4, 5 hits: write UVec4, 6 outcome: write u32, 7 totals: write u32,
-        }
+    of_query! {
+        kernel {
+            /// [`each`] over all rays.
+            map ALL_HITS = each, threads 64, query:
+        } { , { 7 totals: write u32 } }
     }
 }
 

@@ -2,9 +2,12 @@
 
 use crate::{
     Error,
-    exec::{Device, Step},
+    exec::{Device, Launch},
 };
-use raykd_kernels::probe::{PROBE, RESULTS};
+use raykd_kernels::{
+    glam::Vec4,
+    probe::{self, RESULTS},
+};
 
 /// Inputs of the probe, in four families.
 const INPUTS: u32 = 4096;
@@ -31,9 +34,9 @@ pub(super) fn check(device: &Device) -> Result<Verdict, Error> {
 
 /// Deterministic inputs: pseudo-random numbers near 1 and over a wider range, never near overflow or underflow,
 /// and combinations that show one fault clearly.
-fn inputs() -> Vec<[f32; 4]> {
+fn inputs() -> impl Iterator<Item = [f32; 4]> {
     let mut state = 0x9E37_79B9_7F4A_7C15u64;
-    let mut number = |spread: u64| {
+    let mut number = move |spread: u64| {
         state = state.wrapping_mul(0x5851_F42D_4C95_7F2D).wrapping_add(0x1405_7B7E_F767_814F);
         let bits = state >> 33;
         let exponent = 127 - spread + (state >> 8) % (2 * spread + 1);
@@ -41,35 +44,31 @@ fn inputs() -> Vec<[f32; 4]> {
             ((bits << 31) as u32 & 0x8000_0000) | (exponent as u32) << 23 | (bits >> 8) as u32 & 0x7F_FFFF,
         )
     };
-    (0..INPUTS)
-        .map(|i| match i % 4 {
-            0 => [number(1), number(1), number(1), number(1)],
-            1 => [number(20), number(20), number(20), number(20)],
-            2 => {
-                // x * y + z is the rounding error of x * y if contracted, and 0 if not.
-                let (x, y) = (number(4), number(4));
-                [x, y, -(x * y), -1.0]
-            }
-            _ => {
-                // x is of the size of y's last bit: (x + y) - y is x if rearranged, and a multiple of it if not.
-                let (x, y) = (number(1), number(1));
-                [x, y * 8_388_608.0, y, x]
-            }
-        })
-        .collect()
+    (0..INPUTS).map(move |i| match i % 4 {
+        0 => [number(1), number(1), number(1), number(1)],
+        1 => [number(20), number(20), number(20), number(20)],
+        2 => {
+            // x * y + z is the rounding error of x * y if contracted, and 0 if not.
+            let (x, y) = (number(4), number(4));
+            [x, y, -(x * y), -1.0]
+        }
+        _ => {
+            // x is of the size of y's last bit: (x + y) - y is x if rearranged, and a multiple of it if not.
+            let (x, y) = (number(1), number(1));
+            [x, y * 8_388_608.0, y, x]
+        }
+    })
 }
 
 /// What a device makes of the inputs.
 fn results(device: &Device) -> Result<Vec<u32>, Error> {
-    let inputs = inputs();
-    let count = INPUTS * RESULTS;
-    let source = device.alloc("probe inputs", size_of_val(&inputs[..]) as u64)?;
-    let target = device.alloc("probe results", u64::from(count) * 4)?;
-    let length = device.alloc("probe count", 4)?;
-    device.write(&source, 0, bytemuck::cast_slice(&inputs))?;
-    device.write(&length, 0, bytemuck::bytes_of(&INPUTS))?;
-    device.dispatch(&[Step::over(&PROBE, INPUTS, vec![&source, &target, &length])], false)?;
-    device.read(&target, 0, count as usize)
+    let values = INPUTS * RESULTS;
+    let inputs = device.upload("probe inputs", &inputs().map(Vec4::from_array).collect::<Vec<_>>())?;
+    let results = device.alloc("probe results", u64::from(values))?;
+    let count = device.upload("probe count", &[INPUTS])?;
+    let probe = probe::Buffers { inputs: &inputs, results: results.out(), count: &count };
+    device.dispatch(&[probe.over(INPUTS)], false)?;
+    device.read(&results.view(), 0, values as usize)
 }
 
 /// Compares what a device computed with what is right.
@@ -109,7 +108,7 @@ mod tests {
     fn faulty(result: usize, expression: impl Fn([f32; 4]) -> f32) -> Verdict {
         let right = results(&Device::cpu()).unwrap();
         let mut found = right.clone();
-        for (input, found) in inputs().into_iter().zip(found.chunks_mut(RESULTS as usize)) {
+        for (input, found) in inputs().zip(found.chunks_mut(RESULTS as usize)) {
             found[result] = expression(input).to_bits();
         }
         judge(&right, &found)

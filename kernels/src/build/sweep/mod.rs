@@ -168,6 +168,9 @@ pub struct Cell {
 }
 
 impl Cell {
+    /// Elements of a list that one takes.
+    pub const ELEMENTS: u32 = 3;
+
     /// Reads cell `i` of a level.
     #[inline(always)]
     pub fn load(cells: &Buf<UVec4>, i: u32) -> Self {

@@ -193,9 +193,10 @@ fn sizes(tally: &mut Tally) {
 fn buffers(tally: &mut Tally) {
     let device = Device::cpu();
     for bytes in [1 << 46, u64::MAX, u64::MAX - 15, u64::MAX / 2, 1 << 63] {
-        tally.attempt(&format!("{bytes} bytes"), || must_fail(device.alloc("attack", bytes)));
+        tally.attempt(&format!("{bytes} bytes"), || must_fail(device.alloc::<u8>("attack", bytes)));
     }
-    let buffer = device.alloc("attack", 64).expect("64 bytes");
+    let buffer = device.alloc::<u8>("attack", 64).expect("64 bytes");
+    let words = buffer.view::<u32>();
     // An error or a panic, as documented; never success.
     let harmless = |done: Result<bool, Box<dyn std::any::Any + Send>>| match done {
         Ok(true) => Err("accepted".to_owned()),
@@ -203,15 +204,15 @@ fn buffers(tally: &mut Tally) {
     };
     for offset in [64, 68, u64::MAX - 3, u64::MAX - 7, 1 << 63, u64::MAX - 4095] {
         tally.attempt(&format!("write at {offset}"), || {
-            harmless(catch_unwind(AssertUnwindSafe(|| device.write(&buffer, offset, &[0; 8]).is_ok())))
+            harmless(catch_unwind(AssertUnwindSafe(|| device.write(&buffer, offset, &[0u8; 8]).is_ok())))
         });
         tally.attempt(&format!("read at {offset}"), || {
-            harmless(catch_unwind(AssertUnwindSafe(|| device.read::<u32>(&buffer, offset, 2).is_ok())))
+            harmless(catch_unwind(AssertUnwindSafe(|| device.read(&buffer, offset, 8).is_ok())))
         });
     }
     for count in [17, usize::MAX, usize::MAX / 4, usize::MAX / 4 + 2, 1 << 62] {
         tally.attempt(&format!("read {count}"), || {
-            harmless(catch_unwind(AssertUnwindSafe(|| device.read::<u32>(&buffer, 0, count).is_ok())))
+            harmless(catch_unwind(AssertUnwindSafe(|| device.read(&words, 0, count).is_ok())))
         });
     }
 }
