@@ -3,7 +3,7 @@
 use crate::report::{Table, three};
 use raykd::{
     AllHits, BuildOptions, BuildTimes, Builder, Device, Error, Hit, KdTree, KernelTimes, Mesh, Query, Ray,
-    Resident, Scene, Traced, internals::EXACT_SMALL, shared::Report,
+    Resident, Scene, Traced, internals::SWEEP_LISTED, shared::Report,
 };
 use std::time::{Duration, Instant};
 
@@ -127,7 +127,7 @@ fn moved(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Result<Vec<Ker
     let cpu = Device::cpu();
     let counted = match device {
         _ if device.kind() == "cpu" || !cfg!(feature = "traffic") => return Ok(Vec::new()),
-        _ if options.builder == Builder::Exact => Scene::exact_by_kernels(&cpu, mesh, options, EXACT_SMALL)?,
+        _ if options.builder == Builder::Exact => Scene::sweep_by_kernels(&cpu, mesh, options, SWEEP_LISTED)?,
         _ => Scene::build(&cpu, mesh, options)?,
     };
     Ok(counted.times().kernels.clone())

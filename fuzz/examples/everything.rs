@@ -31,7 +31,7 @@ fn main() {
             let tree = scene.tree().expect("it is read");
             tree.validate().expect("it is valid");
             if builder == Builder::Exact {
-                let kernels = Scene::exact_by_kernels(device, mesh, &options, 5).expect("it builds");
+                let kernels = Scene::sweep_by_kernels(device, mesh, &options, 5).expect("it builds");
                 assert_eq!(kernels.tree().expect("it is read"), tree);
             }
             let expected = &*expected.get_or_insert_with(|| scene.brute(rays).expect("it traces"));

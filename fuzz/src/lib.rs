@@ -129,7 +129,7 @@ pub fn triangles(bytes: &[u8]) {
         trace(&mesh, &scene, &rays);
         // The two forms of `exact`, lists of faces in all but the smallest nodes.
         let exact = BuildOptions { builder: Builder::Exact, ..BuildOptions::default() };
-        let kernels = Scene::exact_by_kernels(&CPU, &mesh, &exact, 5).expect("kernels build it");
+        let kernels = Scene::sweep_by_kernels(&CPU, &mesh, &exact, 5).expect("kernels build it");
         let host = Scene::build(&CPU, &mesh, &exact).expect("a CPU builds it");
         assert_eq!(kernels.tree().expect("it is read").digest(), host.tree().expect("it is read").digest());
     }

@@ -95,7 +95,7 @@ pub mod internals {
         cost::{speed, wake},
     };
     pub use crate::{
-        build::LISTED as EXACT_SMALL,
+        build::LISTED as SWEEP_LISTED,
         error::{QUOTED, quoted},
         exec::{AnyBuffer, Buffer, Cpu, Groups, Launch, OnDevice, Out, Step, Timing, watch},
         read::all_of,

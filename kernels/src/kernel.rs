@@ -80,8 +80,9 @@ impl Group {
 
 /// Runs a block once per lane and then lets all lanes meet: on the GPU this lane's turn and a barrier, on the
 /// CPU a loop. Within a block no lane may read what another lane writes; nothing a lane computes in a private
-/// variable survives the block, so everything that must goes to workgroup memory, or a [`PerLane`](crate::mem::PerLane). Code between blocks is run
-/// by every lane and must compute the same for all.
+/// variable survives the block, so everything that must goes to workgroup memory, or a
+/// [`PerLane`](crate::mem::PerLane). Code between blocks is run by every lane and must compute the same for
+/// all.
 ///
 /// With `..count` only the first lanes take a turn.
 #[macro_export]
@@ -155,7 +156,8 @@ pub struct Kernel {
     ///
     /// # Safety
     /// One [`RawBuf`] per slot, aligned to 16 bytes, valid while the call runs, writable where the slot says
-    /// so; [`Group::usual`] only if it holds; concurrent calls must be workgroups of the same dispatch, with different ids.
+    /// so; [`Group::usual`] only if it holds; concurrent calls must be workgroups of the same dispatch, with
+    /// different ids.
     pub run: unsafe fn(Group, &[RawBuf]) -> u64,
 }
 
@@ -269,8 +271,8 @@ macro_rules! run_twice {
     }};
 }
 
-/// Declares a kernel: a SPIR-V entry point on the GPU; on the CPU a [`Kernel`] constant, and `Buffers`, by which a host binds its
-/// buffers. A kernel may begin with those of a struct that [`bindings!`] made.
+/// Declares a kernel: a SPIR-V entry point on the GPU; on the CPU a [`Kernel`] constant, and `Buffers`, by
+/// which a host binds its buffers. A kernel may begin with those of a struct that [`bindings!`] made.
 macro_rules! kernel {
     ($(#[$doc:meta])* map $name:ident = $body:path, threads $n:tt,
      $($head:ident: $shared:ident { $($hb:tt $harg:ident: $hmode:ident $ht:ty),+ $(,)? },)?

@@ -22,8 +22,9 @@
 //! * a **group** kernel is a function of one workgroup whose steps are written in [`lanes!`](crate::lanes)
 //!   blocks: on the GPU a block is one lane's work followed by a barrier, on the CPU a loop over all lanes.
 //!
-//! `kernel!` turns a body into a SPIR-V entry point (by rust-gpu) and, on the CPU, into a [`Kernel`] that the host dispatches
-//! and a struct `Buffers`, in which the host names what it binds. All come from one declaration, so bindings cannot disagree.
+//! `kernel!` turns a body into a SPIR-V entry point (by rust-gpu) and, on the CPU, into a [`Kernel`] that the
+//! host dispatches and a struct `Buffers`, in which the host names what it binds. All come from one
+//! declaration, so bindings cannot disagree.
 //!
 //! # Rules for results that must agree to the bit
 //! `+ - *`, comparisons and exact conversions on `f32` only; quotients by [`math::div`]; no `min`/`max`
@@ -36,6 +37,8 @@
 
 #[macro_use]
 mod kernel;
+#[macro_use]
+mod words;
 pub mod math;
 pub mod mem;
 pub mod mesh;

@@ -22,11 +22,11 @@ pub struct BuildParams {
     pub max_depth: u32,
     /// Room in each list of references of the level loop.
     pub level_refs: u32,
-    /// Room in the list of references of finished large leaves and treelets; in `exact`, of all leaves.
+    /// Room in the list of references of finished large leaves and treelets; in the sweep, of all leaves.
     pub treelet_refs: u32,
     /// Room in the list of active nodes of a level.
     pub active: u32,
-    /// Room in the list of treelets, and for as many pairs of nodes above them; in `exact`, for all nodes.
+    /// Room in the list of treelets, and for as many pairs of nodes above them; in the sweep, for all nodes.
     pub treelets: u32,
     /// References have hardly any price in nodes of more.
     pub long: u32,

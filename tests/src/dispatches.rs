@@ -44,7 +44,7 @@ impl Job<'_> {
     fn run(&self, device: &Device) -> Result<(), Error> {
         let mut scene = match self.options.builder {
             // The CPU's own way has no kernels.
-            Builder::Exact => Scene::exact_by_kernels(device, self.mesh, self.options, 5)?,
+            Builder::Exact => Scene::sweep_by_kernels(device, self.mesh, self.options, 5)?,
             _ => Scene::build(device, self.mesh, self.options)?,
         };
         let tree = scene.tree()?;

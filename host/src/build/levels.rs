@@ -1,7 +1,8 @@
 //! The level loop: which kernels run, over which buffers.
 
 use super::{
-    BuildTimes, Grown, MeshBuffers,
+    built::{Grown, MeshBuffers},
+    options::BuildTimes,
     retry::Stop,
     room::{Arena, growth},
 };
@@ -13,8 +14,7 @@ use crate::{
 use raykd_kernels::{
     build::{
         ARGS_ACTIVE, ARGS_BLOCKS, ARGS_CHUNKS, ARGS_SEVERAL_ACTIVE, ARGS_SEVERAL_CHUNKS, ARGS_TREELET_BLOCKS,
-        ARGS_TREELETS, ARGS_WORDS, Item, LEVEL_WORDS, STATE_DEPTH, STATE_LEFT, STATE_NODES, STATE_REFS,
-        STATE_STATUS, STATE_TOP, STATE_TREELET_REFS, STATE_TREELETS, STATE_WORDS,
+        ARGS_TREELETS, ARGS_WORDS, Item, Level, State,
         alloc::{self, put_groups},
         alone,
         bin::{self, HIST_WORDS},
@@ -41,7 +41,8 @@ struct Lists<'a> {
     active: [Buffer<UVec4>; 2],
     chunks: [Buffer<u32>; 2],
     refs: [Buffer<UVec4>; 2],
-    /// The triangles that take part: the memory of the second list of references, which is free until the first is moved.
+    /// The triangles that take part: the memory of the second list of references, which is free until the
+    /// first is moved.
     kept: Buffer<u32>,
     hists: Buffer<u32>,
     /// What treelets keep: the memory of the histograms, which are done with by then.
@@ -80,23 +81,22 @@ pub(super) fn build(
     times.add(&steps, &device.dispatch(&steps, profile)?);
 
     // The one look at the device: how large is the tree?
-    let words: Vec<u32> = device.read(&lists.state, 0, STATE_WORDS as usize)?;
-    let state = |i: u32| words[i as usize];
-    if state(STATE_STATUS) & status::CAPACITY != 0 {
+    let state: State = device.read(&lists.state.view(), 0, 1)?[0];
+    if state.status & status::CAPACITY != 0 {
         return Err(Stop::Room);
     }
-    if state(STATE_STATUS) != 0 {
-        return Err(Error::Kernel(status::describe(state(STATE_STATUS))).into());
+    if state.status != 0 {
+        return Err(Error::Kernel(status::describe(state.status)).into());
     }
-    if state(STATE_LEFT) != 0 {
+    if state.left != 0 {
         return Err(Stop::Levels);
     }
-    let counts = [state(STATE_NODES), state(STATE_REFS)];
+    let counts = [state.nodes, state.refs];
     let nodes = arena.alloc("nodes", counts[0], 1)?;
     let refs = arena.alloc("refs", counts[1], 1)?;
-    let steps = lists.last_steps(state(STATE_TOP), state(STATE_TREELETS), &nodes, &refs);
+    let steps = lists.last_steps(&state, &nodes, &refs);
     times.add(&steps, &device.dispatch(&steps, profile)?);
-    Ok(Grown { nodes: nodes.view(), refs, counts, depth: state(STATE_DEPTH), times })
+    Ok(Grown { nodes: nodes.view(), refs, counts, depth: state.depth, times })
 }
 
 impl<'a> Lists<'a> {
@@ -110,8 +110,8 @@ impl<'a> Lists<'a> {
             given,
             mesh,
             params: arena.upload("params", std::slice::from_ref(given))?,
-            state: arena.alloc("state", 1, STATE_WORDS)?,
-            levels: arena.pair("level", 1, LEVEL_WORDS)?,
+            state: arena.alloc::<State>("state", 1, 1)?.view(),
+            levels: arena.pair::<Level>("level", 1, 1)?.map(|level| level.view()),
             args: arena.pair("args", 1, ARGS_WORDS)?,
             active: arena.pair("active", given.active, Item::ELEMENTS)?,
             chunks: arena.pair("chunks", given.active, 1)?,
@@ -145,16 +145,15 @@ impl<'a> Lists<'a> {
         let bits = |v: [f32; 3], last: u32| UVec4::new(v[0].to_bits(), v[1].to_bits(), v[2].to_bits(), last);
         let growth = growth(given.references).to_bits();
         let root = [UVec4::new(0, 0, given.references, 0), bits(given.lo, growth), bits(given.hi, 0)];
-        let mut state = [0u32; STATE_WORDS as usize];
         // The root and the padding after it are the first two slots.
-        state[STATE_TOP as usize] = 2;
+        let mut state = State { top: 2, ..State::default() };
         device.write(&self.top.view(), 1, &[Node::PADDING])?;
-        let mut level = [0u32; LEVEL_WORDS as usize];
+        let mut level = Level::default();
         let mut args = [0u32; ARGS_WORDS as usize];
         put_groups(&mut args, ARGS_TREELET_BLOCKS, 1);
         if self.root_is_large() {
             let pieces = given.references.div_ceil(CHUNK);
-            level = [1, pieces, given.references, 0, 2, 0, 0];
+            level = Level { active: 1, chunks: pieces, refs: given.references, top: 2, ..level };
             let several = if pieces > 1 { pieces } else { 0 };
             for (entry, groups) in [
                 (ARGS_ACTIVE, 1),
@@ -168,16 +167,14 @@ impl<'a> Lists<'a> {
             device.write(&self.active[0], 0, &root)?;
             device.write(&self.chunks[0], 0, &vec![0; pieces as usize])?;
         } else {
-            state[3 * ARGS_TREELETS as usize..].copy_from_slice(&[1, 1, 1]);
-            state[STATE_TREELETS as usize] = 1;
-            state[STATE_TREELET_REFS as usize] = given.references;
+            state = State { groups: [1; 3], treelets: 1, treelet_refs: given.references, ..state };
             device.write(&self.treelets, 0, &root)?;
         }
-        device.write(&self.levels[0], 0, &level)?;
+        device.write(&self.levels[0].view(), 0, &[level])?;
         device.write(&self.args[0], 0, &args)?;
         device.write(&self.treelet_blocks, 0, &vec![0; self.treelet_blocks.len()])?;
         device.write(&self.kept, 0, mesh.kept())?;
-        device.write(&self.state, 0, &state)
+        device.write(&self.state.view(), 0, &[state])
     }
 
     /// All there is to do before the size of the tree is known.
@@ -294,8 +291,7 @@ impl<'a> Lists<'a> {
     /// Writes the tree out.
     fn last_steps<'b>(
         &'b self,
-        top: u32,
-        treelets: u32,
+        state: &State,
         nodes: &'b Buffer<UVec2>,
         refs: &'b Buffer<u32>,
     ) -> [Step<'b>; 2] {
@@ -310,6 +306,6 @@ impl<'a> Lists<'a> {
             out: refs.out(),
         };
         let nodes = top::Buffers { state: &self.state, from: &self.top, nodes: nodes.out() };
-        [nodes.over(top), emit.groups(treelets)]
+        [nodes.over(state.top), emit.groups(state.treelets)]
     }
 }

@@ -1,63 +1,25 @@
 //! Building: a mesh and options become a tree on a device.
 //!
-//! [`options`] is what may be asked, [`room`] how long lists are, [`retry`] what happens if one is too short. The trees of
-//! [`Builder::Exact`] are built by [`sweep`], all others by [`levels`].
+//! [`options`] is what may be asked, [`room`] how long lists are, [`retry`] what happens if one is too short.
+//! The trees of [`Builder::Exact`] are built by [`sweep`], all others by [`levels`].
 
+mod built;
 mod levels;
 mod options;
 mod retry;
 mod room;
 mod sweep;
 
+pub(crate) use built::{Built, MeshBuffers, upload};
 pub use options::{BuildOptions, BuildTimes, Builder, KernelTimes};
+pub use sweep::LISTED;
 
-use crate::{
-    Error,
-    exec::{Buffer, Device},
-    mesh::Mesh,
-};
+use crate::{Error, exec::Device, mesh::Mesh};
+use built::Grown;
 use raykd_shared::{Node, TreeHeader};
 use retry::{Setting, Stop, Way};
 use room::Arena;
 use std::time::{Duration, Instant};
-pub use sweep::LISTED;
-
-/// A tree on a device.
-#[derive(Debug)]
-pub(crate) struct Built {
-    pub header: TreeHeader,
-    pub nodes: Buffer<Node>,
-    pub refs: Buffer<u32>,
-    pub times: BuildTimes,
-}
-
-/// What a try leaves of it.
-#[derive(Debug)]
-struct Grown {
-    nodes: Buffer<Node>,
-    refs: Buffer<u32>,
-    /// Numbers of nodes and references.
-    counts: [u32; 2],
-    depth: u32,
-    times: BuildTimes,
-}
-
-/// An indexed mesh on a device.
-#[derive(Clone, Debug)]
-pub(crate) struct MeshBuffers {
-    pub positions: Buffer<f32>,
-    /// Numbers in it.
-    pub coordinates: usize,
-    pub indices: Buffer<u32>,
-}
-
-/// Copies the mesh to the device.
-pub(crate) fn upload(device: &Device, mesh: &Mesh) -> Result<MeshBuffers, Error> {
-    let coordinates = mesh.scaled_positions();
-    let positions = device.upload("positions", &coordinates)?;
-    let indices = device.upload("indices", mesh.triangles().as_flattened())?;
-    Ok(MeshBuffers { positions, coordinates: coordinates.len(), indices })
-}
 
 /// Builds the tree of `mesh` on `device`.
 pub(crate) fn build(
@@ -143,21 +105,7 @@ fn attempt(
 /// No tree: one leaf that lists every triangle.
 fn leaf(arena: &mut Arena<'_>, mesh: &Mesh) -> Result<Grown, Error> {
     let nodes = [Node::leaf(0, mesh.kept().len() as u32), Node::PADDING];
-    grown(arena, &nodes, mesh.kept(), 0, BuildTimes::default())
-}
-
-/// What the host has built, on the device.
-fn grown(
-    arena: &mut Arena<'_>,
-    nodes: &[Node],
-    refs: &[u32],
-    depth: u32,
-    times: BuildTimes,
-) -> Result<Grown, Error> {
-    let counts = [nodes.len() as u32, refs.len() as u32];
-    let begin = Instant::now();
-    let (nodes, refs) = (arena.upload("nodes", nodes)?, arena.upload("refs", refs)?);
-    Ok(Grown { nodes, refs, counts, depth, times: BuildTimes { upload: begin.elapsed(), ..times } })
+    Grown::put(arena, &nodes, mesh.kept(), 0, BuildTimes::default())
 }
 
 /// The header of a tree, without the mesh's digest and the checksum.

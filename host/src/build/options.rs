@@ -1,6 +1,11 @@
 //! What a build may be told, and what it tells.
 
-use crate::{Error, choices::choices, exec::Step, exec::Timing, mesh::Mesh};
+use crate::{
+    Error,
+    choices::choices,
+    exec::{Step, Timing},
+    mesh::Mesh,
+};
 use raykd_shared::{
     limits::{MAX_DEPTH, TREELET},
     rule,
@@ -46,15 +51,16 @@ pub struct BuildOptions {
     pub cost_step: f32,
     /// SAH cost of one triangle test, from 0 to [`Self::MOST`].
     pub cost_test: f32,
-    /// Price of a reference, from 0 to [`Self::MOST`]: how many tests a ray through the scene it has to save, times the
-    /// number of triangles. 0 takes every split that saves anything; more makes trees smaller where that costs least. It has
-    /// never to save a ray through its own node more than there is to save, nor in nodes of more than `long` more than half a
-    /// test: an object that is small in its scene is split, too.
+    /// Price of a reference, from 0 to [`Self::MOST`]: how many tests a ray through the scene it has to save,
+    /// times the number of triangles. 0 takes every split that saves anything; more makes trees smaller where
+    /// that costs least. It has never to save a ray through its own node more than there is to save, nor in
+    /// nodes of more than `long` more than half a test: an object that is small in its scene is split, too.
     pub price: f32,
     /// In nodes of more references the price is a hundredth (2^-7): long leaves hold up the rays beside.
     pub long: u32,
-    /// Most references a triangle, on average, at least 1: `price` and `long` are doubled until the tree keeps to it. A scene that
-    /// needs more gets slow. [`Builder::Median`] weighs no costs, [`Builder::Zhou`] none in large nodes: they may not keep to it.
+    /// Most references a triangle, on average, at least 1: `price` and `long` are doubled until the tree
+    /// keeps to it. A scene that needs more gets slow. [`Builder::Median`] weighs no costs, [`Builder::Zhou`]
+    /// none in large nodes: they may not keep to it.
     pub budget: Option<f32>,
     /// Factor on the cost of planes that cut off empty space, from 0 to 1.
     pub empty: f32,
@@ -125,8 +131,8 @@ pub struct BuildTimes {
     pub layout: Duration,
     /// Most bytes of buffers held at once, the mesh included.
     pub peak_bytes: u64,
-    /// How often the build was repeated, with more room, a higher price or by the host; the other times are those of the last
-    /// try.
+    /// How often the build was repeated, with more room, a higher price or by the host; the other times are
+    /// those of the last try.
     pub retries: u32,
     /// What the tries before the last took in all, by the clock on the wall.
     pub failed: Duration,

@@ -1,7 +1,8 @@
-//! What a try to build a tree is made with, and what the next one changes: the one place that decides how a build goes on.
+//! What a try to build a tree is made with, and what the next one changes: the one place that decides how a
+//! build goes on.
 
 use super::{
-    BuildOptions, Builder,
+    options::{BuildOptions, Builder},
     room::{Need, Room},
 };
 use crate::{Error, mesh::Mesh};

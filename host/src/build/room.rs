@@ -127,8 +127,8 @@ impl Room {
         })
     }
 
-    /// Room for what a level of the sweep would have needed, and something more. None if that is more references than trees of
-    /// so many triangles may have.
+    /// Room for what a level of the sweep would have needed, and something more. None if that is more
+    /// references than trees of so many triangles may have.
     pub(super) fn holding(self, need: &Need, triangles: u32) -> Option<Self> {
         let most = most_of_sweep(triangles);
         let more = |has: u32, needed: u32| if needed > has { 2 * needed } else { has };

@@ -26,7 +26,7 @@ use std::{
 };
 
 /// Writes of at most this many bytes ride along with the next submission.
-const SMALL: usize = 64 << 10;
+const RIDES_ALONG: usize = 64 << 10;
 
 /// A Vulkan device.
 #[derive(Debug)]
@@ -212,7 +212,7 @@ impl Gpu {
     /// whatever is run or read next.
     pub(super) fn write(&self, buffer: &wgpu::Buffer, offset: u64, data: &[u8]) -> Result<(), Error> {
         self.link.check()?;
-        if data.len() <= SMALL {
+        if data.len() <= RIDES_ALONG {
             return self.link.guard("writing", || self.link.queue.write_buffer(buffer, offset, data));
         }
         let create = || Slot::upload(&self.link, CHUNK as u64);

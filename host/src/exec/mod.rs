@@ -208,7 +208,8 @@ pub struct Timing {
     pub total: Duration,
     /// Time of each step, in order; empty unless profiling was asked for.
     pub steps: Vec<Duration>,
-    /// Bytes that each step read and wrote in buffers: on the CPU, with the feature `traffic`, if profiling was asked for.
+    /// Bytes that each step read and wrote in buffers: on the CPU, with the feature `traffic`, if profiling
+    /// was asked for.
     pub moved: Vec<u64>,
 }
 
@@ -383,7 +384,8 @@ impl Device {
         Ok(buffer)
     }
 
-    /// Writes elements from the one numbered `from` on. Where they begin and how long they are is a multiple of 4 bytes.
+    /// Writes elements from the one numbered `from` on. Where they begin and how long they are is a multiple
+    /// of 4 bytes.
     ///
     /// # Errors
     /// The device was lost, or ran out of memory.
@@ -406,7 +408,8 @@ impl Device {
         }
     }
 
-    /// Reads `count` elements from the one numbered `from` on. Where they begin and how long they are is a multiple of 4 bytes.
+    /// Reads `count` elements from the one numbered `from` on. Where they begin and how long they are is a
+    /// multiple of 4 bytes.
     ///
     /// # Errors
     /// The device was lost, or ran out of memory.
@@ -457,8 +460,8 @@ impl Device {
     /// The device refused a kernel, was lost, or ran out of memory.
     ///
     /// # Safety
-    /// Each buffer holds what the kernel expects there, as the steps of this crate leave it. A kernel trusts its input to
-    /// keep its workgroups apart: offsets that overlap would have two of them write one word.
+    /// Each buffer holds what the kernel expects there, as the steps of this crate leave it. A kernel trusts
+    /// its input to keep its workgroups apart: offsets that overlap would have two of them write one word.
     #[doc(hidden)]
     pub unsafe fn run(&self, steps: &[Step<'_>], profile: bool) -> Result<Timing, Error> {
         self.dispatch(steps, profile)

@@ -20,9 +20,10 @@ impl Scene {
         Self::assemble(device, mesh, on_device, built)
     }
 
-    /// For tests: [`Builder::Exact`] by its kernels, on any device, with lists in nodes of more than `small` references.
+    /// For tests: [`Builder::Exact`] by its kernels, on any device, with lists in nodes of more than `small`
+    /// references.
     #[doc(hidden)]
-    pub fn exact_by_kernels(
+    pub fn sweep_by_kernels(
         device: &Device,
         mesh: &Mesh,
         options: &BuildOptions,

@@ -26,8 +26,8 @@ impl Scene {
     /// same. Makes what the traversal needs beside the tree, once.
     ///
     /// # Errors
-    /// It does not go with the scene's triangle test, see [`Intersector::check`]; what it needs does not fit the device, or
-    /// the device failed.
+    /// It does not go with the scene's triangle test, see [`Intersector::check`]; what it needs does not fit
+    /// the device, or the device failed.
     pub fn traverse_by(&mut self, traversal: Traversal) -> Result<(), Error> {
         self.intersector.check(traversal)?;
         let (device, header, pairs, count) =
@@ -65,8 +65,9 @@ impl Scene {
         Ok(())
     }
 
-    /// Chooses how it is told from now on whether a ray hits a triangle, by the closest and any hits of `stack` and `brute`.
-    /// Makes what the test needs beside the tree, once. Only the default keeps what [`Scene::closest`] promises.
+    /// Chooses how it is told from now on whether a ray hits a triangle, by the closest and any hits of
+    /// `stack` and `brute`. Makes what the test needs beside the tree, once. Only the default keeps what
+    /// [`Scene::closest`] promises.
     ///
     /// # Errors
     /// It does not go with the scene's traversal, see [`Intersector::check`]; what it needs does not fit the device, or

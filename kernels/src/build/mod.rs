@@ -37,43 +37,54 @@ use raykd_shared::{
     limits::{CHUNK, TREELET},
 };
 
-/// Words of a level's record: active nodes, chunks, references, level number.
-pub const LEVEL_ACTIVE: u32 = 0;
-/// Workgroups over the level's references.
-pub const LEVEL_CHUNKS: u32 = 1;
-/// References in the level's list.
-pub const LEVEL_REFS: u32 = 2;
-/// Depth of the level's nodes.
-pub const LEVEL_DEPTH: u32 = 3;
-/// Tree slots given away in the levels above.
-pub const LEVEL_TOP: u32 = 4;
-/// Treelets there.
-pub const LEVEL_TREELETS: u32 = 5;
-/// Their references.
-pub const LEVEL_TREELET_REFS: u32 = 6;
-/// Words of a level's record.
-pub const LEVEL_WORDS: u32 = 7;
+words! {
+    /// A level's record.
+    Level {
+        /// Active nodes.
+        LEVEL_ACTIVE active: u32,
+        /// Workgroups over the level's references.
+        LEVEL_CHUNKS chunks: u32,
+        /// References in the level's list.
+        LEVEL_REFS refs: u32,
+        /// Depth of the level's nodes.
+        LEVEL_DEPTH depth: u32,
+        /// Tree slots given away in the levels above.
+        LEVEL_TOP top: u32,
+        /// Treelets there.
+        LEVEL_TREELETS treelets: u32,
+        /// Their references.
+        LEVEL_TREELET_REFS treelet_refs: u32,
+    }
+}
 
-/// Words of the build's state: status bits, see [`raykd_shared::status`].
-pub const STATE_STATUS: u32 = 0;
-/// Nodes above the treelets.
-pub const STATE_TOP: u32 = 1;
-/// Treelets, single large leaves included.
-pub const STATE_TREELETS: u32 = 2;
-/// References handed to treelets.
-pub const STATE_TREELET_REFS: u32 = 3;
-/// Nodes of the whole tree.
-pub const STATE_NODES: u32 = 4;
-/// References of the whole tree.
-pub const STATE_REFS: u32 = 5;
-/// Depth of the deepest leaf.
-pub const STATE_DEPTH: u32 = 6;
-/// Active nodes that the level loop left.
-pub const STATE_LEFT: u32 = 7;
+words! {
+    /// The build's state.
+    State {
+        /// Status bits, see [`raykd_shared::status`].
+        STATE_STATUS status: u32,
+        /// Nodes above the treelets.
+        STATE_TOP top: u32,
+        /// Treelets, single large leaves included.
+        STATE_TREELETS treelets: u32,
+        /// References handed to treelets.
+        STATE_TREELET_REFS treelet_refs: u32,
+        /// Nodes of the whole tree.
+        STATE_NODES nodes: u32,
+        /// References of the whole tree.
+        STATE_REFS refs: u32,
+        /// Depth of the deepest leaf.
+        STATE_DEPTH depth: u32,
+        /// Active nodes that the level loop left.
+        STATE_LEFT left: u32,
+        /// Nothing: arguments begin at a multiple of three words.
+        STATE_GAP gap: u32,
+        /// Indirect arguments over treelets.
+        STATE_GROUPS groups: [u32; 3],
+    }
+}
 /// Among the words of the state, the entry with the indirect arguments over treelets.
-pub const ARGS_TREELETS: u32 = 3;
-/// Words of the build's state.
-pub const STATE_WORDS: u32 = 3 * ARGS_TREELETS + 3;
+pub const ARGS_TREELETS: u32 = STATE_GROUPS / 3;
+const _: () = assert!(3 * ARGS_TREELETS == STATE_GROUPS, "an entry of arguments");
 
 /// Entries of the indirect arguments of a level: a workgroup per active node.
 pub const ARGS_ACTIVE: u32 = 0;
@@ -224,8 +235,8 @@ pub fn is_above(hi: f32, at: f32) -> bool {
     hi > at
 }
 
-/// Whether a reference with this extent belongs below the plane, and whether above, where one that lies in the plane goes to a
-/// side of choice. What touches the plane from one side is on that side only.
+/// Whether a reference with this extent belongs below the plane, and whether above, where one that lies in
+/// the plane goes to a side of choice. What touches the plane from one side is on that side only.
 #[inline(always)]
 pub fn sides(lo: f32, hi: f32, at: f32, flat_above: bool) -> (bool, bool) {
     let flat = (lo == at) & (hi == at);

@@ -103,7 +103,8 @@ pub(super) struct Axis {
     pub(super) fresh: Vec<Event>,
 }
 
-/// Events of a reference where its box ends or is flat, and where it starts: those on axis `i` are by `2 i` bits higher.
+/// Events of a reference where its box ends or is flat, and where it starts: those on axis `i` are by `2 i`
+/// bits higher.
 pub(super) const ENDS: u64 = 1 << 32;
 pub(super) const STARTS: u64 = 2 << 32;
 
@@ -154,7 +155,8 @@ impl Set {
         }
     }
 
-    /// Takes in the faces of reference `number`, whose box is `bounds` and was another `before`. Returns which events are kept.
+    /// Takes in the faces of reference `number`, whose box is `bounds` and was another `before`. Returns
+    /// which events are kept.
     pub(super) fn add(&mut self, number: u32, bounds: &Bounds, before: &Bounds, node: &Bounds) -> u64 {
         let mut kept = 0;
         for (i, axis) in self.axes.iter_mut().enumerate() {

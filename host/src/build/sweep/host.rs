@@ -1,7 +1,8 @@
 //! The sweep by the host: depth first.
 //!
-//! A split moves a node's events in order to the children; only those of faces that clipping has moved are new, sorted and merged.
-//! So sorting happens once. Small nodes have no events. The tree does not depend on how many threads build it.
+//! A split moves a node's events in order to the children; only those of faces that clipping has moved are
+//! new, sorted and merged. So sorting happens once. Small nodes have no events. The tree does not depend on
+//! how many threads build it.
 
 use super::{
     events::{Axis, List, REFERENCE, Set, bytes, extent},
@@ -9,7 +10,8 @@ use super::{
 };
 use crate::{
     build::{
-        BuildTimes, Grown, grown,
+        built::Grown,
+        options::BuildTimes,
         retry::Stop,
         room::{Arena, growth, most_of_sweep},
     },
@@ -42,7 +44,7 @@ use std::{
 const GRAIN: usize = 4096;
 
 /// Nodes of no more references have no events: all boxes are looked at for every face.
-const SMALL: usize = MOST;
+const ONE_BY_ONE: usize = MOST;
 
 /// A node to be built.
 #[derive(Clone, Copy, Debug)]
@@ -354,7 +356,7 @@ impl Builder<'_> {
         let [low, high] = halves;
         shares.place(references, [&mut low.references.room, &mut high.references.room]);
         // Small nodes need no events.
-        let sorted = plane.most.map(|most| most > SMALL);
+        let sorted = plane.most.map(|most| most > ONE_BY_ONE);
         for (&i, halves) in shares.straddling.iter().zip(&shares.halves) {
             for (k, half) in [&mut *low, &mut *high].into_iter().enumerate() {
                 if sorted[k] && shares.sides[i as usize] >> k & 1 == 1 {
@@ -420,7 +422,7 @@ impl Builder<'_> {
     /// Builds a node and all below it; returns its words.
     fn grow(&self, set: &Set, cell: &Cell, tree: &mut Branch, spare: &mut Spare) -> Node {
         let references = set.references.all();
-        if references.len() <= SMALL {
+        if references.len() <= ONE_BY_ONE {
             spare.small.clear();
             spare.small.extend_from_slice(references);
             return self.finish(0..references.len(), cell, tree, spare);
@@ -462,7 +464,8 @@ impl Builder<'_> {
         let shares = &mut spare.shares;
         self.share(references, &plane, &cells, shares);
         let [below, above] = spare.shares.sizes();
-        // What goes above comes behind the node's own, then what goes below, which is built first. Each with room for one more.
+        // What goes above comes behind the node's own, then what goes below, which is built first. Each with
+        // room for one more.
         let high = own.end..own.end + above;
         let low = high.end + 1..high.end + 1 + below;
         if spare.small.len() <= low.end {
@@ -520,10 +523,11 @@ pub(in crate::build) fn build(
     let (tree, bytes) = arena.device.install(|| grow(mesh, params)).ok_or(Stop::Crowd)?;
     let times = BuildTimes { build: begin.elapsed(), ..BuildTimes::default() };
     arena.bytes += bytes;
-    Ok(grown(arena, &tree.nodes, &tree.refs, tree.depth, times)?)
+    Ok(Grown::put(arena, &tree.nodes, &tree.refs, tree.depth, times)?)
 }
 
-/// The tree, and the most bytes that were held at once. None if the leaves, or the nodes of some depth, get too long in all.
+/// The tree, and the most bytes that were held at once. None if the leaves, or the nodes of some depth, get
+/// too long in all.
 fn grow(mesh: &Mesh, params: &BuildParams) -> Option<(Branch, u64)> {
     let positions = mesh.scaled_positions();
     let builder = Builder {

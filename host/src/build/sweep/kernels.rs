@@ -3,7 +3,8 @@
 use crate::{
     Error, Mesh,
     build::{
-        BuildTimes, Grown, MeshBuffers,
+        built::{Grown, MeshBuffers},
+        options::BuildTimes,
         retry::Stop,
         room::{Arena, Need, growth},
     },
@@ -14,8 +15,7 @@ use raykd_kernels::{
         reference::Reference,
         sweep::{
             CHEAPEST_BITS, Cell, LEVEL_WORDS, LISTS, OVER_CELLS, OVER_FACES, OVER_FRESH, OVER_RANKS,
-            OVER_REFERENCES, ROWS, SORT_BITS, STATE_CELLS, STATE_DEPTH, STATE_FRESH, STATE_LEVEL,
-            STATE_LISTS, STATE_NODES, STATE_REFS, STATE_STATUS, STATE_WORDS,
+            OVER_REFERENCES, ROWS, SORT_BITS, State,
             advance::{self, Level, record},
             blocks, carry, cheapest, children, classify, distribute, fresh_room, insert, leaves, number,
             rank, sizes, sort, start, total, weigh,
@@ -111,7 +111,7 @@ impl<'a> Lists<'a> {
             places: arena.alloc("places", given.treelets, 1)?,
             listed: arena.alloc("listed", given.treelet_refs, 1)?,
             params: arena.upload("params", std::slice::from_ref(given))?,
-            state: arena.upload("state", &[0; STATE_WORDS as usize])?,
+            state: arena.upload("state", &[State::default()])?.view(),
             first_sorts,
             sorts,
             cheapest,
@@ -315,27 +315,26 @@ impl<'a> Lists<'a> {
             }
             go(&steps)?;
             steps.clear();
-            let words = device.read(&self.state, 0, STATE_WORDS as usize)?;
-            let state = move |i: u32| words[i as usize];
-            if state(STATE_STATUS) & status::CAPACITY != 0 {
+            let state: State = device.read(&self.state.view(), 0, 1)?[0];
+            if state.status & status::CAPACITY != 0 {
                 return Err(Stop::Needs(Need {
-                    references: state(STATE_LEVEL),
-                    fresh: state(STATE_FRESH),
-                    cells: state(STATE_CELLS),
-                    nodes: state(STATE_NODES),
-                    listed: state(STATE_REFS),
+                    references: state.level_refs,
+                    fresh: state.fresh,
+                    cells: state.cells,
+                    nodes: state.nodes,
+                    listed: state.refs,
                 }));
             }
-            if state(STATE_CELLS) == 0 {
+            if state.cells == 0 {
                 break state;
             }
             if end == number {
                 return Err(Error::Kernel(status::describe(status::LEVELS)).into());
             }
-            (depth, lists) = (end, state(STATE_LISTS) > 0);
+            (depth, lists) = (end, state.lists > 0);
         };
         // After the root comes padding.
-        let (counts, depth) = ([state(STATE_NODES) + 1, state(STATE_REFS)], state(STATE_DEPTH));
+        let (counts, depth) = ([state.nodes + 1, state.refs], state.depth);
         let nodes = arena.alloc("nodes", counts[0], 1)?;
         let refs = arena.alloc("refs", counts[1], 1)?;
         device.write(&nodes.view(), 1, &[Node::PADDING])?;

@@ -1,8 +1,8 @@
 //! The best tree a greedy builder finds: every face of every reference's box is a candidate, in O(N log N)
 //! (Wald & Havran 2006, section 4.2), and references that straddle a plane are clipped (section 4.3).
 //!
-//! [`kernels`] go breadth first, on any device. [`host`] goes depth first and is many times as fast on a CPU. Both leave the
-//! same bytes.
+//! [`kernels`] go breadth first, on any device. [`host`] goes depth first and is many times as fast on a CPU.
+//! Both leave the same bytes.
 
 mod events;
 pub(super) mod host;

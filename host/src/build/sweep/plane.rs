@@ -1,8 +1,9 @@
 //! The search for the cheapest plane of a node.
 //!
-//! One pass over events in order counts references on either side of each face. Counts and areas rise on the one side of a plane
-//! and fall on the other, so that a part of the list tells by its first and its last event what a plane in it costs at least;
-//! only parts that may hold the cheapest are weighed. In small nodes every face is weighed against every box.
+//! One pass over events in order counts references on either side of each face. Counts and areas rise on the
+//! one side of a plane and fall on the other, so that a part of the list tells by its first and its last
+//! event what a plane in it costs at least; only parts that may hold the cheapest are weighed. In small nodes
+//! every face is weighed against every box.
 
 use super::events::{Event, KIND, PLANAR, REFERENCE, START, Set, extent, position};
 use raykd_kernels::{
@@ -134,7 +135,8 @@ impl Sweep<'_> {
                     flats |= 1 << candidate(event, below, above, i);
                 }
             } else {
-                // Before all that ends in the plane is counted, and after some of what starts there is, it is no cheaper.
+                // Before all that ends in the plane is counted, and after some of what starts there is, it is
+                // no cheaper.
                 let starts = u32::from(event & KIND == START);
                 above -= 1 - starts;
                 candidate(event, below, above, i);
@@ -175,7 +177,8 @@ pub(super) fn cheaper(a: Option<Plane>, b: Option<Plane>) -> Option<Plane> {
     }
 }
 
-/// The cheapest plane across an axis of a small node, if one costs less than `cost`: every face is weighed against every box.
+/// The cheapest plane across an axis of a small node, if one costs less than `cost`: every face is weighed
+/// against every box.
 #[inline(always)]
 fn faces_of(references: &[Reference], axis: usize, across: &Across, cost: f32) -> Option<Plane> {
     let faces = |i: usize| extent(&references[i].bounds, axis);

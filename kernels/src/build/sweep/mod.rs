@@ -73,24 +73,27 @@ pub const LEVEL_LISTS: u32 = 21;
 /// Words of a level's record.
 pub const LEVEL_WORDS: u32 = 22;
 
-/// Words of the build's state: status bits, see [`raykd_shared::status`].
-pub const STATE_STATUS: u32 = 0;
-/// Nodes of the levels so far.
-pub const STATE_NODES: u32 = 1;
-/// References of their leaves.
-pub const STATE_REFS: u32 = 2;
-/// Depth of the deepest level.
-pub const STATE_DEPTH: u32 = 3;
-/// Cells, references and faces a list that the level after it takes: if they do not fit, what was missing.
-pub const STATE_CELLS: u32 = 4;
-/// See [`STATE_CELLS`].
-pub const STATE_LEVEL: u32 = 5;
-/// See [`STATE_CELLS`].
-pub const STATE_FRESH: u32 = 6;
-/// Whether there are lists in the level after it.
-pub const STATE_LISTS: u32 = 7;
-/// Words of the build's state.
-pub const STATE_WORDS: u32 = 8;
+words! {
+    /// The build's state.
+    State {
+        /// Status bits, see [`raykd_shared::status`].
+        STATE_STATUS status: u32,
+        /// Nodes of the levels so far.
+        STATE_NODES nodes: u32,
+        /// References of their leaves.
+        STATE_REFS refs: u32,
+        /// Depth of the deepest level.
+        STATE_DEPTH depth: u32,
+        /// Cells that the level after it takes: if they do not fit, what was missing.
+        STATE_CELLS cells: u32,
+        /// References, as [`STATE_CELLS`].
+        STATE_LEVEL level_refs: u32,
+        /// Faces a list, as [`STATE_CELLS`].
+        STATE_FRESH fresh: u32,
+        /// Whether there are lists in the level after it.
+        STATE_LISTS lists: u32,
+    }
+}
 
 /// Lists of faces: starts and ends on each axis.
 pub const LISTS: u32 = 6;

@@ -29,7 +29,7 @@ fn same_by_kernels(mesh: &Mesh, options: &BuildOptions, small: u32) -> Result<()
     let host = build(mesh, options);
     let expected = host.view();
     for named in devices() {
-        let tree = Scene::exact_by_kernels(&named.device, mesh, options, small)?.tree()?;
+        let tree = Scene::sweep_by_kernels(&named.device, mesh, options, small)?.tree()?;
         let found = tree.view();
         same(&format!("header by {}", named.name), &[*expected.header], &[*found.header])?;
         same(&format!("nodes by {}", named.name), expected.nodes, found.nodes)?;
@@ -115,7 +115,7 @@ fn where_splitting_separates_nothing_kernels_halve_the_depth_too() -> Result<(),
     let mesh = Recipe { family: Family::Flat, size: 150, seed: 1 }.mesh();
     let options = BuildOptions { price: 0.0, cost_step: 0.0, ..BuildOptions::default() };
     same_by_kernels(&mesh, &options, 64)?;
-    let scene = Scene::exact_by_kernels(cpu(), &mesh, &options, 64)?;
+    let scene = Scene::sweep_by_kernels(cpu(), &mesh, &options, 64)?;
     println!("{:?}, {} retries", scene.header(), scene.times().retries);
     // Its leaves get no smaller for that, and depth is all that ends it.
     assert!(scene.header().depth * 2 < options.max_depth && scene.times().retries > 1);
@@ -134,7 +134,7 @@ fn where_lists_of_faces_end_does_not_show() -> Result<(), Failure> {
         let mut best = f64::INFINITY;
         let mut peak = 0;
         for _ in 0..3 {
-            let scene = Scene::exact_by_kernels(gpu(), &mesh, &BuildOptions::default(), small)?;
+            let scene = Scene::sweep_by_kernels(gpu(), &mesh, &BuildOptions::default(), small)?;
             assert_eq!(scene.tree()?.digest(), expected, "{small}");
             best = best.min(scene.times().build.as_secs_f64());
             peak = scene.times().peak_bytes;
