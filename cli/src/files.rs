@@ -2,7 +2,7 @@
 
 use raykd::{
     Error,
-    internals::{output, quoted},
+    internals::{files_beside, output, quoted},
     mesh::{Scene, scenes_folder},
 };
 use same_file::Handle;
@@ -22,7 +22,9 @@ pub(super) struct Files {
 impl Files {
     /// Reads scenes that have files.
     pub(super) fn of_scenes(names: &[impl AsRef<OsStr>]) -> Self {
-        let read = names.iter().filter_map(|name| file_of(name.as_ref())).collect();
+        let scenes: Vec<PathBuf> = names.iter().filter_map(|name| file_of(name.as_ref())).collect();
+        let beside = scenes.iter().flat_map(|path| files_beside(path));
+        let read = beside.chain(scenes.iter().cloned()).collect();
         Self { read, written: Vec::new() }
     }
 

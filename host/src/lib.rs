@@ -102,6 +102,8 @@ pub mod internals {
         tree::digest_of,
     };
 
+    #[cfg(feature = "gltf")]
+    pub use crate::mesh::files_beside;
     /// Files that appear whole or not at all.
     pub mod output {
         pub use crate::output::{abandon, check, check_folder, write_folder, write_whole};

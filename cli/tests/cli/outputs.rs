@@ -61,6 +61,16 @@ fn folder() -> TempDir {
     let rays = raykd::rays::random(([0.0; 3], [4.0, 4.0, 0.0]), 100, 1);
     fs::write(file("rays"), bytemuck::cast_slice::<_, u8>(&rays)).unwrap();
     fs::write(file("costs.json"), "{}").unwrap();
+    fs::write(
+        file("m.gltf"),
+        r#"{"asset": {"version": "2.0"}, "buffers": [{"uri": "m.bin", "byteLength": 36}],
+            "bufferViews": [{"buffer": 0, "byteLength": 36}],
+            "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}]}"#,
+    )
+    .unwrap();
+    fs::write(file("m.bin"), bytemuck::cast_slice::<f32, u8>(&[0.0, 0.0, 0.0, 4.0, 0.0, 0.0, 0.0, 4.0, 0.0]))
+        .unwrap();
     succeeds(raykd(&folder, "build m.obj -o m.kd --device cpu"));
     folder
 }
@@ -75,6 +85,7 @@ fn an_output_that_is_an_input_is_refused() {
         ("m.obj", "trace m.obj --rays rays --hits {}"),
         ("rays", "trace m.obj --rays rays --hits {}"),
         ("m.kd", "trace m.obj --rays rays --tree m.kd --hits {}"),
+        ("m.bin", "build m.gltf -o {}"),
         ("m.png", "render m.png -o {}"),
         ("index.html", "chart index.html -o ."),
         ("2-peers.csv", "chart --peers 2-peers.csv -o ."),

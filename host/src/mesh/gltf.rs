@@ -8,16 +8,17 @@
 //! primitive by primitive. Corners keep the file's order, in mirrored nodes too; strips turn every other triangle
 //! round, as glTF says.
 
-use super::load::Raw;
+use super::load::{Raw, unmarked};
 use super::{MeshError, Place, fits};
+use crate::read;
 use base64::{Engine as _, engine};
 use raykd_shared::limits::MAX_TRIANGLES;
 use serde::{Deserialize, de::IgnoredAny};
 use std::borrow::Cow;
-use std::cell::OnceCell;
+use std::cell::{Cell, OnceCell};
 use std::collections::BTreeMap;
 use std::io::Read as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 #[derive(Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
@@ -140,8 +141,9 @@ const HARMLESS: [&str; 8] = [
     "KHR_xmp",
 ];
 
-/// The mesh of a glTF file. Buffers in files of their own are read from `folder`, if there is one.
-pub(super) fn parse(bytes: &[u8], folder: Option<&Path>) -> Result<Raw, MeshError> {
+/// The mesh of a glTF file. Buffers in files of their own are read from `folder`, if there is one: with the file itself
+/// no more than `limit` bytes.
+pub(super) fn parse(bytes: &[u8], folder: Option<&Path>, limit: u64) -> Result<Raw, MeshError> {
     let (json, blob) = if bytes.starts_with(b"glTF") { chunks(bytes)? } else { (bytes, None) };
     let document: Document = serde_json::from_slice(json).map_err(|e| {
         let (at, what) = (Place::line(e.line() as u64), e.to_string());
@@ -158,7 +160,8 @@ pub(super) fn parse(bytes: &[u8], folder: Option<&Path>) -> Result<Raw, MeshErro
         return Err(extension(Place::header(), name));
     }
     let buffers = document.buffers.iter().map(|_| OnceCell::new()).collect();
-    let file = File { document: &document, blob, folder, buffers, size: bytes.len() as u64 };
+    let left = Cell::new(limit.saturating_sub(bytes.len() as u64));
+    let file = File { document: &document, blob, folder, buffers, size: bytes.len() as u64, limit, left };
     let mut raw = Raw::default();
     file.read(&mut raw)?;
     if raw.triangles.is_empty() {
@@ -251,6 +254,9 @@ struct File<'a> {
     /// The binary part.
     blob: Option<&'a [u8]>,
     folder: Option<&'a Path>,
+    /// Bytes that may be read in all, and how many are left.
+    limit: u64,
+    left: Cell<u64>,
     /// Those that were needed so far.
     buffers: Vec<OnceCell<Cow<'a, [u8]>>>,
     /// Bytes of the file.
@@ -487,8 +493,7 @@ impl File<'_> {
     /// What stands in a file beside this one, up to a length.
     fn beside(&self, uri: &str, length: u64, at: &dyn Fn() -> Place) -> Result<Vec<u8>, MeshError> {
         let short: String = uri.chars().take(200).collect();
-        let name = percent_encoding::percent_decode_str(uri).decode_utf8();
-        let Some(name) = name.ok().filter(|name| !uri.contains(':') && !name.starts_with(['/', '\\'])) else {
+        let Some(name) = name_beside(uri) else {
             return Err(malformed(at(), format!("'{short}' is no file beside this one")));
         };
         let Some(folder) = self.folder else {
@@ -500,15 +505,39 @@ impl File<'_> {
         let path = folder.join(&*name);
         let read = || {
             // A pipe may never open, and a device never end.
-            if !std::fs::metadata(&path)?.is_file() {
+            let about = std::fs::metadata(&path)?;
+            if !about.is_file() {
                 return Err(std::io::Error::other("not a regular file"));
             }
-            let mut bytes = Vec::new();
-            std::fs::File::open(&path)?.take(length).read_to_end(&mut bytes)?;
-            Ok(bytes)
+            read::up_to(std::fs::File::open(&path)?.take(length), self.left.get(), about.len().min(length))
         };
-        read().map_err(|source| MeshError::Read { path: path.clone(), source })
+        let bytes = read().map_err(|source| MeshError::Read { path: path.clone(), source })?;
+        let bytes = bytes.ok_or_else(|| MeshError::TooLong { at: at(), limit: self.limit })?;
+        self.left.set(self.left.get() - bytes.len() as u64);
+        Ok(bytes)
     }
+}
+
+/// The name of a file beside a glTF file, if the address of a buffer is one.
+fn name_beside(uri: &str) -> Option<Cow<'_, str>> {
+    let name = percent_encoding::percent_decode_str(uri).decode_utf8().ok()?;
+    (!uri.contains(':') && !name.starts_with(['/', '\\'])).then_some(name)
+}
+
+/// The files that a glTF file at a path reads its buffers from; none if it is no such file.
+#[doc(hidden)]
+pub fn files_beside(path: &Path) -> Vec<PathBuf> {
+    let named = path
+        .extension()
+        .is_some_and(|end| end.eq_ignore_ascii_case("gltf") || end.eq_ignore_ascii_case("glb"));
+    let bytes = if named { read::file(path, read::usual_max_bytes()) } else { return Vec::new() };
+    let Ok(Some(bytes)) = bytes else { return Vec::new() };
+    let json =
+        if bytes.starts_with(b"glTF") { chunks(&bytes).map(|(json, _)| json) } else { Ok(unmarked(&bytes)) };
+    let document = json.ok().and_then(|json| serde_json::from_slice::<Document>(json).ok());
+    let buffers = document.map(|document| document.buffers).unwrap_or_default();
+    let names = buffers.iter().filter_map(|buffer| name_beside(buffer.uri.as_deref()?));
+    names.map(|name| path.with_file_name(&*name)).collect()
 }
 
 fn too_many() -> MeshError {

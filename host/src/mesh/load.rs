@@ -64,10 +64,10 @@ fn parse(path: &Path, bytes: Vec<u8>, folder: Option<&Path>, most: Option<u64>) 
         Some(Format::Ply) => ply::parse(&bytes)?,
         Some(Format::Stl) => stl::parse(&bytes)?,
         #[cfg(feature = "gltf")]
-        Some(Format::Gltf) => gltf::parse(&bytes, folder)?,
+        Some(Format::Gltf) => gltf::parse(&bytes, folder, most.unwrap_or_else(read::usual_max_bytes))?,
         #[cfg(not(feature = "gltf"))]
         Some(Format::Gltf) => {
-            let _ = folder;
+            let _ = (folder, most);
             return Err(MeshError::NoGltf { at: Place::default() });
         }
         None => return Err(MeshError::UnknownFormat { at: Place::default() }),

@@ -53,6 +53,8 @@ mod digest;
 mod error;
 #[cfg(feature = "gltf")]
 mod gltf;
+#[cfg(feature = "gltf")]
+pub use gltf::files_beside;
 mod load;
 mod obj;
 mod ply;

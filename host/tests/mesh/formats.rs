@@ -224,6 +224,12 @@ fn gltf_buffers_in_files_of_their_own() {
         let found = load(uri).unwrap_err().to_string();
         assert!(found.contains(message), "{uri}: {found}");
     }
+    // The file itself is short of what its buffer takes.
+    is_the_quad(&load("a%20mesh.bin").unwrap());
+    let bytes = std::fs::metadata(&path).unwrap().len();
+    is_the_quad(&Mesh::load_up_to(&path, bytes + 60).unwrap());
+    let found = Mesh::load_up_to(&path, bytes + 59).unwrap_err().to_string();
+    assert!(found.contains("buffer 0") && found.contains(&format!("more than {}", bytes + 59)), "{found}");
     let text = changed("/buffers/0/uri", "a.bin".into()).to_string();
     assert!(
         refusal("a.gltf", text)

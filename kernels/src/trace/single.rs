@@ -94,7 +94,7 @@ impl<'a> Tree<'a> {
     pub fn of_parts(header: &'a TreeHeader, nodes: &'a [Node], leaves: &'a [LeafTriangle]) -> Option<Self> {
         let pairs: &[UVec4] = bytemuck::try_cast_slice(nodes).ok()?;
         let corners: &[Vec4] = bytemuck::cast_slice(leaves);
-        (!pairs.is_empty()).then(|| Self { header, pairs, corners })
+        (!pairs.is_empty()).then_some(Self { header, pairs, corners })
     }
 
     /// The closest hit; of several, that of the triangle with the lowest number.
