@@ -111,7 +111,7 @@ impl Job<'_> {
                 for (slot, &buffer) in step.kernel.slots.iter().zip(&step.buffers) {
                     if slot.access == Access::Write {
                         let words: Buffer<u32> = buffer.view();
-                        let words = device.read(&words, 0, words.len()).expect("buffers can be read");
+                        let words = device.read(&words, 0, words.elements()).expect("buffers can be read");
                         let hash = hash(&words);
                         let keep = kept == Some(log.len());
                         buffers.push((slot.name, hash, if keep { words } else { Vec::new() }));

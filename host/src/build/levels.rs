@@ -172,7 +172,7 @@ impl<'a> Lists<'a> {
         }
         device.write(&self.levels[0].view(), 0, &[level])?;
         device.write(&self.args[0], 0, &args)?;
-        device.write(&self.treelet_blocks, 0, &vec![0; self.treelet_blocks.len()])?;
+        device.write(&self.treelet_blocks, 0, &vec![0; self.treelet_blocks.elements()])?;
         device.write(&self.kept, 0, mesh.kept())?;
         device.write(&self.state.view(), 0, &[state])
     }

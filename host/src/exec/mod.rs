@@ -103,7 +103,7 @@ impl<T> Deref for Buffer<T> {
 
 impl<T> Buffer<T> {
     /// How many elements it holds.
-    pub const fn len(&self) -> usize {
+    pub const fn elements(&self) -> usize {
         self.any.bytes as usize / size_of::<T>()
     }
 
@@ -447,7 +447,7 @@ impl Device {
             Memory::Gpu(_) => {
                 let words: Buffer<u32> = buffer.view();
                 let cpu = Self::cpu();
-                let copy = cpu.upload(buffer.name, &self.read(&words, 0, words.len())?)?;
+                let copy = cpu.upload(buffer.name, &self.read(&words, 0, words.elements())?)?;
                 cpu.kept(&copy)
             }
         }
