@@ -3,8 +3,8 @@
 use crate::{Failure, rays::rays, same};
 use raykd::{
     BuildOptions, Builder, Device, Error, Intersector, Mesh, Query, Ray, Scene, Traversal,
-    internals::{Buffer, Step, watch::watching},
-    kernels::Access,
+    internals::{Buffer, Launch as _, Step, watch::watching},
+    kernels::{Access, trace::workgroups},
     rays::Random,
 };
 use std::{cell::RefCell, rc::Rc};
@@ -38,6 +38,16 @@ fn hash(words: &[u32]) -> u64 {
         }
     }
     sums.into_iter().fold(words.len() as u64, step)
+}
+
+/// The kernel that only encoders of wgpu programs use.
+fn number_rays(device: &Device, rays: u32) -> Result<(), Error> {
+    let (count, job) = (device.upload("count", &[rays])?, device.upload("job", &[500, 0, 0, 0])?);
+    let args = device.upload("workgroups", &[0; 3])?;
+    let step = workgroups::Buffers { count: &count, job: job.out(), args: args.out() }.over(1);
+    // SAFETY: the kernel writes the first word of the job and the three arguments.
+    unsafe { device.run(&[step], false) }?;
+    Ok(())
 }
 
 impl Job<'_> {
@@ -95,7 +105,7 @@ impl Job<'_> {
                 scene.closest(&rays)?;
             }
         }
-        Ok(())
+        number_rays(device, self.seed as u32 % 1000)
     }
 
     /// Runs on a device, one dispatch at a time, in buffers that start as garbage. After each, `meddle` may do

@@ -374,7 +374,11 @@ impl Device {
     }
 
     /// A buffer of these elements.
-    pub(crate) fn upload<T: bytemuck::Pod>(
+    ///
+    /// # Errors
+    /// As for [`Self::alloc`] and [`Self::write`].
+    #[doc(hidden)]
+    pub fn upload<T: bytemuck::Pod>(
         &self,
         name: &'static str,
         data: &[T],
