@@ -378,11 +378,7 @@ impl Device {
     /// # Errors
     /// As for [`Self::alloc`] and [`Self::write`].
     #[doc(hidden)]
-    pub fn upload<T: bytemuck::Pod>(
-        &self,
-        name: &'static str,
-        data: &[T],
-    ) -> Result<Buffer<T>, Error> {
+    pub fn upload<T: bytemuck::Pod>(&self, name: &'static str, data: &[T]) -> Result<Buffer<T>, Error> {
         let buffer = self.alloc(name, data.len() as u64)?;
         self.write(&buffer, 0, data)?;
         Ok(buffer)
