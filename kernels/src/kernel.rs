@@ -300,7 +300,8 @@ macro_rules! kernel {
         kernel!(@buffers $name, { $($head: $shared)? }, { $($arg: $mode $t,)* });
     };
     ($(#[$doc:meta])* group $name:ident = $body:path, threads $n:tt, shared [$($sh:ident: $len:expr),*],
-     { $($b:tt $arg:ident: $mode:ident $t:ty),+ $(,)? }) => {
+     $($head:ident: $shared:ident { $($hb:tt $harg:ident: $hmode:ident $ht:ty),+ $(,)? },)?
+     { $($b:tt $arg:ident: $mode:ident $t:ty),* $(,)? }) => {
         $(#[$doc])*
         #[cfg(target_arch = "spirv")]
         #[spirv_std::spirv(compute(threads($n), signed_zero_inf_nan_preserve = 32, rounding_mode_rte = 32))]
@@ -309,20 +310,21 @@ macro_rules! kernel {
             #[spirv(num_workgroups)] groups: $crate::glam::UVec3,
             #[spirv(local_invocation_index)] lane: u32,
             $(#[spirv(workgroup)] $sh: &mut [u32; $len],)*
-            $(#[spirv(storage_buffer, descriptor_set = 0, binding = $b)] $arg: slot!($mode $t)),+
+            $($(#[spirv(storage_buffer, descriptor_set = 0, binding = $hb)] $harg: slot!($hmode $ht),)+)?
+            $(#[spirv(storage_buffer, descriptor_set = 0, binding = $b)] $arg: slot!($mode $t)),*
         ) {
             let group = $crate::Group { id: group.y * groups.x + group.x, lane, width: $n };
-            $body(group, $($sh,)* $($arg),+);
+            $body(group, $($sh,)* $($($harg,)+)? $($arg),*);
         }
 
         kernel! {
-            @host $(#[$doc])* $name, threads $n, |group, { $($b $arg: $mode $t,)+ }| {
+            @host $(#[$doc])* $name, threads $n, |group, { $($($hb $harg: $hmode $ht,)+)? $($b $arg: $mode $t,)* }| {
                 // Workgroup memory starts as garbage on a GPU, so it does here.
                 $(let mut $sh = [0xDEAD_BEEFu32; $len];)*
-                $body(group, $(&mut $sh,)* $(slot!(pass $mode $arg)),+);
+                $body(group, $(&mut $sh,)* $($(slot!(pass $hmode $harg),)+)? $(slot!(pass $mode $arg)),*);
             }
         }
-        kernel!(@buffers $name, {}, { $($arg: $mode $t,)+ });
+        kernel!(@buffers $name, { $($head: $shared)? }, { $($arg: $mode $t,)* });
     };
     // The kernel as the host dispatches it, and what runs a workgroup.
     (@host $(#[$doc:meta])* $name:ident, threads $n:tt,

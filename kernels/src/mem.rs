@@ -194,6 +194,19 @@ pub fn stack<T: Copy + Default, const N: usize>() -> impl Slots<T> {
     cpu::Stack::<T, N>::new()
 }
 
+/// `N` words that a lane lays aside while it does not need them: a GPU in workgroup memory, of `ALL` words, to
+/// spare registers; a CPU has the stack for that.
+#[inline(always)]
+pub fn aside<const N: usize, const ALL: usize>(shared: &mut [u32; ALL], lane: u32) -> impl Slots<u32> {
+    #[cfg(target_arch = "spirv")]
+    return gpu::Column::<ALL> { shared, lane, lanes: (ALL / N) as u32 };
+    #[cfg(not(target_arch = "spirv"))]
+    {
+        let _ = (shared, lane);
+        [0; N]
+    }
+}
+
 #[cfg(target_arch = "spirv")]
 mod gpu {
     use super::{Atomics, Slots};
@@ -271,6 +284,24 @@ mod gpu {
         fn put(&mut self, i: u32, value: T) {
             // SAFETY: below N, as said above.
             unsafe { *self.index_unchecked_mut(i as usize) = value }
+        }
+    }
+
+    /// What a lane has of a table with a row a word.
+    pub(super) struct Column<'a, const ALL: usize> {
+        pub(super) shared: &'a mut [u32; ALL],
+        pub(super) lane: u32,
+        pub(super) lanes: u32,
+    }
+
+    impl<const ALL: usize> Slots<u32> for Column<'_, ALL> {
+        #[inline(always)]
+        fn at(&self, i: u32) -> u32 {
+            self.shared.at(i * self.lanes + self.lane)
+        }
+        #[inline(always)]
+        fn put(&mut self, i: u32, value: u32) {
+            self.shared.put(i * self.lanes + self.lane, value);
         }
     }
 

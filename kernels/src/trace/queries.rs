@@ -6,17 +6,19 @@ use super::{
         Intersector, baldwin::Baldwin, exact::Exact, moeller::Moeller, plane::Plane, strict::Strict,
         woop::Woop,
     },
-    job::{JOB_ANY, JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, load, record},
+    job::{JOB_ANY, JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, THREADS, load, record},
     traverse::{
         self, Steps,
         brute::brute,
         leaf::{After, Every, Except},
+        stack::ASIDE,
     },
 };
 use crate::{
     glam::{UVec4, Vec4},
+    kernel::Group,
     math::high,
-    mem::{Atomics, Buf, Slots},
+    mem::{Atomics, Buf, Slots, aside},
 };
 use raykd_shared::{MISS, TreeHeader, status};
 
@@ -56,21 +58,25 @@ of_brute! {
     } {}
 }
 
+/// Words of workgroup memory.
+const SHARED: usize = ASIDE * THREADS as usize;
+
 /// Declares the kernel of a query: how it answers ray `i`, whether it writes counts of its steps too, and buffers that
 /// only it binds.
 macro_rules! query {
     ($(#[$doc:meta])* $file:ident::$name:ident $($counts:ident)? = |$i:pat_param, $ray:ident, $pairs:ident,
-     $corners:ident, $any:pat_param, $steps:ident| $walk:expr
+     $corners:ident, $any:pat_param, $aside:pat_param, $steps:ident| $walk:expr
      $(, { $($b:tt $more:ident: $t:ty),* $(,)? })?) => {
         $(#[$doc])*
         pub mod $file {
             use super::*;
 
-            /// Answers the ray of invocation `i`.
+            /// Answers the rays of a workgroup, one a lane.
             #[inline(always)]
             #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
             pub fn answer(
-                i: u32,
+                group: Group,
+                shared: &mut [u32; SHARED],
                 job: &Buf<u32>,
                 header: &Buf<TreeHeader>,
                 $pairs: &Buf<UVec4>,
@@ -81,21 +87,24 @@ macro_rules! query {
                 $($counts: &mut Buf<UVec4>,)?
                 $($($more: &Buf<$t>),*)?
             ) {
-                if i < job.at(JOB_RAYS) {
-                    let $ray = &load(i, rays, &header.at(0), outcome);
-                    let ($i, $any) = (i, job.at(JOB_ANY) != 0);
-                    let $steps = &mut Steps::default();
-                    let best = $walk;
-                    hits.put(i, record($ray, &best));
-                    $($counts.put(i, $steps.words());)?
-                    if $steps.status != 0 {
-                        outcome.or(OUTCOME_STATUS, $steps.status);
+                lanes!(group, |lane| {
+                    let i = group.id * group.width + lane;
+                    if i < job.at(JOB_RAYS) {
+                        let $ray = &mut load(i, rays, &header.at(0), outcome);
+                        let ($i, $any) = (i, job.at(JOB_ANY) != 0);
+                        let ($aside, $steps) = (&mut aside::<ASIDE, SHARED>(shared, lane), &mut Steps::default());
+                        let best = $walk;
+                        hits.put(i, record($ray, &best));
+                        $($counts.put(i, $steps.words());)?
+                        if $steps.status != 0 {
+                            outcome.or(OUTCOME_STATUS, $steps.status);
+                        }
                     }
-                }
+                });
             }
 
             of_query! {
-                kernel { $(#[$doc])* map $name = answer, threads 64, query: }
+                kernel { $(#[$doc])* group $name = answer, threads 64, shared [shared: SHARED], query: }
                 { , { $(7 $counts: write UVec4,)? $($($b $more: read $t),*)? } }
             }
         }
@@ -122,9 +131,9 @@ macro_rules! test {
     ($file:ident::$name:ident, $brute_file:ident::$brute_name:ident = $test:ident) => {
         query! {
             #[doc = concat!("The closest or any hit by [`", stringify!($test), "`].")]
-            $file::$name = |_, ray, pairs, corners, any, steps|
+            $file::$name = |_, ray, pairs, corners, any, aside, steps|
                 traverse::stack::walk::<$test, Every, false>(
-                    &if $test::WHOLE { ray.whole() } else { *ray }, pairs, corners, Every, any, steps,
+                    &mut if $test::WHOLE { ray.whole() } else { *ray }, pairs, corners, Every, any, aside, steps,
                 )
         }
         brute!($brute_file::$brute_name = $test);
@@ -133,24 +142,24 @@ macro_rules! test {
 
 query! {
     /// The closest hit.
-    closest::CLOSEST = |_, ray, pairs, corners, _, steps|
-        traverse::stack::walk::<Strict, Every, false>(ray, pairs, corners, Every, false, steps)
+    closest::CLOSEST = |_, ray, pairs, corners, _, aside, steps|
+        traverse::stack::walk::<Strict, Every, false>(ray, pairs, corners, Every, false, aside, steps)
 }
 query! {
     /// Any hit, for shadows.
-    any::ANY = |_, ray, pairs, corners, _, steps|
-        traverse::stack::walk::<Strict, Every, false>(ray, pairs, corners, Every, true, steps)
+    any::ANY = |_, ray, pairs, corners, _, aside, steps|
+        traverse::stack::walk::<Strict, Every, false>(ray, pairs, corners, Every, true, aside, steps)
 }
 query! {
     /// The closest hit, counting steps.
-    steps::STEPS counts = |_, ray, pairs, corners, _, steps|
-        traverse::stack::walk::<Strict, Every, true>(ray, pairs, corners, Every, false, steps)
+    steps::STEPS counts = |_, ray, pairs, corners, _, aside, steps|
+        traverse::stack::walk::<Strict, Every, true>(ray, pairs, corners, Every, false, aside, steps)
 }
 query! {
     /// The closest or any hit of another triangle than the one given with the ray, for rays that leave a
     /// surface.
-    except::EXCEPT = |i, ray, pairs, corners, any, steps|
-        traverse::stack::walk::<Strict, Except, false>(ray, pairs, corners, Except(excluded.at(i)), any, steps),
+    except::EXCEPT = |i, ray, pairs, corners, any, aside, steps|
+        traverse::stack::walk::<Strict, Except, false>(ray, pairs, corners, Except(excluded.at(i)), any, aside, steps),
     { 7 excluded: u32 }
 }
 
@@ -182,8 +191,10 @@ pub fn each(
         // 1 until there are no more.
         let mut open = 1;
         while running {
-            let best =
-                traverse::stack::walk::<Strict, After, false>(&ray, pairs, corners, after, false, &mut steps);
+            let aside = &mut [0; ASIDE];
+            let best = traverse::stack::walk::<Strict, After, false>(
+                &mut ray, pairs, corners, after, false, aside, &mut steps,
+            );
             if best.triangle == MISS {
                 running = false;
                 open = 0;
@@ -225,55 +236,55 @@ pub mod all {
 
 query! {
     /// Restarts at the root.
-    restart::RESTART counts = |_, ray, pairs, corners, any, steps|
+    restart::RESTART counts = |_, ray, pairs, corners, any, _, steps|
         traverse::restart::walk::<false>(ray, pairs, corners, any, steps)
 }
 query! {
     /// Restarts at the push-down node.
-    pushdown::PUSHDOWN counts = |_, ray, pairs, corners, any, steps|
+    pushdown::PUSHDOWN counts = |_, ray, pairs, corners, any, _, steps|
         traverse::restart::walk::<true>(ray, pairs, corners, any, steps)
 }
 query! {
     /// A stack of one entry.
-    shortstack1::SHORTSTACK1 counts = |_, ray, pairs, corners, any, steps|
+    shortstack1::SHORTSTACK1 counts = |_, ray, pairs, corners, any, _, steps|
         traverse::shortstack::walk::<1>(ray, pairs, corners, any, steps)
 }
 query! {
     /// A stack of two entries.
-    shortstack2::SHORTSTACK2 counts = |_, ray, pairs, corners, any, steps|
+    shortstack2::SHORTSTACK2 counts = |_, ray, pairs, corners, any, _, steps|
         traverse::shortstack::walk::<2>(ray, pairs, corners, any, steps)
 }
 query! {
     /// A stack of four entries.
-    shortstack4::SHORTSTACK4 counts = |_, ray, pairs, corners, any, steps|
+    shortstack4::SHORTSTACK4 counts = |_, ray, pairs, corners, any, _, steps|
         traverse::shortstack::walk::<4>(ray, pairs, corners, any, steps)
 }
 query! {
     /// A stack of eight entries.
-    shortstack8::SHORTSTACK8 counts = |_, ray, pairs, corners, any, steps|
+    shortstack8::SHORTSTACK8 counts = |_, ray, pairs, corners, any, _, steps|
         traverse::shortstack::walk::<8>(ray, pairs, corners, any, steps)
 }
 query! {
     /// Climbs by parents.
-    backtrack::BACKTRACK counts = |_, ray, pairs, corners, any, steps|
+    backtrack::BACKTRACK counts = |_, ray, pairs, corners, any, _, steps|
         traverse::backtrack::walk(ray, pairs, corners, boxes, any, steps),
     { 8 boxes: UVec4 }
 }
 query! {
     /// Follows ropes to the node beyond the whole plane.
-    ropes::ROPES counts = |_, ray, pairs, corners, any, steps|
+    ropes::ROPES counts = |_, ray, pairs, corners, any, _, steps|
         traverse::ropes::walk::<false>(ray, pairs, corners, parents, links, any, steps),
     { 8 parents: u32, 9 links: UVec4 }
 }
 query! {
     /// Follows ropes to the smallest node beyond a side.
-    optimised_ropes::OPTIMISED_ROPES counts = |_, ray, pairs, corners, any, steps|
+    optimised_ropes::OPTIMISED_ROPES counts = |_, ray, pairs, corners, any, _, steps|
         traverse::ropes::walk::<true>(ray, pairs, corners, parents, links, any, steps),
     { 8 parents: u32, 9 links: UVec4 }
 }
 query! {
     /// Locates every leaf from the root.
-    sequential::SEQUENTIAL counts = |_, ray, pairs, corners, any, steps|
+    sequential::SEQUENTIAL counts = |_, ray, pairs, corners, any, _, steps|
         traverse::sequential::walk(ray, pairs, corners, any, steps)
 }
 

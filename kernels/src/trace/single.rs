@@ -8,7 +8,7 @@ use super::{
     traverse::{
         Steps,
         leaf::{After, Every, Filter},
-        stack::walk,
+        stack::{ASIDE, walk},
     },
 };
 use crate::{
@@ -112,8 +112,9 @@ impl<'a> Tree<'a> {
     /// The closest hit, or if `any` will do some hit, by a triangle test, for which the triangles were laid out.
     #[inline]
     pub fn find<I: Intersector>(&self, ray: &Ray, any: bool) -> Option<Hit> {
-        let frame = self.frame::<I>(ray);
-        hit(&frame, &self.walk::<I, Every>(&frame, Every, any))
+        let mut frame = self.frame::<I>(ray);
+        let best = self.walk::<I, Every>(&mut frame, Every, any);
+        hit(&frame, &best)
     }
 
     /// Calls `each` with all hits, by rising (`t`, triangle), until it breaks.
@@ -122,7 +123,7 @@ impl<'a> Tree<'a> {
         let mut frame = self.frame::<Strict>(ray);
         let mut after = After::NOTHING;
         loop {
-            let best = self.walk::<Strict, After>(&frame, after, false);
+            let best = self.walk::<Strict, After>(&mut frame, after, false);
             let Some(hit) = hit(&frame, &best) else { return ControlFlow::Continue(()) };
             each(hit)?;
             after = After { t: best.t, triangle: best.triangle };
@@ -137,10 +138,10 @@ impl<'a> Tree<'a> {
     }
 
     #[inline(always)]
-    fn walk<I: Intersector, F: Filter>(&self, ray: &Frame, filter: F, any: bool) -> Best {
+    fn walk<I: Intersector, F: Filter + Copy>(&self, ray: &mut Frame, filter: F, any: bool) -> Best {
         // No valid tree is deeper than the stack, and no loop is cut short on a CPU.
         let (pairs, corners) = (View::new(self.pairs), View::new(self.corners));
-        walk::<I, F, false>(ray, &pairs, &corners, filter, any, &mut Steps::default())
+        walk::<I, F, false>(ray, &pairs, &corners, filter, any, &mut [0; ASIDE], &mut Steps::default())
     }
 }
 

@@ -59,7 +59,7 @@ pub fn walk(
         // Else a hit found since makes this subtree useless.
         if enter <= best.t {
             steps.visit(here.node);
-            if !leaf::visit(Strict, ray, here.node, corners, Every, &mut best) {
+            if !leaf::visit(Strict, ray, here.node, corners, &mut Every, &mut best) {
                 steps.status |= status::CUT_SHORT;
             }
         }

@@ -12,11 +12,11 @@ use crate::{
 use raykd_shared::Node;
 
 /// Which hits count.
-pub trait Filter: Copy {
+pub trait Filter {
     /// Tests triangle `id` by a test; keeps the better of it and `best` if it counts. False as
     /// [`Intersector::test`] is.
     fn test<I: Intersector>(
-        self,
+        &mut self,
         by: I,
         ray: &Frame,
         id: u32,
@@ -32,7 +32,7 @@ pub struct Every;
 impl Filter for Every {
     #[inline(always)]
     fn test<I: Intersector>(
-        self,
+        &mut self,
         by: I,
         ray: &Frame,
         id: u32,
@@ -50,7 +50,7 @@ pub struct Except(pub u32);
 impl Filter for Except {
     #[inline(always)]
     fn test<I: Intersector>(
-        self,
+        &mut self,
         by: I,
         ray: &Frame,
         id: u32,
@@ -83,7 +83,7 @@ impl After {
 impl Filter for After {
     #[inline(always)]
     fn test<I: Intersector>(
-        self,
+        &mut self,
         by: I,
         ray: &Frame,
         id: u32,
@@ -110,7 +110,7 @@ pub fn visit<I: Intersector, F: Filter>(
     ray: &Frame,
     leaf: Node,
     corners: &Buf<Vec4>,
-    filter: F,
+    filter: &mut F,
     best: &mut Best,
 ) -> bool {
     // A descent that was cut short did not arrive at a leaf. Compilers take the opposite of a loop's

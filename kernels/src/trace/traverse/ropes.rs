@@ -97,7 +97,7 @@ pub fn walk<const OPTIMISED: bool>(
         // Entering by a rope near an edge may lead to a leaf that the ray does not meet.
         if enter <= low(exit, best.t) {
             steps.visit(here.node);
-            if !leaf::visit(Strict, ray, here.node, corners, Every, &mut best) {
+            if !leaf::visit(Strict, ray, here.node, corners, &mut Every, &mut best) {
                 steps.status |= status::CUT_SHORT;
             }
         }

@@ -53,7 +53,7 @@ pub fn walk(ray: &Frame, pairs: &Buf<UVec4>, corners: &Buf<Vec4>, any: bool, ste
             at.level += 1;
         }
         steps.visit(at.node);
-        if !leaf::visit(Strict, ray, at.node, corners, Every, &mut best) {
+        if !leaf::visit(Strict, ray, at.node, corners, &mut Every, &mut best) {
             steps.status |= status::CUT_SHORT;
         }
         if at.level > MAX_DEPTH {

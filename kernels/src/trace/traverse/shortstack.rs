@@ -93,7 +93,7 @@ pub fn walk<const ENTRIES: usize>(
         // Else a hit found since makes this subtree useless.
         if enter <= best.t {
             steps.visit(node);
-            if !leaf::visit(Strict, ray, node, corners, Every, &mut best) {
+            if !leaf::visit(Strict, ray, node, corners, &mut Every, &mut best) {
                 steps.status |= status::CUT_SHORT;
             }
         }

@@ -22,9 +22,9 @@ use crate::{
 };
 use raykd_shared::{MISS, Node, limits::MAX_DEPTH, status};
 
-/// A lane in an empty leaf takes the next entry at once while it has passed fewer nodes than this since lanes
-/// tested triangles together: two of three leaves on a ray's way are empty, but a lane that never stops makes
-/// the others wait. Found by trying on an H200. On a CPU nobody waits.
+/// A lane in an empty leaf takes the next entry at once while it has gone fewer rounds of steps than this since
+/// lanes tested triangles together: two of three leaves on a ray's way are empty, but a lane that never stops
+/// makes the others wait. Found by trying on an H200. On a CPU nobody waits.
 const IN_A_ROW: u32 = 12;
 
 /// Whether a ray goes to the far child first, and whether it goes to both; by whether its interval is `past`
@@ -61,108 +61,215 @@ fn taken(past: bool, before: bool, near_empty: bool, far_empty: bool) -> (bool, 
     }
 }
 
+/// What a step needs to know of a ray.
+#[derive(Clone, Copy)]
+struct Line {
+    origins: ByAxis,
+    inverses: ByAxis,
+    pad: f32,
+}
+
+/// Where a ray is: the node to visit, the ray's interval in it, and how many entries its stack has.
+///
+/// An entry is a node to visit, where its interval ends and where it begins. There is at most one for each
+/// node above, so [`MAX_DEPTH`] are enough, and no push asks: builders make no deeper tree, and files and other
+/// hosts' trees are validated before a GPU gets them. A CPU's stack asserts it.
+#[derive(Clone, Copy)]
+struct Place {
+    node: Node,
+    enter: f32,
+    exit: f32,
+    top: u32,
+}
+
+impl Place {
+    /// Goes from an inner node to the child that comes first, and leaves the other one for later. If `MASKED`,
+    /// the node may be a leaf, and stays; its interval is lost, which nothing asks for.
+    #[inline(always)]
+    fn down<const MASKED: bool, const COUNT: bool>(
+        &mut self,
+        line: &Line,
+        pairs: &Buf<UVec4>,
+        stack: &mut impl Slots<UVec4>,
+        steps: &mut Steps,
+    ) {
+        let Self { node, enter, exit, .. } = *self;
+        let inner = !MASKED || !node.is_leaf();
+        if COUNT {
+            steps.inner += inner as u32;
+        }
+        // One load brings both children. A leaf's brings some pair or none, which does not count.
+        let pair = pairs.at(node.below() >> 1);
+        let axis = node.axis();
+        let inverse = line.inverses.on(axis);
+        let at = (node.split() - line.origins.on(axis)) * inverse;
+        let wide = line.pad * abs(inverse);
+        let (below, above) = (Node::from_words(pair.x, pair.y), Node::from_words(pair.z, pair.w));
+        // Where the far child begins and the near one ends.
+        let (first, last) = (at - wide, at + wide);
+        let back = inverse < 0.0;
+        let near = if back { above } else { below };
+        let far = if back { below } else { above };
+        let (over, both) = way(last < enter, first > exit, near.is_empty(), far.is_empty());
+        if both & inner {
+            let (word0, word1) = far.words();
+            stack.put(self.top, UVec4::new(word0, word1, exit.to_bits(), first.to_bits()));
+            self.top += 1;
+        }
+        let next = if over { far } else { near };
+        self.node = if inner { next } else { node };
+        let (begins, ends) = (high(enter, first), low(exit, last));
+        self.enter = if over { begins } else { enter };
+        self.exit = if over { exit } else { ends };
+    }
+
+    /// Goes to the entry on top of the stack. Nothing beyond the best hit, at `t`, matters.
+    #[inline(always)]
+    fn take(&mut self, entry: UVec4, t: f32) {
+        self.top -= 1;
+        self.enter = f32::from_bits(entry.w);
+        self.exit = low(f32::from_bits(entry.z), t);
+        self.node = Node::from_words(entry.x, entry.y);
+    }
+}
+
+/// The number of entries of a ray that needs none.
+const DONE: u32 = u32::MAX;
+
+/// Words that a walk lays aside, see [`mem::aside`]: what only leaves and the hit's record need.
+pub const ASIDE: usize = 7;
+const SHEAR_X: u32 = 0;
+const SHEAR_Y: u32 = 1;
+const T_MIN: u32 = 2;
+const STRETCH: u32 = 3;
+const U: u32 = 4;
+const V: u32 = 5;
+const DET: u32 = 6;
+
+/// A filter that lays the weights of hits aside.
+struct Apart<'a, F, A> {
+    filter: F,
+    aside: &'a mut A,
+}
+
+impl<F: Filter + Copy, A: Slots<u32>> Filter for Apart<'_, F, A> {
+    #[inline(always)]
+    fn test<I: Intersector>(
+        &mut self,
+        by: I,
+        ray: &Frame,
+        id: u32,
+        corners: (Vec4, Vec4, Vec4),
+        best: &mut Best,
+    ) -> bool {
+        let mut hit = Best { t: best.t, triangle: best.triangle, ..Best::NOTHING };
+        let mut filter = self.filter;
+        let whole = filter.test(by, ray, id, corners, &mut hit);
+        if hit.triangle != best.triangle {
+            best.t = hit.t;
+            best.triangle = hit.triangle;
+            self.aside.put(U, hit.u.to_bits());
+            self.aside.put(V, hit.v.to_bits());
+            self.aside.put(DET, hit.det.to_bits());
+        }
+        whole
+    }
+}
+
 /// Finds the closest hit of a ray by one triangle test, or if `any` will do the best one in the first leaf
 /// that has one, among those that `filter` lets through. With `COUNT`, says what it did.
 #[inline(always)]
-pub fn walk<I: Intersector, F: Filter, const COUNT: bool>(
-    ray: &Frame,
+pub fn walk<I: Intersector, F: Filter + Copy, const COUNT: bool>(
+    ray: &mut Frame,
     pairs: &Buf<UVec4>,
     corners: &Buf<Vec4>,
     filter: F,
     any: bool,
+    aside: &mut impl Slots<u32>,
     steps: &mut Steps,
 ) -> Best {
-    let mut best = Best::NOTHING;
     let by = I::new(ray);
-    // Entries: the node to visit, where its interval ends and where it begins.
+    let line = Line { origins: ByAxis::new(ray.origin), inverses: ByAxis::new(ray.inverse), pad: ray.pad };
+    aside.put(SHEAR_X, ray.shear_x.to_bits());
+    aside.put(SHEAR_Y, ray.shear_y.to_bits());
+    aside.put(T_MIN, ray.t_min.to_bits());
+    aside.put(STRETCH, ray.stretch as u32);
+    let mut filter = Apart { filter, aside };
+    // A hit as far as the ray goes is taken, and none beyond: the same as if the best one were there.
+    let mut best = Best { t: ray.t_max, ..Best::NOTHING };
+    let mut running = ray.valid && ray.enter <= ray.exit;
     let mut stack = mem::stack::<UVec4, { MAX_DEPTH as usize }>();
-    let (origins, inverses) = (ByAxis::new(ray.origin), ByAxis::new(ray.inverse));
-    let mut top = 0;
     let root = pairs.at(0);
-    let mut node = Node::from_words(root.x, root.y);
-    let (mut enter, mut exit) = (ray.enter, ray.exit);
-    let mut running = ray.valid && enter <= exit;
-    // 1 until the last subtree is done.
-    let mut open = running as u32;
+    let mut place = Place {
+        node: Node::from_words(root.x, root.y),
+        enter: ray.enter,
+        exit: ray.exit,
+        top: if running { 0 } else { DONE },
+    };
     while running {
         // Down to a leaf. On a GPU lanes wait for each other here, then test triangles together.
         let mut passed = 0;
-        while !node.is_leaf() {
+        while !place.node.is_leaf() {
             passed += 1;
-            if COUNT {
-                steps.inner += 1;
+            place.down::<false, COUNT>(&line, pairs, &mut stack, steps);
+            // Lanes that have arrived lose less by two steps in which they do nothing than all lose by asking
+            // after each step whether any has not. Found by trying on an H200.
+            if ON_GPU {
+                place.down::<true, COUNT>(&line, pairs, &mut stack, steps);
+                place.down::<true, COUNT>(&line, pairs, &mut stack, steps);
             }
-            // One load brings both children.
-            let pair = pairs.at(node.below() >> 1);
-            let axis = node.axis();
-            let inverse = inverses.on(axis);
-            let at = (node.split() - origins.on(axis)) * inverse;
-            let wide = ray.pad * abs(inverse);
-            let (below, above) = (Node::from_words(pair.x, pair.y), Node::from_words(pair.z, pair.w));
-            // Where the far child begins and the near one ends.
-            let (first, last) = (at - wide, at + wide);
-            let back = inverse < 0.0;
-            let near = if back { above } else { below };
-            let far = if back { below } else { above };
-            let (over, both) = way(last < enter, first > exit, near.is_empty(), far.is_empty());
-            if both {
-                if top < MAX_DEPTH {
-                    let (word0, word1) = far.words();
-                    stack.put(top, UVec4::new(word0, word1, exit.to_bits(), first.to_bits()));
-                    top += 1;
-                } else {
-                    steps.status |= status::STACK;
-                }
-            }
-            node = if over { far } else { near };
-            let (begins, ends) = (high(enter, first), low(exit, last));
-            enter = if over { begins } else { enter };
-            exit = if over { exit } else { ends };
             // See [`IN_A_ROW`].
-            if ON_GPU && node.is_empty() & (top != 0) & (passed < IN_A_ROW) {
-                let entry = stack.at(top - 1);
-                let begin = f32::from_bits(entry.w);
+            if ON_GPU && place.node.is_empty() & (place.top != 0) & (passed < IN_A_ROW) {
+                let entry = stack.at(place.top - 1);
                 // What lies beyond the best hit is left to the search below.
-                if begin <= best.t {
+                if f32::from_bits(entry.w) <= best.t {
                     if COUNT {
-                        steps.visit(node);
+                        steps.visit(place.node);
                     }
-                    top -= 1;
-                    enter = begin;
-                    exit = low(f32::from_bits(entry.z), best.t);
-                    node = Node::from_words(entry.x, entry.y);
+                    place.take(entry, best.t);
                 }
             }
         }
         if COUNT {
-            steps.visit(node);
+            steps.visit(place.node);
         }
-        let whole = leaf::visit(by, ray, node, corners, filter, &mut best);
-        running = !(any && best.triangle != MISS);
+        let at_leaf = Frame {
+            shear_x: f32::from_bits(filter.aside.at(SHEAR_X)),
+            shear_y: f32::from_bits(filter.aside.at(SHEAR_Y)),
+            t_min: f32::from_bits(filter.aside.at(T_MIN)),
+            t_max: f32::INFINITY,
+            ..*ray
+        };
+        let whole = leaf::visit(by, &at_leaf, place.node, corners, &mut filter, &mut best);
+        // Where a loop was cut short the number of entries stays what it is.
+        let enough = any && best.triangle != MISS;
+        if whole & enough {
+            place.top = DONE;
+        }
+        running = whole & !enough;
         let mut searching = running;
         while searching {
-            if top == 0 {
+            if place.top == 0 {
+                place.top = DONE;
                 running = false;
                 searching = false;
-                open = 0;
             } else {
-                top -= 1;
-                let entry = stack.at(top);
-                enter = f32::from_bits(entry.w);
-                // Nothing beyond the best hit matters.
-                exit = low(f32::from_bits(entry.z), best.t);
-                node = Node::from_words(entry.x, entry.y);
-                searching = enter > best.t;
+                let entry = stack.at(place.top - 1);
+                place.take(entry, best.t);
+                searching = place.enter > best.t;
             }
         }
-        if !whole {
-            steps.status |= status::CUT_SHORT;
-        }
     }
-    if top + open != 0 && !(any && best.triangle != MISS) {
+    if place.top != DONE {
         steps.status |= status::CUT_SHORT;
     }
-    best
+    ray.stretch = filter.aside.at(STRETCH) as i32;
+    Best {
+        u: f32::from_bits(filter.aside.at(U)),
+        v: f32::from_bits(filter.aside.at(V)),
+        det: f32::from_bits(filter.aside.at(DET)),
+        ..best
+    }
 }
 
 #[cfg(test)]
