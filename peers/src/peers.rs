@@ -85,12 +85,29 @@ fn raykd<'a>(device: &'a Device, mesh: &Mesh, name: &'static str, options: &Buil
     Peer { name, build, closest: trace(Query::Closest), any: Some(trace(Query::Any)) }
 }
 
+/// raykd ray by ray, as the other crates are asked.
+fn single<'a>(device: &'a Device, mesh: &Mesh) -> Peer<'a> {
+    let scene = Scene::build(device, mesh, &usual(Builder::Binned)).expect("the CPU does not fail");
+    let tracer = scene.tracer().expect("the CPU does not fail");
+    let answer = |hit: Option<raykd::Hit>| {
+        hit.map_or(Answer::MISS, |hit| Answer { triangle: hit.triangle, t: hit.t })
+    };
+    let other = tracer.clone();
+    Peer {
+        name: "raykd single rays",
+        build: scene.times().build + scene.times().layout,
+        closest: each(move |ray| answer(tracer.closest(ray))),
+        any: Some(each(move |ray| answer(other.any(ray)))),
+    }
+}
+
 /// Builds a tree; none if what that takes is not on this system.
 pub type Make = for<'a> fn(&'a Device, &Mesh) -> Option<Peer<'a>>;
 
 /// All of them, raykd first.
-pub const ALL: [Make; 10] = [
+pub const ALL: [Make; 11] = [
     |device, mesh| Some(raykd(device, mesh, "raykd binned", &usual(Builder::Binned))),
+    |device, mesh| Some(single(device, mesh)),
     |device, mesh| Some(raykd(device, mesh, "raykd exact", &usual(Builder::Exact))),
     |device, mesh| Some(raykd(device, mesh, "raykd binned, small", &small(Builder::Binned))),
     |device, mesh| Some(raykd(device, mesh, "raykd exact, small", &small(Builder::Exact))),

@@ -6,7 +6,7 @@ use raykd_kernels::trace::{
     intersect::{baldwin::Baldwin, exact::Exact, moeller::Moeller, plane::Plane, strict::Strict, woop::Woop},
     single::Tree,
 };
-use raykd_shared::{Hit, TreeHeader};
+use raykd_shared::{Hit, Ray, TreeHeader};
 use std::{ops::ControlFlow, sync::Arc};
 
 /// Traces single rays on the CPU, with no memory, thread or system call for any of them. The hits are the same bytes as a
@@ -57,15 +57,13 @@ impl Scene {
 
 impl Tracer {
     /// The closest hit, if there is one; of several, that of the triangle with the lowest number.
-    #[inline]
     pub fn closest(&self, ray: &impl AnyRay) -> Option<Hit> {
-        self.find(ray, false)
+        self.find(&self.local(ray), false)
     }
 
     /// Some hit, if there is one.
-    #[inline]
     pub fn any(&self, ray: &impl AnyRay) -> Option<Hit> {
-        self.find(ray, true)
+        self.find(&self.local(ray), true)
     }
 
     /// Calls `each` with all hits, by rising (`t`, triangle), until it breaks.
@@ -75,31 +73,46 @@ impl Tracer {
     pub fn for_each_hit<B>(
         &self,
         ray: &impl AnyRay,
-        each: impl FnMut(Hit) -> ControlFlow<B>,
+        mut each: impl FnMut(Hit) -> ControlFlow<B>,
     ) -> ControlFlow<B> {
+        let mut broken = ControlFlow::Continue(());
+        self.find_all(&self.local(ray), &mut |hit| {
+            broken = each(hit);
+            broken.is_continue()
+        });
+        broken
+    }
+
+    fn local(&self, ray: &impl AnyRay) -> Ray {
+        ray.alone(self.shared.translation)
+    }
+
+    // These are not generic, so that they are compiled here, and not in a user's crate, which may be less optimised.
+
+    fn find(&self, ray: &Ray, any: bool) -> Option<Hit> {
+        let tree = self.tree();
+        match self.intersector {
+            Intersector::Strict => tree.find::<Strict>(ray, any),
+            Intersector::Exact => tree.find::<Exact>(ray, any),
+            Intersector::Woop => tree.find::<Woop>(ray, any),
+            Intersector::Moeller => tree.find::<Moeller>(ray, any),
+            Intersector::Plane => tree.find::<Plane>(ray, any),
+            Intersector::Baldwin => tree.find::<Baldwin>(ray, any),
+        }
+    }
+
+    /// Calls `each` with all hits until it says no.
+    fn find_all(&self, ray: &Ray, each: &mut dyn FnMut(Hit) -> bool) {
         assert!(
             self.intersector == Intersector::default(),
             "all hits of a ray are found by the triangle test {}, this is {}",
             Intersector::default(),
             self.intersector
         );
-        self.tree().for_each_hit(&ray.alone(self.shared.translation), each)
+        let on = |hit| if each(hit) { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
+        let _ = self.tree().for_each_hit(ray, on);
     }
 
-    #[inline]
-    fn find(&self, ray: &impl AnyRay, any: bool) -> Option<Hit> {
-        let (tree, ray) = (self.tree(), ray.alone(self.shared.translation));
-        match self.intersector {
-            Intersector::Strict => tree.find::<Strict>(&ray, any),
-            Intersector::Exact => tree.find::<Exact>(&ray, any),
-            Intersector::Woop => tree.find::<Woop>(&ray, any),
-            Intersector::Moeller => tree.find::<Moeller>(&ray, any),
-            Intersector::Plane => tree.find::<Plane>(&ray, any),
-            Intersector::Baldwin => tree.find::<Baldwin>(&ray, any),
-        }
-    }
-
-    #[inline]
     fn tree(&self) -> Tree<'_> {
         let Shared { header, nodes, leaves, .. } = &*self.shared;
         Tree::of_parts(header, nodes.slice(), leaves.slice()).expect("a scene's nodes are pairs")
