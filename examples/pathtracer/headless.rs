@@ -2,6 +2,7 @@
 
 use crate::{Args, gpu, gpu::Gpu, tracer::Tracer, write_png};
 use anyhow::Result;
+use raykd::{BuildOptions, Scene};
 use std::{
     collections::VecDeque,
     time::{Duration, Instant},
@@ -15,7 +16,9 @@ const WARM: Duration = Duration::from_millis(500);
 pub(crate) fn run(args: &Args) -> Result<()> {
     let mesh = args.mesh()?;
     let gpu = Gpu::open(&gpu::adapter(&gpu::instance(None), args.device.as_deref(), None)?)?;
-    let mut tracer = Tracer::new(&gpu, &mesh, args.size, args.spp, args.bounces)?;
+    let scene = Scene::build(&gpu.raykd, &mesh, &BuildOptions::default())?;
+    let spp = args.spp.unwrap_or(64);
+    let mut tracer = Tracer::new(&gpu, &scene, mesh.bounds(), args.size, spp, args.bounces)?;
     let camera = args.camera(&mesh);
     let wait = |submission| {
         gpu.device.poll(wgpu::PollType::Wait { submission_index: Some(submission), timeout: None })
@@ -24,18 +27,18 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     // The first wave compiles kernels, and tells whether rays can be traced here at all.
     let start = Instant::now();
     tracer.look(&gpu, &camera);
-    for encoded in tracer.wave(&gpu, args.spp)?.encoded {
+    for encoded in tracer.wave(&gpu, spp)?.encoded {
         encoded.invalid()?;
     }
     while args.json && gpu.raykd.is_card() && start.elapsed() < WARM {
-        wait(tracer.wave(&gpu, args.spp)?.submission)?;
+        wait(tracer.wave(&gpu, spp)?.submission)?;
     }
 
     tracer.look(&gpu, &camera);
     let start = Instant::now();
     let (mut ahead, mut waves) = (VecDeque::new(), Vec::new());
-    while tracer.samples() < args.spp {
-        let left = args.spp - tracer.samples();
+    while tracer.samples() < spp {
+        let left = spp - tracer.samples();
         let mut wave = tracer.wave(&gpu, left)?;
         wave.encoded.clear();
         ahead.push_back(wave.submission.clone());
@@ -58,7 +61,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
             "device": gpu.raykd.name(),
             "triangles": mesh.triangles().len(),
             "size": args.size,
-            "spp": args.spp,
+            "spp": spp,
             "bounces": args.bounces,
             "rays": rays,
             "seconds": seconds,

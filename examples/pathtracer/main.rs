@@ -4,6 +4,8 @@
 
 mod gpu;
 mod headless;
+#[cfg(test)]
+mod tests;
 mod tracer;
 #[cfg(feature = "window")]
 mod window;
@@ -21,6 +23,9 @@ Examples, after cargo run --release --example pathtracer:
   --features window -- scenes/dragon.ply.gz
 
 In the window: drag to turn, scroll to come closer, R to start over, S to save the picture, Esc to leave.";
+
+/// How much farther away the camera is than it must be.
+const ROOM: f64 = 1.12;
 
 /// A picture of a mesh under a sunny sky, by following light backwards.
 #[derive(Debug, Parser)]
@@ -40,9 +45,9 @@ struct Args {
     /// Width and height in pixels
     #[arg(long, value_name = "WxH", default_value = "1024x768", value_parser = size)]
     size: [u32; 2],
-    /// Paths a pixel
-    #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
-    spp: u32,
+    /// Paths a pixel; left out: 64, in a window as many as there is time for
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    spp: Option<u32>,
     /// Rays of a path, shadow rays not counted
     #[arg(long, value_name = "N", default_value_t = 6, value_parser = clap::value_parser!(u32).range(1..=64))]
     bounces: u32,
@@ -88,7 +93,10 @@ impl Args {
             None if moved => camera,
             None => {
                 let aspect = f64::from(self.size[0]) / f64::from(self.size[1]);
-                camera.fitted(mesh.positions().iter().copied(), aspect)
+                let Camera { eye, target, .. } = camera.fitted(mesh.positions().iter().copied(), aspect);
+                // Some room for the shadow.
+                let eye = [0, 1, 2].map(|a| target[a] + ROOM * (eye[a] - target[a]));
+                Camera { eye, target, ..Camera::framing(mesh.bounds()) }
             }
         }
     }

@@ -90,12 +90,12 @@ fn on_sphere() -> vec3f {
 
 const TO_SUN = vec3f(-0.4969, 0.7454, 0.4443);
 const SUN_SIZE = 0.05;
-const SUNLIGHT = vec3f(3.3, 2.95, 2.4);
-const CLAY = vec3f(0.74, 0.45, 0.29);
-const FLOOR = vec3f(0.55, 0.55, 0.53);
+const SUNLIGHT = vec3f(4.0, 3.5, 2.75);
+const CLAY = vec3f(0.64, 0.32, 0.18);
+const FLOOR = vec3f(0.45, 0.45, 0.44);
 
 fn sky(direction: vec3f) -> vec3f {
-    return mix(vec3f(0.80, 0.87, 0.95), vec3f(0.24, 0.42, 0.78), sqrt(max(direction.y, 0.0)));
+    return mix(vec3f(0.66, 0.76, 0.89), vec3f(0.16, 0.33, 0.68), sqrt(max(direction.y, 0.0)));
 }
 
 fn corner(triangle: u32, k: u32) -> vec3f {
@@ -266,7 +266,7 @@ fn sun(
 
 // A curve like film's (Narkowicz 2016), then that of screens.
 fn shown(colour: vec3f) -> vec3f {
-    let x = colour * 0.75;
+    let x = colour * 0.6;
     let film = x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14);
     return pow(clamp(film, vec3f(), vec3f(1.0)), vec3f(1.0 / 2.2));
 }

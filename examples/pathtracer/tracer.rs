@@ -3,7 +3,7 @@
 
 use crate::gpu::Gpu;
 use anyhow::{Result, bail};
-use raykd::{BuildOptions, Encoded, Mesh, Query, Ray, Scene, rays::Camera};
+use raykd::{Encoded, Query, Ray, Scene, rays::Camera};
 use wgpu::BufferUsages as Use;
 
 /// Paths under way at a time, unless the picture has more pixels.
@@ -69,13 +69,13 @@ pub(crate) struct Wave {
 pub(crate) struct Tracer {
     scene: Scene,
     frame: Frame,
-    uniform: wgpu::Buffer,
+    pub uniform: wgpu::Buffer,
     /// Of even and odd bounces.
     pub rays: [wgpu::Buffer; 2],
     pub hits: wgpu::Buffer,
     shadow_rays: wgpu::Buffer,
     shadow_hits: wgpu::Buffer,
-    counts: wgpu::Buffer,
+    pub counts: wgpu::Buffer,
     /// Red, green, blue and 255, a byte each.
     pub pixels: wgpu::Buffer,
     traced: wgpu::Buffer,
@@ -85,35 +85,28 @@ pub(crate) struct Tracer {
     clock: Option<Clock>,
 }
 
-/// Half the diagonal of a mesh's box, and its middle.
-pub(crate) fn ball(mesh: &Mesh) -> (f64, [f64; 3]) {
-    let (lo, hi) = mesh.bounds();
-    let half = [0, 1, 2].map(|a| (f64::from(hi[a]) - f64::from(lo[a])) / 2.0);
-    (half.map(|x| x * x).iter().sum::<f64>().sqrt(), [0, 1, 2].map(|a| f64::from(lo[a]) + half[a]))
-}
-
 impl Tracer {
-    /// A scene and room for the paths of a picture, at most `samples` of a pixel at a time.
+    /// Room for the paths of a picture of a scene with these corners, at most `samples` of a pixel at a time.
     pub(crate) fn new(
         gpu: &Gpu,
-        mesh: &Mesh,
+        scene: &Scene,
+        (lo, hi): ([f32; 3], [f32; 3]),
         [width, height]: [u32; 2],
         samples: u32,
         bounces: u32,
     ) -> Result<Self> {
-        let scene = Scene::build(&gpu.raykd, mesh, &BuildOptions::default())?;
         let samples = (PATHS / (width * height)).clamp(1, samples);
         let paths = u64::from(width * height * samples);
         let limits = gpu.device.limits();
         if paths * size_of::<Ray>() as u64 > limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) {
             bail!("a picture of {width}x{height} is too large for this device; give --size a smaller one");
         }
-        let radius = ball(mesh).0 as f32;
+        let radius = (0..3).map(|a| (hi[a] - lo[a]).powi(2)).sum::<f32>().sqrt() / 2.0;
         let frame = Frame {
             width,
             height,
             samples,
-            floor: mesh.bounds().0[1],
+            floor: lo[1],
             lift: radius * 2.0e-5,
             radius,
             scale: scene.header().scale,
@@ -126,7 +119,7 @@ impl Tracer {
         let (hits, light) = (of_paths("hits", 16), of_paths("light", 16));
         let [shadow_rays, shadow_light, shadow_hits] =
             [("shadow rays", 32), ("shadow light", 16), ("shadow hits", 16)].map(|(name, bytes)| of_paths(name, bytes));
-        let counts = gpu.buffer("counts", STRIDE * u64::from(bounces + 1), Use::STORAGE | Use::COPY_DST);
+        let counts = gpu.buffer("counts", STRIDE * u64::from(bounces + 1), Use::STORAGE | Use::COPY_DST | Use::COPY_SRC);
         let of_pixels = |name, bytes| {
             gpu.buffer(name, u64::from(width * height) * bytes, Use::STORAGE | Use::COPY_SRC)
         };
@@ -179,7 +172,7 @@ impl Tracer {
             picture: pass(&pipeline("picture"), &picture),
             clock: gpu.timed.then(|| Clock::new(gpu, 4 * bounces.len() as u32)),
             bounces,
-            scene,
+            scene: scene.clone(),
             frame,
             uniform,
             rays,

@@ -73,7 +73,7 @@ pub use rays::Ray64;
 pub use read::usual_max_bytes;
 pub use scene::{AllHits, Query, RaySteps, Resident, Scene, Traced, Tracer};
 #[cfg(feature = "gpu")]
-pub use scene::{Encoded, RayCount, SceneBuffers};
+pub use scene::{Encoded, RayCount, SceneBuffers, WGSL};
 pub use traversal::Traversal;
 pub use tree::{KdTree, hits_digest};
 #[cfg(feature = "gpu")]

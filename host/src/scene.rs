@@ -10,7 +10,7 @@ mod tracer;
 
 pub use batch::Resident;
 #[cfg(feature = "gpu")]
-pub use encode::{Encoded, RayCount, SceneBuffers};
+pub use encode::{Encoded, RayCount, SceneBuffers, WGSL};
 pub use trace::{AllHits, Query, RaySteps, Traced};
 pub use tracer::Tracer;
 
