@@ -75,7 +75,8 @@ impl Gpu {
 
     pub(crate) fn buffer(&self, label: &str, bytes: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
         let size = bytes.next_multiple_of(16);
-        let descriptor = wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false };
+        let descriptor =
+            wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false };
         self.device.create_buffer(&descriptor)
     }
 
@@ -102,11 +103,8 @@ impl Gpu {
 
     /// What a buffer holds once the device has done all that was submitted.
     pub(crate) fn read<T: bytemuck::Pod>(&self, buffer: &wgpu::Buffer) -> Result<Vec<T>> {
-        let to = self.buffer(
-            "read",
-            buffer.size(),
-            wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
-        );
+        let to =
+            self.buffer("read", buffer.size(), wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ);
         let mut encoder = self.encoder();
         encoder.copy_buffer_to_buffer(buffer, 0, &to, 0, buffer.size());
         self.queue.submit([encoder.finish()]);

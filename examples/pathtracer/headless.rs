@@ -1,6 +1,6 @@
 //! One picture, or how fast it is made, without a window.
 
-use crate::{Args, gpu, gpu::Gpu, tracer::Tracer, write_png};
+use crate::{Args, cost::Cost, gpu, gpu::Gpu, tracer::Tracer, write_png};
 use anyhow::Result;
 use raykd::{BuildOptions, Scene};
 use std::{
@@ -51,11 +51,15 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let seconds = start.elapsed().as_secs_f64();
 
     if let Some(path) = &args.output {
-        write_png(path, &gpu.read(&tracer.pixels)?, args.size)?;
+        let cost = args.cost.then(|| Cost::new(&gpu, &scene, &tracer, args.size)).transpose()?;
+        cost.iter().for_each(|cost| cost.draw(&gpu));
+        let pixels = cost.as_ref().map_or(&tracer.pixels, |cost| &cost.pixels);
+        write_png(path, &gpu.read(pixels)?, args.size)?;
     }
     if args.json {
         let rays = tracer.traced(&gpu)?;
-        let spans: Option<Vec<f64>> = waves.iter().map(|wave| tracer.seconds(&gpu, wave)).collect::<Result<_>>()?;
+        let spans: Option<Vec<f64>> =
+            waves.iter().map(|wave| tracer.seconds(&gpu, wave)).collect::<Result<_>>()?;
         let tracing = spans.map(|spans| spans.iter().sum::<f64>());
         let figures = serde_json::json!({
             "device": gpu.raykd.name(),

@@ -2,6 +2,7 @@
 //!
 //! `cargo run --release --example pathtracer -- --headless --spp 64 -o teapot.png`
 
+mod cost;
 mod gpu;
 mod headless;
 #[cfg(test)]
@@ -22,7 +23,7 @@ Examples, after cargo run --release --example pathtracer:
   --features window
   --features window -- scenes/dragon.ply.gz
 
-In the window: drag to turn, scroll to come closer, R to start over, S to save the picture, Esc to leave.";
+In the window: drag to turn, scroll to come closer, C for costs, R to start over, S to save the picture, Esc to leave.";
 
 /// How much farther away the camera is than it must be.
 const ROOM: f64 = 1.12;
@@ -42,6 +43,9 @@ struct Args {
     /// Print rays a second as JSON; with --headless
     #[arg(long, requires = "headless")]
     json: bool,
+    /// Lay over the picture what camera rays cost: blue is little, red 256 nodes and triangles
+    #[arg(long)]
+    cost: bool,
     /// Width and height in pixels
     #[arg(long, value_name = "WxH", default_value = "1024x768", value_parser = size)]
     size: [u32; 2],

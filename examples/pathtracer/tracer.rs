@@ -98,7 +98,9 @@ impl Tracer {
         let samples = (PATHS / (width * height)).clamp(1, samples);
         let paths = u64::from(width * height * samples);
         let limits = gpu.device.limits();
-        if paths * size_of::<Ray>() as u64 > limits.max_storage_buffer_binding_size.min(limits.max_buffer_size) {
+        if paths * size_of::<Ray>() as u64
+            > limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)
+        {
             bail!("a picture of {width}x{height} is too large for this device; give --size a smaller one");
         }
         let radius = (0..3).map(|a| (hi[a] - lo[a]).powi(2)).sum::<f32>().sqrt() / 2.0;
@@ -118,11 +120,15 @@ impl Tracer {
         let carried = ["even paths", "odd paths"].map(|name| of_paths(name, 16));
         let (hits, light) = (of_paths("hits", 16), of_paths("light", 16));
         let [shadow_rays, shadow_light, shadow_hits] =
-            [("shadow rays", 32), ("shadow light", 16), ("shadow hits", 16)].map(|(name, bytes)| of_paths(name, bytes));
-        let counts = gpu.buffer("counts", STRIDE * u64::from(bounces + 1), Use::STORAGE | Use::COPY_DST | Use::COPY_SRC);
-        let of_pixels = |name, bytes| {
-            gpu.buffer(name, u64::from(width * height) * bytes, Use::STORAGE | Use::COPY_SRC)
-        };
+            [("shadow rays", 32), ("shadow light", 16), ("shadow hits", 16)]
+                .map(|(name, bytes)| of_paths(name, bytes));
+        let counts = gpu.buffer(
+            "counts",
+            STRIDE * u64::from(bounces + 1),
+            Use::STORAGE | Use::COPY_DST | Use::COPY_SRC,
+        );
+        let of_pixels =
+            |name, bytes| gpu.buffer(name, u64::from(width * height) * bytes, Use::STORAGE | Use::COPY_SRC);
         let (sums, pixels) = (of_pixels("sums", 16), of_pixels("pixels", 4));
         let traced = gpu.buffer("traced", 8, Use::STORAGE | Use::COPY_SRC | Use::COPY_DST);
 

@@ -1,6 +1,6 @@
 //! A window in which the picture gets better while one looks, and the mesh can be turned.
 
-use crate::{Args, gpu, gpu::Gpu, tracer::Tracer, write_png};
+use crate::{Args, cost::Cost, gpu, gpu::Gpu, tracer::Tracer, write_png};
 use anyhow::{Context as _, Result};
 use raykd::{BuildOptions, Mesh, Scene, rays::Camera};
 use std::{sync::Arc, time::Instant};
@@ -50,6 +50,8 @@ struct View {
     gpu: Gpu,
     scene: Scene,
     tracer: Tracer,
+    /// If costs are shown.
+    cost: Option<Cost>,
     pipeline: wgpu::RenderPipeline,
     since: Instant,
 }
@@ -71,7 +73,8 @@ pub(crate) fn run(args: Args) -> Result<()> {
     let mesh = args.mesh()?;
     let camera = args.camera(&mesh);
     let orbit = Orbit::of(&camera);
-    let events = EventLoop::new().context("no window can be opened here; make a picture with --headless -o FILE.png")?;
+    let events = EventLoop::new()
+        .context("no window can be opened here; make a picture with --headless -o FILE.png")?;
     let mut app =
         App { args, mesh, camera, orbit, cursor: [0.0; 2], dragging: false, view: None, failure: None };
     events.run_app(&mut app)?;
@@ -99,7 +102,11 @@ impl View {
         let scene = Scene::build(&gpu.raykd, mesh, &BuildOptions::default())?;
         let pipeline = pipeline(&gpu, configuration.format);
         let tracer = Self::tracer(&gpu, &scene, args, mesh, &configuration)?;
-        Ok(Self { window, surface, configuration, gpu, scene, tracer, pipeline, since: Instant::now() })
+        let since = Instant::now();
+        let mut view =
+            Self { window, surface, configuration, gpu, scene, tracer, cost: None, pipeline, since };
+        view.show_cost(args.cost)?;
+        Ok(view)
     }
 
     /// One sample at a time, so that the window answers soon.
@@ -112,6 +119,22 @@ impl View {
     ) -> Result<Tracer> {
         let size = [configuration.width, configuration.height];
         Tracer::new(gpu, scene, mesh.bounds(), size, 1, args.bounces)
+    }
+
+    const fn size(&self) -> [u32; 2] {
+        [self.configuration.width, self.configuration.height]
+    }
+
+    fn show_cost(&mut self, whether: bool) -> Result<()> {
+        let cost = || Cost::new(&self.gpu, &self.scene, &self.tracer, self.size());
+        self.cost = whether.then(cost).transpose()?;
+        self.window.request_redraw();
+        Ok(())
+    }
+
+    /// The pixels that are shown.
+    fn pixels(&self) -> &wgpu::Buffer {
+        self.cost.as_ref().map_or(&self.tracer.pixels, |cost| &cost.pixels)
     }
 
     fn look(&mut self, camera: &Camera) {
@@ -132,9 +155,14 @@ impl View {
             let speed = self.tracer.traced(&self.gpu)? as f64 / seconds / 1e6;
             self.window.set_title(&format!("raykd: {samples} paths a pixel, {speed:.1} Mray/s"));
         }
+        if let Some(cost) = &self.cost {
+            cost.draw(&self.gpu);
+        }
         match self.surface.get_current_texture() {
             Texture::Success(texture) | Texture::Suboptimal(texture) => self.show(texture),
-            Texture::Outdated | Texture::Lost => self.surface.configure(&self.gpu.device, &self.configuration),
+            Texture::Outdated | Texture::Lost => {
+                self.surface.configure(&self.gpu.device, &self.configuration)
+            }
             Texture::Timeout | Texture::Occluded | Texture::Validation => {}
         }
         if more {
@@ -144,7 +172,7 @@ impl View {
     }
 
     fn show(&self, texture: wgpu::SurfaceTexture) {
-        let buffers = [(0, &self.tracer.pixels), (1, &self.tracer.uniform)];
+        let buffers = [(0, self.pixels()), (1, &self.tracer.uniform)];
         let group = self.gpu.bind(&self.pipeline.get_bind_group_layout(0), &buffers);
         let view = texture.texture.create_view(&wgpu::TextureViewDescriptor::default());
         let mut encoder = self.gpu.encoder();
@@ -201,11 +229,12 @@ impl App {
             WindowEvent::RedrawRequested => view.draw(self.args.spp.unwrap_or(ENOUGH))?,
             WindowEvent::Resized(size) if size.width > 0 && size.height > 0 => {
                 let to = [size.width, size.height];
-                if to != [view.configuration.width, view.configuration.height] {
+                if to != view.size() {
                     [view.configuration.width, view.configuration.height] = to;
                     view.surface.configure(&view.gpu.device, &view.configuration);
                     view.tracer =
                         View::tracer(&view.gpu, &view.scene, &self.args, &self.mesh, &view.configuration)?;
+                    view.show_cost(view.cost.is_some())?;
                     view.look(&self.orbit.camera(&self.camera));
                 }
             }
@@ -231,14 +260,14 @@ impl App {
             WindowEvent::KeyboardInput { event, .. } if event.state == ElementState::Pressed => {
                 match event.physical_key {
                     PhysicalKey::Code(KeyCode::Escape) => events.exit(),
+                    PhysicalKey::Code(KeyCode::KeyC) => view.show_cost(view.cost.is_none())?,
                     PhysicalKey::Code(KeyCode::KeyR) => {
                         self.orbit = Orbit::of(&self.camera);
                         view.look(&self.camera);
                     }
                     PhysicalKey::Code(KeyCode::KeyS) => {
                         let path = self.args.output.clone().unwrap_or_else(|| "pathtracer.png".into());
-                        let size = [view.configuration.width, view.configuration.height];
-                        write_png(&path, &view.gpu.read(&view.tracer.pixels)?, size)?;
+                        write_png(&path, &view.gpu.read(view.pixels())?, view.size())?;
                         eprintln!("wrote {}", path.display());
                     }
                     _ => {}

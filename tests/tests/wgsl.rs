@@ -54,8 +54,10 @@ fn by_shader(scene: &Scene, query: Query, rays: &[Ray]) -> Result<Vec<Hit>, Fail
     let (hits, read) = (buffer(Use::STORAGE | Use::COPY_SRC), buffer(Use::COPY_DST | Use::MAP_READ));
     let bind = |group: u32, buffers: &[&wgpu::Buffer]| {
         let resources = buffers.iter().map(|buffer| buffer.as_entire_binding());
-        let entries: Vec<_> =
-            (0..).zip(resources).map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource }).collect();
+        let entries: Vec<_> = (0..)
+            .zip(resources)
+            .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
+            .collect();
         let layout = &pipeline.get_bind_group_layout(group);
         device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries: &entries })
     };
