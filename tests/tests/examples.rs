@@ -90,3 +90,30 @@ fn walk_tree_needs_the_layouts_alone() {
         after.lines().take_while(|line| !line.starts_with('[')).filter(|l| !l.is_empty()).collect();
     assert_eq!(needs, [r#"raykd-shared = { workspace = true, features = ["alloc"] }"#]);
 }
+
+/// Without a window, and two runs make the same picture.
+#[test]
+fn pathtracer_makes_a_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let render = |name: &str, more: &[&str]| {
+        let path = folder.path().join(name);
+        let usual = ["--headless", "--spp", "2", "--size", "96x64", "--json", "-o", path.to_str().unwrap()];
+        let text = run("examples/pathtracer", &[&usual, more].concat());
+        // Camera rays and more: half of the picture is floor.
+        let rays = text.lines().find_map(|line| line.trim().strip_prefix("\"rays\": ")).unwrap();
+        let rays: u64 = rays.trim_end_matches(',').parse().unwrap();
+        assert!((2 * 96 * 64 * 3 / 2..2 * 96 * 64 * 8).contains(&rays), "{text}");
+        std::fs::read(path).unwrap()
+    };
+    let once = render("once.png", &[]);
+    assert_eq!(once[16..24], [0, 0, 0, 96, 0, 0, 0, 64], "width and height of the PNG");
+    assert!(once == render("again.png", &[]), "two pictures of the same differ");
+    assert!(once != render("costs.png", &["--cost"]), "costs change nothing");
+}
+
+#[test]
+fn pathtracer_without_its_window_says_how_to_get_it() {
+    let output = Command::new(BUILT.join("examples/pathtracer")).output().unwrap();
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && error.contains("--features window"), "{error}");
+}
