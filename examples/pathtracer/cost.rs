@@ -16,18 +16,8 @@ pub(crate) struct Cost {
 
 impl Cost {
     pub(crate) fn new(gpu: &Gpu, scene: &Scene, tracer: &Tracer, size: [u32; 2]) -> Result<Self> {
-        let source = wgpu::ShaderSource::Wgsl([raykd::WGSL, include_str!("cost.wgsl")].concat().into());
-        let module = gpu
-            .device
-            .create_shader_module(wgpu::ShaderModuleDescriptor { label: Some("cost.wgsl"), source });
-        let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label: Some("cost"),
-            layout: None,
-            module: &module,
-            entry_point: Some("cost"),
-            compilation_options: wgpu::PipelineCompilationOptions::default(),
-            cache: None,
-        });
+        let module = gpu.shader("cost.wgsl", &[raykd::WGSL, include_str!("cost.wgsl")].concat());
+        let pipeline = gpu.kernel(&module, "cost");
         let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
         let pixels = gpu.buffer("costs", tracer.pixels.size(), usage);
         let tree = scene.buffers()?;

@@ -86,6 +86,22 @@ impl Gpu {
         self.device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label, contents, usage })
     }
 
+    pub(crate) fn shader(&self, label: &str, wgsl: &str) -> wgpu::ShaderModule {
+        let source = wgpu::ShaderSource::Wgsl(wgsl.into());
+        self.device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some(label), source })
+    }
+
+    pub(crate) fn kernel(&self, module: &wgpu::ShaderModule, entry_point: &str) -> wgpu::ComputePipeline {
+        self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(entry_point),
+            layout: None,
+            module,
+            entry_point: Some(entry_point),
+            compilation_options: wgpu::PipelineCompilationOptions::default(),
+            cache: None,
+        })
+    }
+
     pub(crate) fn bind(
         &self,
         layout: &wgpu::BindGroupLayout,

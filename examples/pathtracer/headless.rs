@@ -37,8 +37,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     tracer.look(&gpu, &camera);
     let start = Instant::now();
     let (mut ahead, mut waves) = (VecDeque::new(), Vec::new());
-    while tracer.samples() < spp {
-        let left = spp - tracer.samples();
+    while tracer.done() < spp {
+        let left = spp - tracer.done();
         let mut wave = tracer.wave(&gpu, left)?;
         wave.encoded.clear();
         ahead.push_back(wave.submission.clone());

@@ -132,19 +132,8 @@ impl Tracer {
         let (sums, pixels) = (of_pixels("sums", 16), of_pixels("pixels", 4));
         let traced = gpu.buffer("traced", 8, Use::STORAGE | Use::COPY_SRC | Use::COPY_DST);
 
-        let source = wgpu::ShaderSource::Wgsl(include_str!("shade.wgsl").into());
-        let descriptor = wgpu::ShaderModuleDescriptor { label: Some("shade.wgsl"), source };
-        let module = gpu.device.create_shader_module(descriptor);
-        let pipeline = |entry_point| {
-            gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-                label: Some(entry_point),
-                layout: None,
-                module: &module,
-                entry_point: Some(entry_point),
-                compilation_options: wgpu::PipelineCompilationOptions::default(),
-                cache: None,
-            })
-        };
+        let module = gpu.shader("shade.wgsl", include_str!("shade.wgsl"));
+        let pipeline = |name: &str| gpu.kernel(&module, name);
         let pass = |pipeline: &wgpu::ComputePipeline, buffers: &[(u32, &wgpu::Buffer)]| Pass {
             group: gpu.bind(&pipeline.get_bind_group_layout(0), buffers),
             pipeline: pipeline.clone(),
@@ -205,7 +194,7 @@ impl Tracer {
     }
 
     /// How many samples each pixel has.
-    pub(crate) const fn samples(&self) -> u32 {
+    pub(crate) const fn done(&self) -> u32 {
         self.frame.done
     }
 

@@ -146,12 +146,12 @@ impl View {
     /// Traces one more sample a pixel and shows the picture.
     fn draw(&mut self, enough: u32) -> Result<()> {
         use wgpu::CurrentSurfaceTexture as Texture;
-        let more = self.tracer.samples() < enough;
+        let more = self.tracer.done() < enough;
         if more {
             let wave = self.tracer.wave(&self.gpu, 1)?;
             let waited = wgpu::PollType::Wait { submission_index: Some(wave.submission), timeout: None };
             self.gpu.device.poll(waited)?;
-            let (samples, seconds) = (self.tracer.samples(), self.since.elapsed().as_secs_f64());
+            let (samples, seconds) = (self.tracer.done(), self.since.elapsed().as_secs_f64());
             let speed = self.tracer.traced(&self.gpu)? as f64 / seconds / 1e6;
             self.window.set_title(&format!("raykd: {samples} paths a pixel, {speed:.1} Mray/s"));
         }
