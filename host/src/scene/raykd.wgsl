@@ -2,8 +2,8 @@
 //
 // Put this text before a shader's own. Bind three buffers of `Scene::buffers`, as parts of group 1:
 //   0 header, 1 nodes, 2 corners
-// `raykd_closest(ray)` and `raykd_any(ray)` then trace one ray. Where whole buffers of rays are traced, `Scene::encode` is
-// faster, and its bytes are promised.
+// `raykd_closest(ray)` and `raykd_any(ray)` then trace one ray. For whole buffers of rays there is `Scene::encode`, whose
+// bytes are promised.
 //
 // Of these hits no bytes are promised. WGSL leaves it to the driver whether `a * b + c` is rounded once or twice, and its
 // quotients are off by a few units in the last place. So a ray that passes an edge nearer than rounding may hit the
