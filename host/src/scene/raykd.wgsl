@@ -11,8 +11,9 @@
 // their last digits. The rules are raykd's: edges belong to triangles, `t_min` and `t_max` are inclusive, and of equal `t`
 // the lowest number wins. No hit is lost to the tree: its planes count as thick as in raykd's kernels.
 //
-// Measured on llvmpipe, a million random rays each: through the teapot all hit the triangle that raykd's kernels find, and
-// so they do through the Stanford dragon (dragon_res4), but for 1586 that hit a triangle with the same corners.
+// Measured with a million random rays each. Through the teapot all hit the triangle that raykd's kernels find, on llvmpipe
+// and on an NVIDIA H200. Through the Stanford dragon (dragon_res4) 0 and 1 hit another, besides 1586 and 2413 that hit a
+// triangle with the same corners.
 //
 // Rays are as `Scene::encode` takes them: in the mesh's units, less its translation. Directions need no unit length, but
 // a normal number for their largest component, between 2^-60 and 2^60 in size; others hit nothing. Numbers that are
