@@ -22,10 +22,10 @@ use raykd_kernels::{
         reference::Reference,
         scatter, split,
         tally::{self, BLOCK, blocks_of},
-        top,
+        to_bits, top,
         treelet::{self, scratch_base},
     },
-    glam::{UVec2, UVec4},
+    glam::{UVec2, UVec4, Vec3},
 };
 use raykd_shared::{BuildParams, Node, limits::CHUNK, status};
 use std::time::Instant;
@@ -142,9 +142,9 @@ impl<'a> Lists<'a> {
     /// Writes what the kernels start from.
     fn write(&self, device: &Device, mesh: &Mesh) -> Result<(), Error> {
         let given = self.given;
-        let bits = |v: [f32; 3], last: u32| UVec4::new(v[0].to_bits(), v[1].to_bits(), v[2].to_bits(), last);
+        let [lo, hi] = [given.lo, given.hi].map(Vec3::from);
         let growth = growth(given.references).to_bits();
-        let root = [UVec4::new(0, 0, given.references, 0), bits(given.lo, growth), bits(given.hi, 0)];
+        let root = [UVec4::new(0, 0, given.references, 0), to_bits(lo, growth), to_bits(hi, 0)];
         // The root and the padding after it are the first two slots.
         let mut state = State { top: 2, ..State::default() };
         device.write(&self.top.view(), 1, &[Node::PADDING])?;

@@ -312,14 +312,14 @@ impl Gpu {
             if !matches!(step.groups, Groups::Fixed(0)) {
                 let Pipeline { layout, pipeline } = &pipelines[step.kernel.path];
                 let buffers = step.buffers.iter().map(|&buffer| std::ptr::from_ref(buffer)).collect();
-                let binding = bindings
-                    .entry((step.kernel.path, buffers))
-                    .or_insert_with(|| self.bind(layout, &step.buffers));
+                let binding = bindings.entry((step.kernel.path, buffers)).or_insert_with(|| {
+                    let memory = step.buffers.iter().map(|buffer| buffer.as_wgpu().as_entire_binding());
+                    self.bind(layout, memory)
+                });
                 pass.set_pipeline(pipeline);
                 pass.set_bind_group(0, &*binding, &[]);
                 match step.groups {
-                    Groups::Fixed(n) if n <= GROUPS_X => pass.dispatch_workgroups(n, 1, 1),
-                    Groups::Fixed(n) => pass.dispatch_workgroups(GROUPS_X, n.div_ceil(GROUPS_X), 1),
+                    Groups::Fixed(n) => dispatch(&mut pass, n),
                     Groups::Indirect(args, entry) => {
                         pass.dispatch_workgroups_indirect(args.as_wgpu(), u64::from(entry) * 12);
                     }
@@ -331,8 +331,12 @@ impl Gpu {
         }
     }
 
-    fn bind(&self, layout: &wgpu::BindGroupLayout, buffers: &[&AnyBuffer]) -> wgpu::BindGroup {
-        let resources = buffers.iter().map(|buffer| buffer.as_wgpu().as_entire_binding());
+    /// Binds resources in binding order.
+    fn bind<'a>(
+        &self,
+        layout: &wgpu::BindGroupLayout,
+        resources: impl IntoIterator<Item = wgpu::BindingResource<'a>>,
+    ) -> wgpu::BindGroup {
         let entries: Vec<_> = (0..)
             .zip(resources)
             .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
@@ -383,6 +387,11 @@ impl Gpu {
             Pipeline { layout, pipeline }
         })
     }
+}
+
+/// Dispatches so many workgroups, in rows of [`GROUPS_X`].
+fn dispatch(pass: &mut wgpu::ComputePass<'_>, groups: u32) {
+    pass.dispatch_workgroups(groups.min(GROUPS_X), groups.div_ceil(GROUPS_X), 1);
 }
 
 impl AnyBuffer {

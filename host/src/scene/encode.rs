@@ -155,7 +155,7 @@ impl Scene {
             RayCount::InBuffer(_) => room,
         };
         let any = u32::from(query == Query::Any);
-        let job = gpu.words("job", &[job_rays, 0, 0, any])?;
+        let job = gpu.filled("job", &[job_rays, 0, 0, any])?;
         let outcome = self.device.alloc("outcome", u64::from(OUTCOME_WORDS))?;
         let encoded = Encoded { device: self.device.clone(), outcome };
         let (kernel, resources) = self.stack::<InEncoder>(
@@ -177,7 +177,7 @@ impl Scene {
                 if self::room::<u32>("the number of rays", number)? == 0 {
                     return Err(refused("the number of rays takes four bytes"));
                 }
-                let args = gpu.words("workgroups", &[0; 3])?;
+                let args = gpu.filled("workgroups", &[0; 3])?;
                 let counted = workgroups::Buffers::<InEncoder> {
                     count: bind(number),
                     job: job.as_entire_binding(),

@@ -200,8 +200,9 @@ fn from_bits(v: UVec4) -> Vec3 {
     Vec3::new(f32::from_bits(v.x), f32::from_bits(v.y), f32::from_bits(v.z))
 }
 
+/// The bits of a vector, and one more word.
 #[inline(always)]
-fn to_bits(v: Vec3, last: u32) -> UVec4 {
+pub fn to_bits(v: Vec3, last: u32) -> UVec4 {
     UVec4::new(v.x.to_bits(), v.y.to_bits(), v.z.to_bits(), last)
 }
 

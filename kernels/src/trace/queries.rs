@@ -17,7 +17,6 @@ use super::{
 use crate::{
     glam::{UVec4, Vec4},
     kernel::Group,
-    math::high,
     mem::{Atomics, Buf, Slots, aside},
 };
 use raykd_shared::{MISS, TreeHeader, status};
@@ -203,8 +202,7 @@ pub fn each(
                     hits.put(i * limit + total, record(&ray, &best));
                 }
                 total += 1;
-                after = After { t: best.t, triangle: best.triangle };
-                ray.enter = high(ray.enter, best.t);
+                after.pass(&mut ray, &best);
             }
         }
         let mut empty = total;

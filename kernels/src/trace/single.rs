@@ -3,8 +3,9 @@
 
 use super::{
     frame::Frame,
-    intersect::{Best, Intersector, NORMAL, strict::Strict},
+    intersect::{Best, Intersector, strict::Strict},
     job::record,
+    prepare::corners::kept,
     traverse::{
         Steps,
         leaf::{After, Every, Filter},
@@ -12,8 +13,7 @@ use super::{
     },
 };
 use crate::{
-    glam::{UVec4, Vec4},
-    math::high,
+    glam::{UVec4, Vec3, Vec4},
     mem::View,
 };
 use core::ops::ControlFlow;
@@ -62,13 +62,11 @@ pub fn lay_out(
         return None;
     }
     for (&id, leaf) in tree.refs.iter().zip(leaves) {
-        let corners = triangles.get(id as usize)?;
-        for (to, &vertex) in leaf.0.iter_mut().zip(corners) {
-            let [x, y, z] = *positions.get(vertex as usize)?;
-            let scale = tree.header.scale;
-            *to = [x * scale, y * scale, z * scale, 0.0];
-        }
-        leaf.0[0][3] = f32::from_bits(id | NORMAL);
+        let [a, b, c] = triangles.get(id as usize)?.map(|vertex| {
+            positions.get(vertex as usize).map(|&position| Vec3::from(position) * tree.header.scale)
+        });
+        let (a, b, c) = kept::<Strict>(id, (a?, b?, c?));
+        leaf.0 = [a.to_array(), b.to_array(), c.to_array()];
     }
     Some(())
 }
@@ -126,8 +124,7 @@ impl<'a> Tree<'a> {
             let best = self.walk::<Strict, After>(&mut frame, after, false);
             let Some(hit) = hit(&frame, &best) else { return ControlFlow::Continue(()) };
             each(hit)?;
-            after = After { t: best.t, triangle: best.triangle };
-            frame.enter = high(frame.enter, best.t);
+            after.pass(&mut frame, &best);
         }
     }
 

@@ -20,8 +20,9 @@ use raykd_kernels::{
             blocks, carry, cheapest, children, classify, distribute, fresh_room, insert, leaves, number,
             rank, sizes, sort, start, total, weigh,
         },
+        to_bits,
     },
-    glam::{UVec2, UVec4},
+    glam::{UVec2, UVec4, Vec3},
 };
 use raykd_shared::{BuildParams, Node, status};
 use std::time::Instant;
@@ -121,10 +122,10 @@ impl<'a> Lists<'a> {
         let root = Level { cells: 1, refs: references, fresh: references, lists: LISTS, ..Level::default() };
         record(&mut words, root);
         device.write(&lists.levels[0], 0, &words)?;
-        let bits = |v: [f32; 3], last: u32| UVec4::new(v[0].to_bits(), v[1].to_bits(), v[2].to_bits(), last);
+        let [lo, hi] = [given.lo, given.hi].map(Vec3::from);
         let head = UVec4::new(0, references, 0, references);
         let growth = growth(references).to_bits();
-        device.write(&lists.cells[0], 0, &[head, bits(given.lo, 0), bits(given.hi, growth)])?;
+        device.write(&lists.cells[0], 0, &[head, to_bits(lo, 0), to_bits(hi, growth)])?;
         Ok(lists)
     }
 

@@ -1,9 +1,8 @@
 //! Kernels in command encoders and on buffers of somebody else's.
 
-use super::{Gpu, Link, Pipeline, lock};
+use super::{Gpu, Link, Pipeline, dispatch, lock};
 use crate::Error;
 use raykd_kernels::Kernel;
-use raykd_shared::limits::GROUPS_X;
 
 /// How many workgroups are encoded.
 #[derive(Clone, Copy, Debug)]
@@ -16,7 +15,7 @@ pub(crate) enum Size<'a> {
 
 impl Gpu {
     /// A buffer with some words in it, filled before anything that is submitted later.
-    pub(crate) fn words(&self, name: &'static str, words: &[u32]) -> Result<wgpu::Buffer, Error> {
+    pub(crate) fn filled(&self, name: &'static str, words: &[u32]) -> Result<wgpu::Buffer, Error> {
         use wgpu::BufferUsages as Use;
         let link: &Link = &self.link;
         link.check()?;
@@ -47,13 +46,8 @@ impl Gpu {
         assert_eq!(resources.len(), kernel.slots.len(), "buffers of {}", kernel.name());
         self.prepare(&[kernel])?;
         let Pipeline { layout, pipeline } = lock(&self.pipelines)[kernel.path].clone();
-        let entries: Vec<_> = (0..)
-            .zip(resources)
-            .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource: resource.clone() })
-            .collect();
         self.link.guard(format_args!("encoding kernel {}", kernel.name()), || {
-            let descriptor = wgpu::BindGroupDescriptor { label: None, layout: &layout, entries: &entries };
-            let group = self.link.device.create_bind_group(&descriptor);
+            let group = self.bind(&layout, resources.iter().cloned());
             let descriptor =
                 wgpu::ComputePassDescriptor { label: Some(kernel.name()), timestamp_writes: None };
             let mut pass = encoder.begin_compute_pass(&descriptor);
@@ -61,10 +55,7 @@ impl Gpu {
             pass.set_bind_group(0, &group, &[]);
             match size {
                 Size::Words(args) => pass.dispatch_workgroups_indirect(args, 0),
-                Size::Lanes(lanes) => {
-                    let groups = lanes.div_ceil(kernel.threads);
-                    pass.dispatch_workgroups(groups.min(GROUPS_X), groups.div_ceil(GROUPS_X), 1);
-                }
+                Size::Lanes(lanes) => dispatch(&mut pass, lanes.div_ceil(kernel.threads)),
             }
         })
     }

@@ -1,15 +1,21 @@
 //! The triangles of the leaves, laid out as the leaves list them: one cache line or two instead of three jumps.
 
 use crate::{
-    glam::Vec4,
+    glam::{Vec3, Vec4},
     mem::{Buf, Slots},
     mesh::triangle,
     trace::intersect::{Intersector, NORMAL, baldwin::Baldwin, strict::Strict},
 };
 use raykd_shared::TreeHeader;
 
-/// Writes the triangle of reference `i` as a triangle test wants it; the first vector's `w` holds its number,
-/// see [`NORMAL`].
+/// What leaves keep of triangle `id` for a test; the first vector's `w` holds its number, see [`NORMAL`].
+#[inline(always)]
+pub fn kept<I: Intersector>(id: u32, (a, b, c): (Vec3, Vec3, Vec3)) -> (Vec4, Vec4, Vec4) {
+    let (a, b, c) = I::lay_out(a, b, c);
+    (a.truncate().extend(f32::from_bits(id | NORMAL)), b, c)
+}
+
+/// Writes the triangle of reference `i` as a triangle test wants it.
 pub fn lay_out<I: Intersector>(
     i: u32,
     header: &Buf<TreeHeader>,
@@ -20,9 +26,8 @@ pub fn lay_out<I: Intersector>(
 ) {
     if i < header.at(0).refs {
         let id = refs.at(i);
-        let (a, b, c) = triangle(positions, indices, id);
-        let (a, b, c) = I::lay_out(a, b, c);
-        corners.put(3 * i, a.truncate().extend(f32::from_bits(id | NORMAL)));
+        let (a, b, c) = kept::<I>(id, triangle(positions, indices, id));
+        corners.put(3 * i, a);
         corners.put(3 * i + 1, b);
         corners.put(3 * i + 2, c);
     }

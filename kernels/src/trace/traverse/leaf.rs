@@ -3,6 +3,7 @@
 use crate::{
     ON_GPU,
     glam::Vec4,
+    math::high,
     mem::{Buf, Slots},
     trace::{
         frame::Frame,
@@ -73,6 +74,13 @@ pub struct After {
 impl After {
     /// Before every hit.
     pub const NOTHING: Self = Self { t: f32::NEG_INFINITY, triangle: 0 };
+
+    /// Goes on behind a hit: nothing before it counts from now on, or is looked for.
+    #[inline(always)]
+    pub fn pass(&mut self, ray: &mut Frame, hit: &Best) {
+        *self = Self { t: hit.t, triangle: hit.triangle };
+        ray.enter = high(ray.enter, hit.t);
+    }
 
     #[inline(always)]
     fn precedes(self, hit: &Best) -> bool {
