@@ -1,6 +1,26 @@
-//! The triangle tests that there are to choose from.
+//! The triangle tests that there are to choose from, and the kernels of each.
 
-use crate::{Error, Traversal, choices::choices};
+use crate::{
+    Error, Query, Traversal,
+    choices::choices,
+    exec::{Launch, OnDevice, Step},
+};
+use raykd_kernels::{
+    Bindings, Host, Kernel,
+    trace::{
+        intersect::{
+            baldwin::{self, Baldwin, brute_baldwin},
+            exact::{self, Exact, brute_exact},
+            moeller::{self, Moeller, brute_moeller},
+            plane::{self, Plane, brute_plane},
+            strict::{Strict, brute_strict},
+            woop::{self, Woop, brute_woop},
+        },
+        queries::{self, any, closest},
+        single::Tree,
+    },
+};
+use raykd_shared::{Hit, Ray};
 
 choices! {
     /// How it is told whether a ray hits a triangle, and where. [`Intersector::Strict`] keeps raykd's promises, and
@@ -36,6 +56,50 @@ impl Intersector {
         match (self, traversal) {
             (Self::Strict, _) | (_, Traversal::Stack | Traversal::Brute) => Ok(()),
             _ => Err(Error::Intersector { name: self.name(), asked: format!("traversal {traversal}") }),
+        }
+    }
+
+    /// With a full stack: the kernel and its buffers.
+    pub(crate) fn stack<'a, H: Host>(
+        self,
+        query: queries::Query<'a, H>,
+        asked: Query,
+    ) -> (&'static Kernel, Vec<H::Any<'a>>) {
+        fn of<'a, H: Host, B: Bindings<'a, H>>(buffers: B) -> (&'static Kernel, Vec<H::Any<'a>>) {
+            (B::KERNEL, buffers.list().collect())
+        }
+        match self {
+            Self::Strict if asked == Query::Any => of(any::Buffers { query }),
+            Self::Strict => of(closest::Buffers { query }),
+            Self::Exact => of(exact::Buffers { query }),
+            Self::Woop => of(woop::Buffers { query }),
+            Self::Moeller => of(moeller::Buffers { query }),
+            Self::Plane => of(plane::Buffers { query }),
+            Self::Baldwin => of(baldwin::Buffers { query }),
+        }
+    }
+
+    /// Every triangle of a list, for so many rays.
+    pub(crate) fn brute<'a>(self, brute: queries::Brute<'a, OnDevice>, count: u32) -> Step<'a> {
+        match self {
+            Self::Strict => brute_strict::Buffers { brute }.over(count),
+            Self::Exact => brute_exact::Buffers { brute }.over(count),
+            Self::Woop => brute_woop::Buffers { brute }.over(count),
+            Self::Moeller => brute_moeller::Buffers { brute }.over(count),
+            Self::Plane => brute_plane::Buffers { brute }.over(count),
+            Self::Baldwin => brute_baldwin::Buffers { brute }.over(count),
+        }
+    }
+
+    /// One ray on the CPU.
+    pub(crate) fn single(self, tree: &Tree<'_>, ray: &Ray, any: bool) -> Option<Hit> {
+        match self {
+            Self::Strict => tree.find::<Strict>(ray, any),
+            Self::Exact => tree.find::<Exact>(ray, any),
+            Self::Woop => tree.find::<Woop>(ray, any),
+            Self::Moeller => tree.find::<Moeller>(ray, any),
+            Self::Plane => tree.find::<Plane>(ray, any),
+            Self::Baldwin => tree.find::<Baldwin>(ray, any),
         }
     }
 }

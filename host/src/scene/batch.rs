@@ -1,8 +1,8 @@
 //! Rays on the device.
 
-use super::{Query, Scene, Traced};
+use super::{Scene, Traced};
 use crate::{
-    Error,
+    Error, Query,
     exec::{Buffer, Device, Launch, OnDevice, Step},
     rays::AnyRay,
 };

@@ -2,31 +2,14 @@
 
 use super::{Scene, batch::Batch};
 use crate::{
-    Error, Intersector,
-    exec::{Buffer, Groups, Launch, OnDevice, Step},
+    Error, Query,
+    exec::{Buffer, Groups, Launch, Step},
     rays::AnyRay,
     traversal::Traversal,
 };
-use raykd_kernels::{
-    Bindings, Host, Kernel,
-    trace::queries::{
-        self, all, any, backtrack, baldwin, brute_baldwin, brute_exact, brute_moeller, brute_plane,
-        brute_strict, brute_woop, closest, exact, except, moeller, optimised_ropes, plane, pushdown, restart,
-        ropes, sequential, shortstack1, shortstack2, shortstack4, shortstack8, steps, woop,
-    },
-};
+use raykd_kernels::trace::queries::{self, all, except, steps};
 use raykd_shared::{Hit, Ray};
 use std::time::{Duration, Instant};
-
-/// What is asked of each ray.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Query {
-    /// The hit with the smallest `t`; of several, the one with the lowest triangle number.
-    #[default]
-    Closest,
-    /// Some hit, if there is one: enough for shadows.
-    Any,
-}
 
 /// What one ray cost: see [`Scene::steps`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
@@ -212,66 +195,15 @@ impl Scene {
             return self.run_brute(batch);
         }
         let step = self.walk(batch, traversal).unwrap_or_else(|| {
-            let (kernel, buffers) = self.stack(batch.query(self), query);
+            let (kernel, buffers) = self.intersector.stack(batch.query(self), query);
             Step { kernel, buffers, groups: Groups::Fixed(batch.count.div_ceil(kernel.threads)) }
         });
         batch.run(&self.device, step, query)
     }
 
-    /// By a traversal that also counts its steps; `stack` and `brute` have kernels of their own.
+    /// By a traversal that also counts its steps.
     fn walk<'a>(&'a self, batch: &'a Batch, traversal: Traversal) -> Option<Step<'a>> {
-        let (query, counts, count) = (batch.query(self), batch.counts.out(), batch.count);
-        Some(match traversal {
-            Traversal::Stack | Traversal::Brute => return None,
-            Traversal::Restart => restart::Buffers { query, counts }.over(count),
-            Traversal::Pushdown => pushdown::Buffers { query, counts }.over(count),
-            Traversal::ShortStack1 => shortstack1::Buffers { query, counts }.over(count),
-            Traversal::ShortStack2 => shortstack2::Buffers { query, counts }.over(count),
-            Traversal::ShortStack4 => shortstack4::Buffers { query, counts }.over(count),
-            Traversal::ShortStack8 => shortstack8::Buffers { query, counts }.over(count),
-            Traversal::Backtrack => backtrack::Buffers { query, counts, boxes: self.boxes() }.over(count),
-            Traversal::Ropes => {
-                let (parents, links) = (self.parents(), self.ropes(false));
-                ropes::Buffers { query, counts, parents, links }.over(count)
-            }
-            Traversal::OptimisedRopes => {
-                let (parents, links) = (self.parents(), self.ropes(true));
-                optimised_ropes::Buffers { query, counts, parents, links }.over(count)
-            }
-            Traversal::Sequential => sequential::Buffers { query, counts }.over(count),
-        })
-    }
-
-    /// With a full stack, by the scene's triangle test: the kernel and its buffers.
-    pub(super) fn stack<'a, H: Host>(
-        &self,
-        query: queries::Query<'a, H>,
-        asked: Query,
-    ) -> (&'static Kernel, Vec<H::Any<'a>>) {
-        fn of<'a, H: Host, B: Bindings<'a, H>>(buffers: B) -> (&'static Kernel, Vec<H::Any<'a>>) {
-            (B::KERNEL, buffers.list().collect())
-        }
-        match self.intersector {
-            Intersector::Strict if asked == Query::Any => of(any::Buffers { query }),
-            Intersector::Strict => of(closest::Buffers { query }),
-            Intersector::Exact => of(exact::Buffers { query }),
-            Intersector::Woop => of(woop::Buffers { query }),
-            Intersector::Moeller => of(moeller::Buffers { query }),
-            Intersector::Plane => of(plane::Buffers { query }),
-            Intersector::Baldwin => of(baldwin::Buffers { query }),
-        }
-    }
-
-    /// Every triangle of a list, by the scene's triangle test.
-    fn all_triangles<'a>(&self, brute: queries::Brute<'a, OnDevice>, count: u32) -> Step<'a> {
-        match self.intersector {
-            Intersector::Strict => brute_strict::Buffers { brute }.over(count),
-            Intersector::Exact => brute_exact::Buffers { brute }.over(count),
-            Intersector::Woop => brute_woop::Buffers { brute }.over(count),
-            Intersector::Moeller => brute_moeller::Buffers { brute }.over(count),
-            Intersector::Plane => brute_plane::Buffers { brute }.over(count),
-            Intersector::Baldwin => brute_baldwin::Buffers { brute }.over(count),
-        }
+        traversal.step(batch.query(self), batch.counts.out(), batch.count, &self.extras)
     }
 
     /// Finds the closest hits of a batch by testing every triangle.
@@ -296,7 +228,7 @@ impl Scene {
                 outcome: batch.outcome.out(),
                 bests: bests.out(),
             };
-            self.all_triangles(brute, batch.count)
+            self.intersector.brute(brute, batch.count)
         };
         // Without triangles one empty slice still writes the misses.
         let steps: Vec<Step<'_>> =

@@ -2,10 +2,7 @@
 
 use super::Scene;
 use crate::{Error, Intersector, exec::cpu::Kept, rays::AnyRay};
-use raykd_kernels::trace::{
-    intersect::{baldwin::Baldwin, exact::Exact, moeller::Moeller, plane::Plane, strict::Strict, woop::Woop},
-    single::Tree,
-};
+use raykd_kernels::trace::single::Tree;
 use raykd_shared::{Hit, Ray, TreeHeader};
 use std::{ops::ControlFlow, sync::Arc};
 
@@ -90,15 +87,7 @@ impl Tracer {
     // These are not generic, so that they are compiled here, and not in a user's crate, which may be less optimised.
 
     fn find(&self, ray: &Ray, any: bool) -> Option<Hit> {
-        let tree = self.tree();
-        match self.intersector {
-            Intersector::Strict => tree.find::<Strict>(ray, any),
-            Intersector::Exact => tree.find::<Exact>(ray, any),
-            Intersector::Woop => tree.find::<Woop>(ray, any),
-            Intersector::Moeller => tree.find::<Moeller>(ray, any),
-            Intersector::Plane => tree.find::<Plane>(ray, any),
-            Intersector::Baldwin => tree.find::<Baldwin>(ray, any),
-        }
+        self.intersector.single(&self.tree(), ray, any)
     }
 
     /// Calls `each` with all hits until it says no.

@@ -1,23 +1,18 @@
-//! What can be asked of a ray, and the kernels that answer: the default triangle test with every way through
-//! the tree, every other test with a stack, and all tests without a tree.
+//! What can be asked of a ray, and how kernels that answer are declared. Those of the default test stand here; the
+//! other ways through the tree and triangle tests have theirs beside them.
 
 use super::{
-    intersect::{
-        Intersector, baldwin::Baldwin, exact::Exact, moeller::Moeller, plane::Plane, strict::Strict,
-        woop::Woop,
-    },
-    job::{JOB_ANY, JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, THREADS, load, record},
+    intersect::strict::Strict,
+    job::{JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, THREADS, load, record},
     traverse::{
         self, Steps,
-        brute::brute,
         leaf::{After, Every, Except},
         stack::ASIDE,
     },
 };
 use crate::{
     glam::{UVec4, Vec4},
-    kernel::Group,
-    mem::{Atomics, Buf, Slots, aside},
+    mem::{Atomics, Buf, Slots},
 };
 use raykd_shared::{MISS, TreeHeader, status};
 
@@ -26,8 +21,9 @@ macro_rules! of_query {
     ($declare:ident { $($head:tt)* } { $($own:tt)* }) => {
         $declare! {
             $($head)* Query {
-                0 job: read u32, 1 header: read TreeHeader, 2 pairs: read UVec4, 3 corners: read Vec4,
-                4 rays: read Vec4, 5 hits: write UVec4, 6 outcome: write u32,
+                0 job: read u32, 1 header: read ::raykd_shared::TreeHeader, 2 pairs: read $crate::glam::UVec4,
+                3 corners: read $crate::glam::Vec4, 4 rays: read $crate::glam::Vec4,
+                5 hits: write $crate::glam::UVec4, 6 outcome: write u32,
             } $($own)*
         }
     };
@@ -38,9 +34,9 @@ macro_rules! of_brute {
     ($declare:ident { $($head:tt)* } { $($own:tt)* }) => {
         $declare! {
             $($head)* Brute {
-                0 job: read u32, 1 header: read TreeHeader, 2 kept: read u32, 3 positions: read f32,
-                4 indices: read u32, 5 rays: read Vec4, 6 hits: write UVec4, 7 outcome: write u32,
-                8 bests: write UVec4,
+                0 job: read u32, 1 header: read ::raykd_shared::TreeHeader, 2 kept: read u32,
+                3 positions: read f32, 4 indices: read u32, 5 rays: read $crate::glam::Vec4,
+                6 hits: write $crate::glam::UVec4, 7 outcome: write u32, 8 bests: write $crate::glam::UVec4,
             } $($own)*
         }
     };
@@ -58,84 +54,95 @@ of_brute! {
 }
 
 /// Words of workgroup memory.
-const SHARED: usize = ASIDE * THREADS as usize;
+pub const SHARED: usize = ASIDE * THREADS as usize;
 
 /// Declares the kernel of a query: how it answers ray `i`, whether it writes counts of its steps too, and buffers that
-/// only it binds.
+/// only it binds. With a module's name before the kernel's it gets a module of its own.
 macro_rules! query {
-    ($(#[$doc:meta])* $file:ident::$name:ident $($counts:ident)? = |$i:pat_param, $ray:ident, $pairs:ident,
-     $corners:ident, $any:pat_param, $aside:pat_param, $steps:ident| $walk:expr
-     $(, { $($b:tt $more:ident: $t:ty),* $(,)? })?) => {
+    ($(#[$doc:meta])* $file:ident::$name:ident $($rest:tt)*) => {
         $(#[$doc])*
         pub mod $file {
+            #[allow(unused_imports, reason = "not every query needs all of them")]
             use super::*;
+            query! { $(#[$doc])* $name $($rest)* }
+        }
+    };
+    ($(#[$doc:meta])* $name:ident $($counts:ident)? = |$i:pat_param, $ray:ident, $pairs:ident,
+     $corners:ident, $any:pat_param, $aside:pat_param, $steps:ident| $walk:expr
+     $(, { $($b:tt $more:ident: $t:ty),* $(,)? })?) => {
+        #[cfg(not(target_arch = "spirv"))]
+        use $crate::trace::queries::Query;
 
-            /// Answers the rays of a workgroup, one a lane.
-            #[inline(always)]
-            #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
-            pub fn answer(
-                group: Group,
-                shared: &mut [u32; SHARED],
-                job: &Buf<u32>,
-                header: &Buf<TreeHeader>,
-                $pairs: &Buf<UVec4>,
-                $corners: &Buf<Vec4>,
-                rays: &Buf<Vec4>,
-                hits: &mut Buf<UVec4>,
-                outcome: &mut Buf<u32>,
-                $($counts: &mut Buf<UVec4>,)?
-                $($($more: &Buf<$t>),*)?
-            ) {
-                lanes!(group, |lane| {
-                    let i = group.id * group.width + lane;
-                    if i < job.at(JOB_RAYS) {
-                        let $ray = &mut load(i, rays, &header.at(0), outcome);
-                        let ($i, $any) = (i, job.at(JOB_ANY) != 0);
-                        let ($aside, $steps) = (&mut aside::<ASIDE, SHARED>(shared, lane), &mut Steps::default());
-                        let best = $walk;
-                        hits.put(i, record($ray, &best));
-                        $($counts.put(i, $steps.words());)?
-                        if $steps.status != 0 {
-                            outcome.or(OUTCOME_STATUS, $steps.status);
-                        }
+        /// Answers the rays of a workgroup, one a lane.
+        #[inline(always)]
+        #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+        pub fn answer(
+            group: $crate::Group,
+            shared: &mut [u32; $crate::trace::queries::SHARED],
+            job: &$crate::mem::Buf<u32>,
+            header: &$crate::mem::Buf<::raykd_shared::TreeHeader>,
+            $pairs: &$crate::mem::Buf<$crate::glam::UVec4>,
+            $corners: &$crate::mem::Buf<$crate::glam::Vec4>,
+            rays: &$crate::mem::Buf<$crate::glam::Vec4>,
+            hits: &mut $crate::mem::Buf<$crate::glam::UVec4>,
+            outcome: &mut $crate::mem::Buf<u32>,
+            $($counts: &mut $crate::mem::Buf<$crate::glam::UVec4>,)?
+            $($($more: &$crate::mem::Buf<$t>),*)?
+        ) {
+            use $crate::{mem::{Atomics as _, Slots as _, aside}, trace::{job, queries::SHARED, traverse::{Steps, stack::ASIDE}}};
+            lanes!(group, |lane| {
+                let i = group.id * group.width + lane;
+                if i < job.at(job::JOB_RAYS) {
+                    let $ray = &mut job::load(i, rays, &header.at(0), outcome);
+                    let ($i, $any) = (i, job.at(job::JOB_ANY) != 0);
+                    let ($aside, $steps) = (&mut aside::<ASIDE, SHARED>(shared, lane), &mut Steps::default());
+                    let best = $walk;
+                    hits.put(i, job::record($ray, &best));
+                    $($counts.put(i, $steps.words());)?
+                    if $steps.status != 0 {
+                        outcome.or(job::OUTCOME_STATUS, $steps.status);
                     }
-                });
-            }
+                }
+            });
+        }
 
-            of_query! {
-                kernel { $(#[$doc])* group $name = answer, threads 64, shared [shared: SHARED], query: }
-                { , { $(7 $counts: write UVec4,)? $($($b $more: read $t),*)? } }
-            }
+        of_query! {
+            kernel { $(#[$doc])* group $name = answer, threads 64, shared [shared: $crate::trace::queries::SHARED], query: }
+            { , { $(7 $counts: write $crate::glam::UVec4,)? $($($b $more: read $t),*)? } }
         }
     };
 }
 
-/// Declares the kernel that tests every triangle.
-macro_rules! brute {
-    ($file:ident::$name:ident = $test:ident) => {
+/// Declares both kernels of a triangle test: the one with a stack, if it is not the default's, and the one that tests
+/// every triangle.
+macro_rules! test {
+    ($name:ident, $brute_file:ident::$brute_name:ident = $test:ident) => {
+        query! {
+            #[doc = concat!("The closest or any hit by [`", stringify!($test), "`].")]
+            $name = |_, ray, pairs, corners, any, aside, steps|
+                $crate::trace::traverse::stack::walk::<$test, $crate::trace::traverse::leaf::Every, false>(
+                    &mut if $test::WHOLE { ray.whole() } else { *ray }, pairs, corners,
+                    $crate::trace::traverse::leaf::Every, any, aside, steps,
+                )
+        }
+        test!($brute_file::$brute_name = $test);
+    };
+    ($brute_file:ident::$brute_name:ident = $test:ident) => {
         #[doc = concat!("Every triangle, by [`", stringify!($test), "`].")]
-        pub mod $file {
-            use super::*;
+        pub mod $brute_file {
+            use super::$test;
+            #[cfg(not(target_arch = "spirv"))]
+            use $crate::trace::queries::Brute;
+            use $crate::trace::traverse::brute::brute;
 
             of_brute! {
-                kernel { #[doc = "All rays against a slice of the triangles."] map $name = brute::<$test>, threads 64, brute: }
+                kernel {
+                    #[doc = "All rays against a slice of the triangles."] map $brute_name = brute::<$test>,
+                    threads 64, brute:
+                }
                 { , {} }
             }
         }
-    };
-}
-
-/// Declares both kernels of a triangle test that is not the default.
-macro_rules! test {
-    ($file:ident::$name:ident, $brute_file:ident::$brute_name:ident = $test:ident) => {
-        query! {
-            #[doc = concat!("The closest or any hit by [`", stringify!($test), "`].")]
-            $file::$name = |_, ray, pairs, corners, any, aside, steps|
-                traverse::stack::walk::<$test, Every, false>(
-                    &mut if $test::WHOLE { ray.whole() } else { *ray }, pairs, corners, Every, any, aside, steps,
-                )
-        }
-        brute!($brute_file::$brute_name = $test);
     };
 }
 
@@ -232,63 +239,7 @@ pub mod all {
     }
 }
 
-query! {
-    /// Restarts at the root.
-    restart::RESTART counts = |_, ray, pairs, corners, any, _, steps|
-        traverse::restart::walk::<false>(ray, pairs, corners, any, steps)
-}
-query! {
-    /// Restarts at the push-down node.
-    pushdown::PUSHDOWN counts = |_, ray, pairs, corners, any, _, steps|
-        traverse::restart::walk::<true>(ray, pairs, corners, any, steps)
-}
-query! {
-    /// A stack of one entry.
-    shortstack1::SHORTSTACK1 counts = |_, ray, pairs, corners, any, _, steps|
-        traverse::shortstack::walk::<1>(ray, pairs, corners, any, steps)
-}
-query! {
-    /// A stack of two entries.
-    shortstack2::SHORTSTACK2 counts = |_, ray, pairs, corners, any, _, steps|
-        traverse::shortstack::walk::<2>(ray, pairs, corners, any, steps)
-}
-query! {
-    /// A stack of four entries.
-    shortstack4::SHORTSTACK4 counts = |_, ray, pairs, corners, any, _, steps|
-        traverse::shortstack::walk::<4>(ray, pairs, corners, any, steps)
-}
-query! {
-    /// A stack of eight entries.
-    shortstack8::SHORTSTACK8 counts = |_, ray, pairs, corners, any, _, steps|
-        traverse::shortstack::walk::<8>(ray, pairs, corners, any, steps)
-}
-query! {
-    /// Climbs by parents.
-    backtrack::BACKTRACK counts = |_, ray, pairs, corners, any, _, steps|
-        traverse::backtrack::walk(ray, pairs, corners, boxes, any, steps),
-    { 8 boxes: UVec4 }
-}
-query! {
-    /// Follows ropes to the node beyond the whole plane.
-    ropes::ROPES counts = |_, ray, pairs, corners, any, _, steps|
-        traverse::ropes::walk::<false>(ray, pairs, corners, parents, links, any, steps),
-    { 8 parents: u32, 9 links: UVec4 }
-}
-query! {
-    /// Follows ropes to the smallest node beyond a side.
-    optimised_ropes::OPTIMISED_ROPES counts = |_, ray, pairs, corners, any, _, steps|
-        traverse::ropes::walk::<true>(ray, pairs, corners, parents, links, any, steps),
-    { 8 parents: u32, 9 links: UVec4 }
-}
-query! {
-    /// Locates every leaf from the root.
-    sequential::SEQUENTIAL counts = |_, ray, pairs, corners, any, _, steps|
-        traverse::sequential::walk(ray, pairs, corners, any, steps)
-}
-
-brute!(brute_strict::BRUTE_STRICT = Strict);
-test!(exact::EXACT, brute_exact::BRUTE_EXACT = Exact);
-test!(woop::WOOP, brute_woop::BRUTE_WOOP = Woop);
-test!(moeller::MOELLER, brute_moeller::BRUTE_MOELLER = Moeller);
-test!(plane::PLANE, brute_plane::BRUTE_PLANE = Plane);
-test!(baldwin::BALDWIN, brute_baldwin::BRUTE_BALDWIN = Baldwin);
+/// The kernels of this file.
+#[cfg(not(target_arch = "spirv"))]
+pub const KERNELS: &[&crate::Kernel] =
+    &[&closest::CLOSEST, &any::ANY, &steps::STEPS, &except::EXCEPT, &all::ALL_HITS];

@@ -232,3 +232,5 @@ impl Intersector for Exact {
         whole
     }
 }
+
+test!(EXACT, brute_exact::BRUTE_EXACT = Exact);

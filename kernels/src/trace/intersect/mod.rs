@@ -15,6 +15,22 @@ pub mod strict;
 pub mod unit;
 pub mod woop;
 
+/// The kernels of triangle tests: with a stack, but for the default's, and of every triangle.
+#[cfg(not(target_arch = "spirv"))]
+pub const KERNELS: &[&crate::Kernel] = &[
+    &moeller::MOELLER,
+    &plane::PLANE,
+    &baldwin::BALDWIN,
+    &woop::WOOP,
+    &exact::EXACT,
+    &strict::brute_strict::BRUTE_STRICT,
+    &exact::brute_exact::BRUTE_EXACT,
+    &moeller::brute_moeller::BRUTE_MOELLER,
+    &plane::brute_plane::BRUTE_PLANE,
+    &baldwin::brute_baldwin::BRUTE_BALDWIN,
+    &woop::brute_woop::BRUTE_WOOP,
+];
+
 use super::frame::Frame;
 use crate::glam::{Vec3, Vec4};
 use raykd_shared::MISS;
