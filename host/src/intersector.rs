@@ -3,10 +3,11 @@
 use crate::{
     Error, Query, Traversal,
     choices::choices,
-    exec::{Launch, OnDevice, Step},
+    exec::{Buffer, Launch, OnDevice, Out, Step},
 };
 use raykd_kernels::{
     Bindings, Host, Kernel,
+    glam::UVec4,
     trace::{
         intersect::{
             baldwin::{self, Baldwin, brute_baldwin},
@@ -16,11 +17,12 @@ use raykd_kernels::{
             strict::{Strict, brute_strict},
             woop::{self, Woop, brute_woop},
         },
-        queries::{self, any, closest},
+        queries::{self, all, any, closest, exact_all, exact_except, exact_steps, except, steps},
         single::Tree,
     },
 };
 use raykd_shared::{Hit, Ray};
+use std::ops::ControlFlow;
 
 choices! {
     /// How it is told whether a ray hits a triangle, and where. [`Intersector::Strict`] keeps raykd's promises, and
@@ -55,8 +57,64 @@ impl Intersector {
     pub fn check(self, traversal: Traversal) -> Result<(), Error> {
         match (self, traversal) {
             (Self::Strict, _) | (_, Traversal::Stack | Traversal::Brute) => Ok(()),
-            _ => Err(Error::Intersector { name: self.name(), asked: format!("traversal {traversal}") }),
+            _ => {
+                let asked = format!("traversal {traversal}");
+                Err(Error::Intersector { name: self.name(), asked, exact: false })
+            }
         }
+    }
+
+    /// Whether it answers more than closest and any hits: what is `asked`.
+    ///
+    /// # Errors
+    /// It does not keep the contract.
+    pub fn check_query(self, asked: &str) -> Result<(), Error> {
+        if self.keeps_contract() {
+            return Ok(());
+        }
+        Err(Error::Intersector { name: self.name(), asked: asked.to_owned(), exact: true })
+    }
+
+    /// All hits of so many rays.
+    pub(crate) fn all<'a>(
+        self,
+        query: queries::Query<'a, OnDevice>,
+        totals: Out<'a, u32>,
+        count: u32,
+    ) -> Result<Step<'a>, Error> {
+        self.check_query("a query for all hits")?;
+        Ok(match self {
+            Self::Exact => exact_all::Buffers { query, totals }.over(count),
+            _ => all::Buffers { query, totals }.over(count),
+        })
+    }
+
+    /// Hits of so many rays on other triangles than theirs.
+    pub(crate) fn except<'a>(
+        self,
+        query: queries::Query<'a, OnDevice>,
+        excluded: &'a Buffer<u32>,
+        count: u32,
+    ) -> Result<Step<'a>, Error> {
+        self.check_query("leaving out a triangle")?;
+        Ok(match self {
+            Self::Exact => exact_except::Buffers { query, excluded }.over(count),
+            _ => except::Buffers { query, excluded }.over(count),
+        })
+    }
+
+    /// Closest hits of so many rays, counting steps.
+    pub(crate) fn steps<'a>(
+        self,
+        query: queries::Query<'a, OnDevice>,
+        counts: Out<'a, UVec4>,
+        count: u32,
+    ) -> Result<Step<'a>, Error> {
+        self.check_query("counting steps")?;
+        Ok(match self {
+            Self::Exact => exact_steps::Buffers { query, counts }.over(count),
+            _ => steps::Buffers { query, counts }.over(count),
+        })
     }
 
     /// With a full stack: the kernel and its buffers.
@@ -89,6 +147,22 @@ impl Intersector {
             Self::Plane => brute_plane::Buffers { brute }.over(count),
             Self::Baldwin => brute_baldwin::Buffers { brute }.over(count),
         }
+    }
+
+    /// Calls `each` with all hits of one ray on the CPU until it says no.
+    pub(crate) fn single_all(
+        self,
+        tree: &Tree<'_>,
+        ray: &Ray,
+        each: &mut dyn FnMut(Hit) -> bool,
+    ) -> Result<(), Error> {
+        self.check_query("a query for all hits")?;
+        let on = |hit| if each(hit) { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
+        let _ = match self {
+            Self::Exact => tree.for_each::<Exact, ()>(ray, on),
+            _ => tree.for_each::<Strict, ()>(ray, on),
+        };
+        Ok(())
     }
 
     /// One ray on the CPU.

@@ -70,10 +70,10 @@ pub use mesh::Mesh;
 pub use query::Query;
 pub use raykd_kernels as kernels;
 pub use raykd_shared as shared;
-pub use raykd_shared::{Hit, Ray};
+pub use raykd_shared::{Crossings, Hit, Ray};
 pub use rays::Ray64;
 pub use read::usual_max_bytes;
-pub use scene::{AllHits, RaySteps, Resident, Scene, Traced, Tracer};
+pub use scene::{AllHits, Counted, RaySteps, Resident, Scene, Traced, Tracer};
 #[cfg(feature = "gpu")]
 pub use scene::{Encoded, RayCount, SceneBuffers, WGSL};
 pub use traversal::Traversal;

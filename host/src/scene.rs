@@ -3,12 +3,14 @@
 mod batch;
 mod build;
 mod choose;
+mod crossings;
 #[cfg(feature = "gpu")]
 mod encode;
 mod trace;
 mod tracer;
 
 pub use batch::Resident;
+pub use crossings::Counted;
 #[cfg(feature = "gpu")]
 pub use encode::{Encoded, RayCount, SceneBuffers, WGSL};
 pub use trace::{AllHits, RaySteps, Traced};

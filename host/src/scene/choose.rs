@@ -46,17 +46,13 @@ impl Scene {
         Ok(())
     }
 
-    /// Refuses what only the default triangle test does.
-    pub(super) fn needs_default(&self, asked: &str) -> Result<(), Error> {
-        match self.intersector {
-            Intersector::Strict => Ok(()),
-            other => Err(Error::Intersector { name: other.name(), asked: asked.to_owned() }),
-        }
+    /// What leaves keep instead of corners for the scene's triangle test.
+    pub(super) fn own_transforms(&self) -> Option<&Buffer<Vec4>> {
+        self.transforms.as_ref().filter(|_| self.intersector == Intersector::Baldwin)
     }
 
     /// The triangles of the leaves as the scene's test wants them.
     pub(super) fn leaf_triangles(&self) -> &Buffer<Vec4> {
-        let transforms = self.transforms.as_ref().filter(|_| self.intersector == Intersector::Baldwin);
-        transforms.unwrap_or(&self.corners)
+        self.own_transforms().unwrap_or(&self.corners)
     }
 }

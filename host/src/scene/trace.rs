@@ -3,11 +3,11 @@
 use super::{Scene, batch::Batch};
 use crate::{
     Error, Query,
-    exec::{Buffer, Groups, Launch, Step},
+    exec::{Buffer, Groups, Step},
     rays::AnyRay,
     traversal::Traversal,
 };
-use raykd_kernels::trace::queries::{self, all, except, steps};
+use raykd_kernels::trace::queries;
 use raykd_shared::{Hit, Ray};
 use std::time::{Duration, Instant};
 
@@ -99,14 +99,13 @@ impl Scene {
     /// At an edge the rounded origin may lie behind a neighbour of that triangle, which is then hit.
     ///
     /// # Errors
-    /// There are not as many excluded triangles as rays, the scene's triangle test is not the default, or the device failed.
+    /// There are not as many excluded triangles as rays, the scene's triangle test is neither the default nor `exact`, or the device failed.
     pub fn trace_except(
         &self,
         query: Query,
         rays: &[impl AnyRay],
         excluded: &[u32],
     ) -> Result<Traced, Error> {
-        self.needs_default("leaving out a triangle")?;
         if rays.len() != excluded.len() {
             return Err(Error::Excluded { rays: rays.len(), excluded: excluded.len() });
         }
@@ -117,8 +116,8 @@ impl Scene {
             let batch = Batch::new(self, part)?;
             let excluded = &self.device.upload("excluded", excluded)?;
             traced.upload += start.elapsed();
-            let except = except::Buffers { query: batch.query(self), excluded };
-            traced.trace += batch.ask(&self.device, except, query)?;
+            let except = self.intersector.except(batch.query(self), excluded, batch.count)?;
+            traced.trace += batch.run(&self.device, except, query)?;
             batch.finish(&self.device, &mut traced)?;
         }
         Ok(traced)
@@ -143,9 +142,8 @@ impl Scene {
     /// of 0 hits are only counted. Uses the full stack, once more than the ray has hits.
     ///
     /// # Errors
-    /// The device failed, the hits of one ray do not fit it, or the scene's triangle test is not the default.
+    /// The device failed, the hits of one ray do not fit it, or the scene's triangle test is neither the default nor `exact`.
     pub fn all(&self, rays: &[impl AnyRay], limit: u32) -> Result<AllHits, Error> {
-        self.needs_default("a query for all hits")?;
         let mut all = AllHits::default();
         let room = (self.device.limit().bytes / 16 / u64::from(limit.max(1))) as usize;
         for part in rays.chunks(self.batch_limit().min(room).max(1)) {
@@ -153,9 +151,9 @@ impl Scene {
             let batch = Batch::with_room(self, part, limit)?;
             let totals = self.device.alloc("totals", part.len() as u64)?;
             all.upload += start.elapsed();
-            let each = all::Buffers { query: batch.query(self), totals: totals.out() };
+            let each = self.intersector.all(batch.query(self), totals.out(), batch.count)?;
             batch.begin(&self.device, limit)?;
-            all.trace += self.device.dispatch(&[each.over(batch.count)], false)?.total;
+            all.trace += self.device.dispatch(&[each], false)?.total;
             let start = Instant::now();
             all.invalid += batch.outcome(&self.device)?;
             all.hits.extend(self.device.read::<Hit>(&batch.hits.view(), 0, part.len() * limit as usize)?);
@@ -168,19 +166,19 @@ impl Scene {
     /// The closest hit of every ray, and what finding it cost.
     ///
     /// # Errors
-    /// The device failed, or the scene's triangle test is not the default and the traversal not `brute`.
+    /// The device failed, or the scene's triangle test is neither the default nor `exact` and the traversal not `brute`.
     pub fn steps(&self, rays: &[impl AnyRay]) -> Result<(Vec<Hit>, Vec<RaySteps>), Error> {
         if self.traversal == Traversal::Brute {
             let tests = RaySteps { tests: self.kept.len() as u32, ..RaySteps::default() };
             return Ok((self.brute(rays)?, vec![tests; rays.len()]));
         }
-        self.needs_default("counting steps")?;
         let (mut hits, mut counts) = (Vec::new(), Vec::new());
         for part in rays.chunks(self.batch_limit()) {
             let batch = Batch::new(self, part)?;
-            let step = self.walk(&batch, self.traversal).unwrap_or_else(|| {
-                steps::Buffers { query: batch.query(self), counts: batch.counts.out() }.over(batch.count)
-            });
+            let step = match self.walk(&batch, self.traversal) {
+                Some(step) => step,
+                None => self.intersector.steps(batch.query(self), batch.counts.out(), batch.count)?,
+            };
             batch.run(&self.device, step, Query::Closest)?;
             batch.outcome(&self.device)?;
             hits.extend(batch.hits(&self.device)?);
@@ -238,7 +236,7 @@ impl Scene {
     }
 
     /// Most rays in one batch.
-    fn batch_limit(&self) -> usize {
+    pub(super) fn batch_limit(&self) -> usize {
         ((self.device.limit().bytes / size_of::<Ray>() as u64) as usize).min(1 << 24)
     }
 }

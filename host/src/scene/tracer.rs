@@ -3,7 +3,7 @@
 use super::Scene;
 use crate::{Error, Intersector, exec::cpu::Kept, rays::AnyRay};
 use raykd_kernels::trace::single::Tree;
-use raykd_shared::{Hit, Ray, TreeHeader};
+use raykd_shared::{Crossings, Hit, Ray, TreeHeader};
 use std::{ops::ControlFlow, sync::Arc};
 
 /// Traces single rays on the CPU, with no memory, thread or system call for any of them. The hits are the same bytes as a
@@ -31,7 +31,9 @@ pub struct Tracer {
 struct Shared {
     header: TreeHeader,
     nodes: Kept,
-    leaves: Kept,
+    corners: Kept,
+    /// What the leaves keep instead for the scene's triangle test.
+    transforms: Option<Kept>,
     translation: [f64; 3],
 }
 
@@ -45,7 +47,8 @@ impl Scene {
         let shared = Shared {
             header: self.header,
             nodes: self.device.kept(&self.nodes)?,
-            leaves: self.device.kept(self.leaf_triangles())?,
+            corners: self.device.kept(&self.corners)?,
+            transforms: self.own_transforms().map(|own| self.device.kept(own)).transpose()?,
             translation: self.translation,
         };
         Ok(Tracer { shared: Arc::new(shared), intersector: self.intersector })
@@ -66,7 +69,7 @@ impl Tracer {
     /// Calls `each` with all hits, by rising (`t`, triangle), until it breaks.
     ///
     /// # Panics
-    /// The scene's triangle test was not the default.
+    /// The scene's triangle test was neither the default nor `exact`.
     pub fn for_each_hit<B>(
         &self,
         ray: &impl AnyRay,
@@ -78,6 +81,11 @@ impl Tracer {
             broken.is_continue()
         });
         broken
+    }
+
+    /// How often the ray crosses the mesh in its range, as [`Scene::crossings`] counts.
+    pub fn crossings(&self, ray: &impl AnyRay) -> Crossings {
+        self.count_crossings(&self.local(ray))
     }
 
     fn local(&self, ray: &impl AnyRay) -> Ray {
@@ -92,18 +100,20 @@ impl Tracer {
 
     /// Calls `each` with all hits until it says no.
     fn find_all(&self, ray: &Ray, each: &mut dyn FnMut(Hit) -> bool) {
-        assert!(
-            self.intersector == Intersector::default(),
-            "all hits of a ray are found by the triangle test {}, this is {}",
-            Intersector::default(),
-            self.intersector
-        );
-        let on = |hit| if each(hit) { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
-        let _ = self.tree().for_each_hit(ray, on);
+        let done = self.intersector.single_all(&self.tree(), ray, each);
+        done.unwrap_or_else(|error| panic!("{error}"));
+    }
+
+    fn count_crossings(&self, ray: &Ray) -> Crossings {
+        self.tree_of(&self.shared.corners).crossings(ray)
     }
 
     fn tree(&self) -> Tree<'_> {
-        let Shared { header, nodes, leaves, .. } = &*self.shared;
+        self.tree_of(self.shared.transforms.as_ref().unwrap_or(&self.shared.corners))
+    }
+
+    fn tree_of<'a>(&'a self, leaves: &'a Kept) -> Tree<'a> {
+        let Shared { header, nodes, .. } = &*self.shared;
         Tree::of_parts(header, nodes.slice(), leaves.slice()).expect("a scene's nodes are pairs")
     }
 }

@@ -2,17 +2,18 @@
 //! other ways through the tree and triangle tests have theirs beside them.
 
 use super::{
-    intersect::strict::Strict,
+    frame::Frame,
+    intersect::{Intersector, exact::Exact, perturbed::Perturbed, strict::Strict},
     job::{JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, THREADS, load, record},
     traverse::{
         self, Steps,
-        leaf::{After, Every, Except},
+        leaf::{AT_ONCE, After, Every, Except, NEXT_WORDS, Next},
         stack::ASIDE,
     },
 };
 use crate::{
     glam::{UVec4, Vec4},
-    mem::{Atomics, Buf, Slots},
+    mem::{Atomics, Buf, Slots, scratch},
 };
 use raykd_shared::{MISS, TreeHeader, status};
 
@@ -176,7 +177,7 @@ query! {
 /// owns it. But hits have an order, (`t`, triangle), in which each comes once: so this asks for the closest
 /// hit after the last one until there is none. `n` hits take `n + 1` traversals, each from the last hit on.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
-pub fn each(
+pub fn each<I: Intersector>(
     i: u32,
     job: &Buf<u32>,
     header: &Buf<TreeHeader>,
@@ -190,6 +191,7 @@ pub fn each(
     if i < job.at(JOB_RAYS) {
         let limit = job.at(JOB_LIMIT);
         let mut ray = load(i, rays, &header.at(0), outcome);
+        ray = if I::WHOLE { ray.whole() } else { ray };
         let mut steps = Steps::default();
         let mut after = After::NOTHING;
         let mut total = 0;
@@ -198,7 +200,7 @@ pub fn each(
         let mut open = 1;
         while running {
             let aside = &mut [0; ASIDE];
-            let best = traverse::stack::walk::<Strict, After, false>(
+            let best = traverse::stack::walk::<I, After, false>(
                 &mut ray, pairs, corners, after, false, aside, &mut steps,
             );
             if best.triangle == MISS {
@@ -209,7 +211,7 @@ pub fn each(
                     hits.put(i * limit + total, record(&ray, &best));
                 }
                 total += 1;
-                after.pass(&mut ray, &best);
+                after.pass(&mut ray, (best.t, best.triangle));
             }
         }
         let mut empty = total;
@@ -233,13 +235,140 @@ pub mod all {
 
     of_query! {
         kernel {
-            /// [`each`] over all rays.
-            map ALL_HITS = each, threads 64, query:
+            /// [`each`] over all rays, by the default test.
+            map ALL_HITS = each::<Strict>, threads 64, query:
         } { , { 7 totals: write u32 } }
+    }
+}
+
+/// The same by [`Exact`].
+pub mod exact_all {
+    use super::*;
+
+    of_query! {
+        kernel {
+            /// [`each`] over all rays, by [`Exact`].
+            map EXACT_ALL = each::<Exact>, threads 64, query:
+        } { , { 7 totals: write u32 } }
+    }
+}
+
+query! {
+    /// As `steps`, by [`Exact`].
+    exact_steps::EXACT_STEPS counts = |_, ray, pairs, corners, _, aside, steps|
+        traverse::stack::walk::<Exact, Every, true>(&mut ray.whole(), pairs, corners, Every, false, aside, steps)
+}
+query! {
+    /// As `except`, by [`Exact`].
+    exact_except::EXACT_EXCEPT = |i, ray, pairs, corners, any, aside, steps|
+        traverse::stack::walk::<Exact, Except, false>(
+            &mut ray.whole(), pairs, corners, Except(excluded.at(i)), any, aside, steps,
+        ),
+    { 7 excluded: u32 }
+}
+
+/// What a ray crosses.
+#[derive(Clone, Copy, Debug)]
+pub struct Crossed {
+    /// Crossings along triangles' normals.
+    pub leaving: u32,
+    /// Crossings against them.
+    pub entering: u32,
+    /// Whether that is all there is to cross.
+    pub whole: bool,
+}
+
+/// Counts the crossings of a ray in its range, see [`perturbed`](super::intersect::perturbed). A traversal finds the next
+/// [`AT_ONCE`] of them; mostly the first finds all.
+#[inline(always)]
+pub fn crossed(ray: &Frame, pairs: &Buf<UVec4>, corners: &Buf<Vec4>, steps: &mut Steps) -> Crossed {
+    let mut ray = ray.whole();
+    let mut after = After::NOTHING;
+    let mut list = scratch::<u32, NEXT_WORDS>();
+    let (mut leaving, mut entering) = (0, 0);
+    let mut running = true;
+    // 1 until there are no more.
+    let mut open = 1;
+    while running {
+        let aside = &mut [0; ASIDE];
+        Next::clear(&mut list);
+        traverse::stack::walk_keeping::<Perturbed, Next, false>(
+            &mut ray,
+            pairs,
+            corners,
+            Next(after),
+            false,
+            aside,
+            &mut list,
+            steps,
+        );
+        let count = Next::count(&list);
+        let mut i = 0;
+        while i < count {
+            let (t, triangle, along) = Next::hit(&list, i);
+            leaving += along as u32;
+            entering += !along as u32;
+            i += 1;
+            if i == AT_ONCE {
+                after.pass(&mut ray, (t, triangle));
+            }
+        }
+        if count < AT_ONCE {
+            running = false;
+            open = 0;
+        }
+    }
+    Crossed { leaving, entering, whole: open == 0 }
+}
+
+/// Counts the crossings of ray `i`. Writes how many leave and how many enter, in place of a hit.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+pub fn count_crossings(
+    i: u32,
+    job: &Buf<u32>,
+    header: &Buf<TreeHeader>,
+    pairs: &Buf<UVec4>,
+    corners: &Buf<Vec4>,
+    rays: &Buf<Vec4>,
+    hits: &mut Buf<UVec4>,
+    outcome: &mut Buf<u32>,
+) {
+    if i < job.at(JOB_RAYS) {
+        let ray = load(i, rays, &header.at(0), outcome);
+        let mut steps = Steps::default();
+        let found = crossed(&ray, pairs, corners, &mut steps);
+        hits.put(i, UVec4::new(found.leaving, found.entering, 0, 0));
+        if !found.whole {
+            steps.status |= status::CUT_SHORT;
+        }
+        if steps.status != 0 {
+            outcome.or(OUTCOME_STATUS, steps.status);
+        }
+    }
+}
+
+/// How often a ray crosses the surface, and from which sides.
+pub mod crossings {
+    use super::*;
+
+    of_query! {
+        kernel {
+            /// [`count_crossings`] over all rays.
+            map CROSSINGS = count_crossings, threads 64, query:
+        } { , {} }
     }
 }
 
 /// The kernels of this file.
 #[cfg(not(target_arch = "spirv"))]
-pub const KERNELS: &[&crate::Kernel] =
-    &[&closest::CLOSEST, &any::ANY, &steps::STEPS, &except::EXCEPT, &all::ALL_HITS];
+pub const KERNELS: &[&crate::Kernel] = &[
+    &closest::CLOSEST,
+    &any::ANY,
+    &steps::STEPS,
+    &except::EXCEPT,
+    &all::ALL_HITS,
+    &exact_steps::EXACT_STEPS,
+    &exact_except::EXACT_EXCEPT,
+    &exact_all::EXACT_ALL,
+    &crossings::CROSSINGS,
+];

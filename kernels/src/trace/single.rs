@@ -6,9 +6,10 @@ use super::{
     intersect::{Best, Intersector, strict::Strict},
     job::record,
     prepare::corners::kept,
+    queries::crossed,
     traverse::{
         Steps,
-        leaf::{After, Every, Filter},
+        leaf::{After, Choice, Every},
         stack::{ASIDE, walk},
     },
 };
@@ -17,7 +18,7 @@ use crate::{
     mem::View,
 };
 use core::ops::ControlFlow;
-use raykd_shared::{Hit, MISS, Node, Ray, TreeHeader, TreeView};
+use raykd_shared::{Crossings, Hit, MISS, Node, Ray, TreeHeader, TreeView};
 
 /// A triangle as a leaf keeps it: see [`lay_out`].
 #[repr(C, align(16))]
@@ -117,15 +118,33 @@ impl<'a> Tree<'a> {
 
     /// Calls `each` with all hits, by rising (`t`, triangle), until it breaks.
     #[inline]
-    pub fn for_each_hit<B>(&self, ray: &Ray, mut each: impl FnMut(Hit) -> ControlFlow<B>) -> ControlFlow<B> {
-        let mut frame = self.frame::<Strict>(ray);
+    pub fn for_each_hit<B>(&self, ray: &Ray, each: impl FnMut(Hit) -> ControlFlow<B>) -> ControlFlow<B> {
+        self.for_each::<Strict, B>(ray, each)
+    }
+
+    /// The same by a triangle test, for which the triangles were laid out.
+    #[inline]
+    pub fn for_each<I: Intersector, B>(
+        &self,
+        ray: &Ray,
+        mut each: impl FnMut(Hit) -> ControlFlow<B>,
+    ) -> ControlFlow<B> {
+        let mut frame = self.frame::<I>(ray);
         let mut after = After::NOTHING;
         loop {
-            let best = self.walk::<Strict, After>(&mut frame, after, false);
+            let best = self.walk::<I, After>(&mut frame, after, false);
             let Some(hit) = hit(&frame, &best) else { return ControlFlow::Continue(()) };
             each(hit)?;
-            after.pass(&mut frame, &best);
+            after.pass(&mut frame, (best.t, best.triangle));
         }
+    }
+
+    /// How often the ray crosses the surface in its range, see [`Crossings`].
+    #[inline]
+    pub fn crossings(&self, ray: &Ray) -> Crossings {
+        let (pairs, corners) = (View::new(self.pairs), View::new(self.corners));
+        let found = crossed(&Frame::of(ray, self.header), &pairs, &corners, &mut Steps::default());
+        Crossings { leaving: found.leaving, entering: found.entering }
     }
 
     #[inline(always)]
@@ -135,10 +154,10 @@ impl<'a> Tree<'a> {
     }
 
     #[inline(always)]
-    fn walk<I: Intersector, F: Filter + Copy>(&self, ray: &mut Frame, filter: F, any: bool) -> Best {
+    fn walk<I: Intersector, C: Choice>(&self, ray: &mut Frame, choice: C, any: bool) -> Best {
         // No valid tree is deeper than the stack, and no loop is cut short on a CPU.
         let (pairs, corners) = (View::new(self.pairs), View::new(self.corners));
-        walk::<I, F, false>(ray, &pairs, &corners, filter, any, &mut [0; ASIDE], &mut Steps::default())
+        walk::<I, C, false>(ray, &pairs, &corners, choice, any, &mut [0; ASIDE], &mut Steps::default())
     }
 }
 
