@@ -50,6 +50,7 @@
 //! are an error.
 
 mod digest;
+mod edges;
 mod error;
 #[cfg(feature = "gltf")]
 mod gltf;
@@ -66,6 +67,7 @@ mod stl;
 mod teapot;
 
 pub(crate) use digest::digest;
+pub use edges::{EdgeCount, Edges};
 pub use error::{MeshError, Place, Spot};
 pub use repair::Repairs;
 pub use scenes::{Scene, folder as scenes_folder, scene};

@@ -48,8 +48,8 @@ impl Scene {
     /// seen from outside, -1 if clockwise, and larger numbers where it overlaps itself. Points on the surface count as if
     /// moved by `(e, e^2, e^3)`, see [`Scene::crossings`].
     ///
-    /// Only of meshes without border ([`Mesh::borders`](crate::Mesh::borders)) is that a property of the point; of others it is what the
-    /// ray to the nearest face of the scene's box crosses.
+    /// Only of closed meshes ([`Edges::are_closed`](crate::mesh::Edges::are_closed)) is that a property of the point; of others it is
+    /// what the ray to the nearest face of the scene's box crosses.
     ///
     /// ```
     /// use raykd::{BuildOptions, Device, Mesh, Scene};

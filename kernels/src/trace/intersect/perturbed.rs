@@ -24,10 +24,11 @@ use super::{
     Best, Intersector,
     exact::{self, Edge, Exact},
     integers,
+    pair::Pair,
 };
 use crate::{
     glam::{Vec3, Vec4},
-    math::{component, exp2},
+    math::{exp2, product_difference_wide},
     trace::frame::Frame,
 };
 
@@ -39,43 +40,59 @@ pub const AT_ORIGIN: f32 = exp2(-126);
 #[derive(Clone, Copy, Debug)]
 pub struct Perturbed;
 
-/// 1, 0 or -1 as `a` is larger than `b`, equal or smaller.
+/// `p - q`, and whether that is exact.
 #[inline(always)]
-fn compared(a: f32, b: f32) -> i32 {
-    (a > b) as i32 - (a < b) as i32
+fn difference(p: Vec3, q: Vec3) -> (Vec3, bool) {
+    let (x, y, z) = (Pair::sum(p.x, -q.x), Pair::sum(p.y, -q.y), Pair::sum(p.z, -q.z));
+    (Vec3::new(x.hi, y.hi, z.hi), (x.lo == 0.0) & (y.lo == 0.0) & (z.lo == 0.0))
 }
 
-/// The sign of the first component of `(p - q) x d` that is not 0; 0 if comparisons do not tell, or all are.
+/// The signs of the components of `v x w`.
 #[inline(always)]
-fn beside(p: Vec3, q: Vec3, d: Vec3) -> i32 {
-    let mut sign = 0;
-    let mut unknown = false;
-    let mut axis = 0;
-    while axis < 3 {
-        let j = if axis == 2 { 0 } else { axis + 1 };
-        let k = if axis == 0 { 2 } else { axis - 1 };
-        let first = compared(component(p, j), component(q, j)) * compared(component(d, k), 0.0);
-        let second = compared(component(p, k), component(q, k)) * compared(component(d, j), 0.0);
-        let difference = first - second;
-        unknown |= (sign == 0) & (first == second) & (first != 0);
-        sign = if sign == 0 && !unknown { difference } else { sign };
-        axis += 1;
+fn signs(v: Vec3, w: Vec3) -> (i32, i32, i32) {
+    let sign = |a: f32, b: f32, c: f32, d: f32| {
+        let (size, _) = product_difference_wide(a, b, c, d);
+        (size > 0.0) as i32 - (size < 0.0) as i32
+    };
+    (sign(v.y, w.z, v.z, w.y), sign(v.z, w.x, v.x, w.z), sign(v.x, w.y, v.y, w.x))
+}
+
+/// The first that is not 0.
+#[inline(always)]
+fn first((x, y, z): (i32, i32, i32)) -> i32 {
+    if x != 0 {
+        x
+    } else if y != 0 {
+        y
+    } else {
+        z
     }
-    (sign > 0) as i32 - (sign < 0) as i32
 }
 
 /// The sign of `d . (p x q)` from the perturbed origin, `edge` being that of `q` and `p`; 0 if that is not certain.
 #[inline(always)]
 fn sign(edge: Edge, turned: bool, p: Vec3, q: Vec3, d: Vec3) -> i32 {
-    let zero = edge.certain & !(edge.positive | edge.negative);
-    let plain = (edge.negative != turned) as i32 - (edge.positive != turned) as i32;
-    if zero {
-        beside(p, q, d)
-    } else if edge.certain {
-        plain
-    } else {
+    if !edge.certain {
         0
+    } else if edge.positive | edge.negative {
+        (edge.negative != turned) as i32 - (edge.positive != turned) as i32
+    } else {
+        let (v, exact) = difference(p, q);
+        if exact { first(signs(v, d)) } else { 0 }
     }
+}
+
+/// Where the origin lies in the triangle's plane, seen by floats: the sign of the first component of the normal that is not
+/// 0; else 0.
+#[inline(always)]
+fn in_plane(origin: Vec3, (a, b, c): (Vec3, Vec3, Vec3)) -> i32 {
+    let ((v, one), (w, two)) = (difference(b, a), difference(c, a));
+    let (x, y, z) = signs(v, w);
+    // Every term of the volume is 0, for one corner or another.
+    let level = |p: Vec3| {
+        ((x == 0) | (p.x == origin.x)) & ((y == 0) | (p.y == origin.y)) & ((z == 0) | (p.z == origin.z))
+    };
+    if one & two & (level(a) | level(b) | level(c)) { first((x, y, z)) } else { 0 }
 }
 
 /// What is known of a triangle.
@@ -104,12 +121,26 @@ fn by_pairs(ray: &Frame, id: u32, (a, b, c): (Vec3, Vec3, Vec3), best: &Best) ->
     if u * v * w == 0 || !met.told {
         return Verdict { certain: false, ..nothing };
     }
-    let (near, later) = (met.near, met.later);
+    let (mut near, mut later) = (met.near, met.later);
+    let mut certain = met.sure();
+    if !certain && near <= 0.0 && later >= 0.0 {
+        // The perturbed volume has the other sign.
+        let normal = in_plane(ray.origin, (a, b, c));
+        certain = normal != 0;
+        near = if !certain {
+            near
+        } else if (normal > 0) == (u > 0) {
+            -AT_ORIGIN
+        } else {
+            AT_ORIGIN
+        };
+        later = if certain { near } else { later };
+    }
     let behind = near > best.t || (near == later && near == best.t && id > best.triangle);
     if behind || near > ray.t_max || later < ray.t_min {
         return nothing;
     }
-    Verdict { certain: met.sure(), crossed: true, leaving: u > 0, t: near }
+    Verdict { certain, crossed: true, leaving: u > 0, t: near }
 }
 
 impl Intersector for Perturbed {
