@@ -100,6 +100,7 @@ pub mod internals {
         build::LISTED as SWEEP_LISTED,
         error::{QUOTED, quoted},
         exec::{AnyBuffer, Buffer, Cpu, Groups, Launch, OnDevice, Out, Step, Timing, watch},
+        mesh::ply_vertices,
         read::all_of,
         tree::digest_of,
     };

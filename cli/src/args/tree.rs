@@ -2,7 +2,7 @@
 
 use super::values::{one_of, within};
 use clap::ValueEnum;
-use raykd::{BuildOptions, Builder, Error, Intersector, Traversal};
+use raykd::{BuildOptions, Builder, Intersector, Traversal};
 use std::path::PathBuf;
 
 /// How the tree is built, by these options or by `auto`. Hits do not depend on it.
