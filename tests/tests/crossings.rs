@@ -221,3 +221,39 @@ fn points_of_meshes_far_off_and_points_that_are_none() {
         assert_eq!((none.counts, none.invalid), (vec![0, 0], 2), "{}", named.name);
     }
 }
+
+/// Speed of crossings against that of closest hits of the same rays, on the last device: run it with `--ignored --nocapture`.
+#[test]
+#[ignore = "measures, on fetched scenes"]
+fn speed_of_winding_numbers() {
+    for name in ["dragon_res3", "dragon", "sponza"] {
+        let mesh = raykd::mesh::scene(name).unwrap();
+        let scene = Scene::build(raykd_tests::gpu(), &mesh, &BuildOptions::default()).unwrap();
+        let (lo, hi) = mesh.bounds();
+        let mut random = Random::new(1);
+        let point = |random: &mut Random| [0, 1, 2].map(|a| lo[a] + (hi[a] - lo[a]) * random.unit() as f32);
+        let points: Vec<Point> = (0..1_000_000).map(|_| point(&mut random)).collect();
+        let shortest = |p: &Point| {
+            let sides = (0..3).flat_map(|a| [(p[a] - lo[a], a, -1.0), (hi[a] - p[a], a, 1.0)]);
+            let (_, axis, side) = sides.min_by(|x, y| x.0.total_cmp(&y.0)).unwrap();
+            let mut direction = [0.0; 3];
+            direction[axis] = side;
+            Ray::new(*p, direction)
+        };
+        let rays: Vec<Ray> = points.iter().map(shortest).collect();
+        let mut resident = scene.resident(&rays).unwrap();
+        let mut exact = scene.clone();
+        exact.intersect_by(raykd::Intersector::Exact).unwrap();
+        let mut by_exact = exact.resident(&rays).unwrap();
+        for _ in 0..6 {
+            let closest = resident.trace(raykd::Query::Closest).unwrap();
+            let exactly = by_exact.trace(raykd::Query::Closest).unwrap();
+            let winding = scene.winding(&points).unwrap();
+            let inside = winding.counts.iter().filter(|&&n| n != 0).count();
+            println!(
+                "{name}: closest {closest:?}, exact {exactly:?}, winding {:?} (up {:?} down {:?}), {inside} inside",
+                winding.trace, winding.upload, winding.download
+            );
+        }
+    }
+}

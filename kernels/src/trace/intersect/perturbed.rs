@@ -17,18 +17,21 @@
 //! crossings, leaving less entering, are the winding number of `o + s`: a number of the point, not of the
 //! direction, since `s` does not depend on `d`. docs/inside.md has the proof.
 //!
-//! Signs and `t` are exact, by the stages of [`exact`](super::exact). Where `t` is 0, or rounds to it, it is
-//! [`AT_ORIGIN`] or the negative of that, by the second rule.
+//! Signs are exact: floats with bounds of their errors tell nearly all, then come the stages of [`exact`](super::exact).
+//! The `t` of what floats tell is that of [`strict`](super::strict), else it is exact too; a triangle's comes by the same way
+//! whenever a ray meets it, so hits keep their order. Where `t` is 0, or rounds to it, it is [`AT_ORIGIN`] or the negative of
+//! that, by the second rule.
 
 use super::{
     Best, Intersector,
     exact::{self, Edge, Exact},
     integers,
     pair::Pair,
+    strict::shear,
 };
 use crate::{
     glam::{Vec3, Vec4},
-    math::{exp2, product_difference_wide},
+    math::{abs, component, div, exp2, exponent, high, low, product_difference_wide},
     trace::frame::Frame,
 };
 
@@ -103,6 +106,29 @@ struct Verdict {
     t: f32,
 }
 
+/// What floats tell. A sheared corner is off by at most a quarter of the pad, see [`Exact::may_hit`], and so are edge
+/// functions by the half of what is compared here; `t` hangs on them by how far the corners' depths are apart.
+#[inline(always)]
+fn by_floats(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> Verdict {
+    let s = shear(ray, a, b, c);
+    let half = 0.5 * ray.pad;
+    let (x, y, z) = (abs(s.ax) + abs(s.ay), abs(s.bx) + abs(s.by), abs(s.cx) + abs(s.cy));
+    let (eu, ev, ew) = (ray.pad * (y + z + half), ray.pad * (z + x + half), ray.pad * (x + y + half));
+    let (u, v, w) = s.edges();
+    let positive = (u > eu) & (v > ev) & (w > ew);
+    let negative = (u < -eu) & (v < -ev) & (w < -ew);
+    let unit = exp2(-exponent(u + v + w));
+    let (u, v, w) = (u * unit, v * unit, w * unit);
+    let inverse = div(1.0, u + v + w);
+    let t = s.depth(ray, u, v, w) * inverse;
+    let along = component(ray.inverse, ray.main);
+    let spread = abs(along) * (high(s.az, high(s.bz, s.cz)) - low(s.az, low(s.bz, s.cz)));
+    let off = (eu + ev + ew) * unit * abs(inverse) * spread + ray.pad;
+    let certain = s.is_plain() & (positive | negative) & (t - off > ray.t_min) & (t + off < ray.exit);
+    // With the main component of the direction positive, edge functions and volumes have opposite signs.
+    Verdict { certain, crossed: true, leaving: positive == (along < 0.0), t }
+}
+
 #[inline(always)]
 fn by_pairs(ray: &Frame, id: u32, (a, b, c): (Vec3, Vec3, Vec3), best: &Best) -> Verdict {
     let nothing = Verdict { certain: true, crossed: false, leaving: false, t: 0.0 };
@@ -160,8 +186,11 @@ impl Intersector for Perturbed {
     #[inline(always)]
     fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool {
         let (a, b, c) = (a.truncate(), b.truncate(), c.truncate());
-        let mut found = by_pairs(ray, id, (a, b, c), best);
+        let mut found = by_floats(ray, (a, b, c));
         let mut whole = true;
+        if !found.certain {
+            found = by_pairs(ray, id, (a, b, c), best);
+        }
         if !found.certain {
             let passed = integers::pass(ray.origin, ray.heading, a, b, c);
             let near = if passed.ahead { AT_ORIGIN } else { -AT_ORIGIN };
