@@ -1,0 +1,87 @@
+//! Ambient occlusion: how much of the sky each point of a surface sees. [`openness`] runs on GPU and CPU, and gives the
+//! same bytes: beside raykd it has integers, and floats with `+ - *` and comparisons alone.
+#![no_std]
+
+use raykd_kernels::{glam::Vec3, trace::single::Tree};
+use raykd_shared::Ray;
+
+/// Rays a point.
+pub const RAYS: u32 = 16;
+/// Written instead of a count where a driver left a loop early.
+pub const CUT_SHORT: u32 = u32::MAX;
+
+/// Where a ray leaves a surface: a little nearer than the hit, so that it does not meet the same triangle.
+const NEARER: f32 = 1.0 - 1.0 / 4096.0;
+/// A step of [`noise`]. What is divided in a constant is not divided on the GPU.
+const STEP: f32 = 1.0 / 8_388_608.0;
+
+/// A number from -1 to 1, made of an integer by PCG's hash. An `f32` has room for 24 bits.
+fn noise(seed: u32) -> f32 {
+    let state = seed.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+    let word = ((state >> ((state >> 28) + 4)) ^ state).wrapping_mul(277_803_737);
+    (((word >> 22) ^ word) >> 8) as f32 * STEP - 1.0
+}
+
+fn dot(a: Vec3, b: Vec3) -> f32 {
+    a.x * b.x + a.y * b.y + a.z * b.z
+}
+
+/// A point of the unit ball.
+fn in_ball(seed: u32) -> Vec3 {
+    let (mut i, mut found) = (0, Vec3::new(1.0, 0.0, 0.0));
+    while i < 24 {
+        let d = Vec3::new(noise(seed + i), noise(seed + i + 1), noise(seed + i + 2));
+        let inside = dot(d, d) < 1.0;
+        found = if inside { d } else { found };
+        i = if inside { 24 } else { i + 3 };
+    }
+    found
+}
+
+/// How many of the rays from where `ray` hits, on the side it comes from, meet nothing. `i` is its number.
+pub fn openness(tree: &Tree<'_>, positions: &[f32], indices: &[u32], ray: &Ray, i: u32) -> u32 {
+    let first = tree.answer(ray, false);
+    if !first.hit.is_hit() {
+        return if first.whole { RAYS } else { CUT_SHORT };
+    }
+    let corner = move |k| {
+        let v = 3 * indices[(3 * first.hit.triangle + k) as usize] as usize;
+        Vec3::new(positions[v], positions[v + 1], positions[v + 2])
+    };
+    let (b, c) = (corner(1) - corner(0), corner(2) - corner(0));
+    let normal = Vec3::new(b.y * c.z - b.z * c.y, b.z * c.x - b.x * c.z, b.x * c.y - b.y * c.x);
+    let (from, t) = (ray.origin, first.hit.t * NEARER);
+    let along = Vec3::new(ray.direction[0], ray.direction[1], ray.direction[2]);
+    let origin = [from[0] + along.x * t, from[1] + along.y * t, from[2] + along.z * t];
+    let behind = dot(along, normal) > 0.0;
+    let (mut k, mut open, mut whole) = (0, 0, first.whole);
+    while k < RAYS {
+        let d = in_ball((i * RAYS + k) * 24);
+        let d = if (dot(d, normal) > 0.0) == behind { -d } else { d };
+        let answer = tree.answer(&Ray::new(origin, [d.x, d.y, d.z]), true);
+        whole &= answer.whole;
+        open += !answer.hit.is_hit() as u32;
+        k += 1;
+    }
+    if whole { open } else { CUT_SHORT }
+}
+
+/// The kernel: one ray of a camera an invocation.
+#[cfg(target_arch = "spirv")]
+#[spirv_std::spirv(compute(threads(64)))]
+pub fn ambient(
+    #[spirv(global_invocation_id)] id: spirv_std::glam::UVec3,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] header: &raykd_shared::TreeHeader,
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] nodes: &[spirv_std::glam::UVec4],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] corners: &[spirv_std::glam::Vec4],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] positions: &[f32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] indices: &[u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] rays: &[Ray],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] open: &mut [u32],
+) {
+    let i = id.x;
+    if i < open.len() as u32 {
+        let tree = Tree::of_buffers(header, nodes, corners);
+        open[i as usize] = openness(&tree, positions, indices, &rays[i as usize], i);
+    }
+}
