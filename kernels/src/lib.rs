@@ -70,8 +70,8 @@
 //! ```
 //!
 //! The crate `raykd-spirv` compiles it, and refuses what would not be the same bytes everywhere. spirv-std must be
-//! version 0.10.0. raykd's own entry points are left out; the feature `entry-points` would put them in. A whole program is
-//! the folder `examples/own_kernel` of raykd's repository.
+//! version 0.10.0. raykd's own entry points are left out; the feature `entry-points` would put them in. The folder
+//! `examples/own_kernel` of raykd's repository has a whole program.
 //!
 //! # Features
 //! * `entry-points`: in SPIR-V, every kernel is an entry point. For raykd's own module; on a CPU it changes nothing.

@@ -18,9 +18,9 @@ const ENVIRONMENT: [(&str, &str); 3] = [
     ("CARGO_PROFILE_RELEASE_LTO", "off"),
 ];
 
-/// Sets what rust-gpu needs in the environment of the process: room on the stack for its deep inlining, and neither debug
-/// info nor link-time optimisation, whatever the crate's release profile says. For the start of `main`, in a program that
-/// calls [`Compiler::compile`].
+/// Sets what rust-gpu needs in the environment of the process: room on the stack for its deep inlining, and neither
+/// debug info nor link-time optimisation, whatever the crate's release profile says. For the start of `main`, in a
+/// program that calls [`Compiler::compile`].
 ///
 /// # Safety
 /// The process has no other thread.
@@ -34,8 +34,8 @@ pub unsafe fn set_environment() {
 /// Compiles a shader crate by rust-gpu, and [finishes](finish) and [validates](validate) the module.
 ///
 /// The toolchain is the one that the environment variables `RUST_GPU_TOOLCHAIN` (its name in rustup) and
-/// `RUSTC_CODEGEN_SPIRV` (the path of its `librustc_codegen_spirv.so`) name. Without them the nightly that rust-gpu is made
-/// for is installed by rustup, and rust-gpu is built with it, once for each target folder.
+/// `RUSTC_CODEGEN_SPIRV` (the path of its `librustc_codegen_spirv.so`) name. Without them rustup installs the nightly
+/// that rust-gpu is made for, and rust-gpu is built with it, once for each target folder.
 #[derive(Clone, Debug)]
 pub struct Compiler {
     crate_dir: PathBuf,

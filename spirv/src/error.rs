@@ -20,9 +20,9 @@ pub enum Error {
     NoToolchain(String),
     /// rust-gpu could not be installed.
     #[error(
-        "shaders are compiled by rust-gpu {RUST_GPU}, which could not be installed: {0}. It needs rustup, a network and \
-         a C++ compiler. If you have it built already, set RUST_GPU_TOOLCHAIN to the name of its toolchain in rustup and \
-         RUSTC_CODEGEN_SPIRV to the path of its librustc_codegen_spirv.so"
+        "shaders are compiled by rust-gpu {RUST_GPU}, which could not be installed: {0}. It needs rustup, a network \
+         and a C++ compiler. If you have it built already, set RUST_GPU_TOOLCHAIN to the name of its toolchain in \
+         rustup and RUSTC_CODEGEN_SPIRV to the path of its librustc_codegen_spirv.so"
     )]
     Install(String),
     /// A program could not be started.

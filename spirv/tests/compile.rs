@@ -1,4 +1,5 @@
-//! Shader crates from source to module. These tests need rust-gpu and spirv-val: `cargo test -p raykd-spirv -- --ignored`.
+//! Shader crates from source to module. These tests need rust-gpu and spirv-val:
+//! `cargo test -p raykd-spirv -- --ignored`.
 
 use raykd_spirv::{Compiler, Error, Module, validate};
 use std::{

@@ -1,4 +1,4 @@
-//! A rust-gpu kernel of one's own that traces rays through a scene of raykd: on a GPU, and by the same function on the CPU.
+//! A rust-gpu kernel of one's own that traces rays through a scene of raykd: on a GPU, and as a function on the CPU.
 //!
 //! `own_kernel MODULE PICTURE`: what `raykd-spirv compile shader MODULE` wrote, and a PGM picture to be written.
 

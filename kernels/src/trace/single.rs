@@ -92,8 +92,8 @@ pub struct Tree<'a> {
 pub struct Answer {
     /// The hit, or [`Hit::NONE`].
     pub hit: Hit,
-    /// Whether all was looked at that had to be. False only on a GPU, if its driver leaves loops early, and the hit is not to
-    /// be used then. llvmpipe does once an invocation has gone 65,535 rounds in all its loops; hardware does not.
+    /// Whether all was looked at that had to be. False only on a GPU, if its driver leaves loops early, and the hit is
+    /// not to be used then. llvmpipe does so once an invocation has gone 65,535 rounds in all its loops.
     pub whole: bool,
 }
 
@@ -132,8 +132,8 @@ impl<'a> Tree<'a> {
 }
 
 impl<'a> Tree<'a> {
-    /// Of storage buffers as a shader binds them: header, nodes and leaf triangles, the two latter in words of 16 bytes. A
-    /// host gets them from `Scene::buffers` of the crate `raykd`, as `header`, `nodes` and `corners`.
+    /// Of storage buffers as a shader binds them: header, nodes and leaf triangles, the two latter in words of 16
+    /// bytes. A host gets them from `Scene::buffers` of the crate `raykd`, as `header`, `nodes` and `corners`.
     ///
     /// The tree must be valid: a GPU checks nothing, and may go on for ever.
     #[inline(always)]

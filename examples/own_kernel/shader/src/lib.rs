@@ -41,8 +41,11 @@ fn in_ball(seed: u32) -> Vec3 {
 /// How many of the rays from where `ray` hits, on the side it comes from, meet nothing. `i` is its number.
 pub fn openness(tree: &Tree<'_>, positions: &[f32], indices: &[u32], ray: &Ray, i: u32) -> u32 {
     let first = tree.answer(ray, false);
+    if !first.whole {
+        return CUT_SHORT;
+    }
     if !first.hit.is_hit() {
-        return if first.whole { RAYS } else { CUT_SHORT };
+        return RAYS;
     }
     let corner = move |k| {
         let v = 3 * indices[(3 * first.hit.triangle + k) as usize] as usize;
@@ -54,16 +57,22 @@ pub fn openness(tree: &Tree<'_>, positions: &[f32], indices: &[u32], ray: &Ray, 
     let along = Vec3::new(ray.direction[0], ray.direction[1], ray.direction[2]);
     let origin = [from[0] + along.x * t, from[1] + along.y * t, from[2] + along.z * t];
     let behind = dot(along, normal) > 0.0;
-    let (mut k, mut open, mut whole) = (0, 0, first.whole);
-    while k < RAYS {
+    let (mut k, mut open, mut whole) = (0, 0, true);
+    // A driver that leaves loops early does not come to the last round.
+    let (mut running, mut done) = (true, false);
+    while running {
         let d = in_ball((i * RAYS + k) * 24);
         let d = if (dot(d, normal) > 0.0) == behind { -d } else { d };
         let answer = tree.answer(&Ray::new(origin, [d.x, d.y, d.z]), true);
         whole &= answer.whole;
         open += !answer.hit.is_hit() as u32;
         k += 1;
+        if k == RAYS {
+            running = false;
+            done = true;
+        }
     }
-    if whole { open } else { CUT_SHORT }
+    if whole & done { open } else { CUT_SHORT }
 }
 
 /// The kernel: one ray of a camera an invocation.
