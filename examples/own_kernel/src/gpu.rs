@@ -61,14 +61,14 @@ impl Kernel {
         Self { layout, pipeline }
     }
 
-    /// Runs so many lanes, each of which writes a word to the last buffer; returns the words.
-    pub fn run(
+    /// Runs so many lanes, each of which writes a record to the last buffer; returns the records.
+    pub fn run<T: bytemuck::Pod>(
         &self,
         (device, queue): &(wgpu::Device, wgpu::Queue),
         buffers: &[&wgpu::Buffer],
         lanes: u32,
-    ) -> Result<Vec<u32>, Box<dyn Error>> {
-        let size = 4 * u64::from(lanes);
+    ) -> Result<Vec<T>, Box<dyn Error>> {
+        let size = size_of::<T>() as u64 * u64::from(lanes);
         let buffer = |usage| wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false };
         let written = device.create_buffer(&buffer(Use::STORAGE | Use::COPY_SRC));
         let read = device.create_buffer(&buffer(Use::COPY_DST | Use::MAP_READ));

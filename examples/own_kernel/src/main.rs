@@ -4,7 +4,7 @@
 
 mod gpu;
 
-use ambient::{CUT_SHORT, RAYS, openness};
+use ambient::{CUT_SHORT, RAYS, Seen, look};
 use raykd::kernels::trace::single::{LeafTriangle, Tree, lay_out};
 use raykd::wgpu::{BufferUsages, util::BufferInitDescriptor, util::DeviceExt as _};
 use raykd::{BuildOptions, Device, Mesh, Ray, Scene, rays::Camera};
@@ -14,7 +14,7 @@ use std::{env, error::Error, fs, time::Instant};
 const SIDE: u32 = 256;
 
 /// What the kernel writes for the rays.
-fn on_gpu(spirv: &[u8], mesh: &Mesh, rays: &[Ray]) -> Result<Vec<u32>, Box<dyn Error>> {
+fn on_gpu(spirv: &[u8], mesh: &Mesh, rays: &[Ray]) -> Result<Vec<Seen>, Box<dyn Error>> {
     let opened = gpu::open()?;
     let (device, queue) = &opened;
     let scene = Scene::build(&Device::from_wgpu(device, queue)?, mesh, &BuildOptions::default())?;
@@ -25,19 +25,21 @@ fn on_gpu(spirv: &[u8], mesh: &Mesh, rays: &[Ray]) -> Result<Vec<u32>, Box<dyn E
     let buffers = [of.header, of.nodes, of.corners, of.positions, of.indices, &rays_buffer];
     let kernel = gpu::Kernel::new(device, spirv, "ambient", 7);
     let start = Instant::now();
-    let open = kernel.run(&opened, &buffers, rays.len() as u32)?;
+    let seen: Vec<Seen> = kernel.run(&opened, &buffers, rays.len() as u32)?;
     println!("{} points, {RAYS} rays each, in {:?}", rays.len(), start.elapsed());
-    Ok(open)
+    // The hits of raykd's own kernel.
+    assert!(seen.iter().map(|seen| seen.hit).eq(scene.closest(rays)?), "other hits than raykd's");
+    Ok(seen)
 }
 
 /// The same function on the CPU, ray by ray.
-fn on_cpu(mesh: &Mesh, rays: &[Ray]) -> Result<Vec<u32>, Box<dyn Error>> {
+fn on_cpu(mesh: &Mesh, rays: &[Ray]) -> Result<Vec<Seen>, Box<dyn Error>> {
     let tree = Scene::build(&Device::cpu(), mesh, &BuildOptions::default())?.tree()?;
     let mut leaves = vec![LeafTriangle::default(); tree.view().refs.len()];
     lay_out(tree.view(), mesh.positions(), mesh.triangles(), &mut leaves).ok_or("not this mesh")?;
     let tree = Tree::new(tree.view(), &leaves).ok_or("not a tree")?;
     let (positions, indices) = (mesh.scaled_positions(), mesh.triangles().as_flattened());
-    Ok(rays.iter().zip(0..).map(|(ray, i)| openness(&tree, &positions, indices, ray, i)).collect())
+    Ok(rays.iter().zip(0..).map(|(ray, i)| look(&tree, &positions, indices, ray, i)).collect())
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -48,13 +50,17 @@ fn main() -> Result<(), Box<dyn Error>> {
     let spirv = fs::read(&module).map_err(|e| format!("{module}: {e}"))?;
     let mesh = Mesh::teapot(16);
     let rays = Camera::framing(mesh.bounds()).rays(SIDE, SIDE);
-    let open = on_gpu(&spirv, &mesh, &rays)?;
-    if open.contains(&CUT_SHORT) {
+    let seen = on_gpu(&spirv, &mesh, &rays)?;
+    if seen.iter().any(|seen| seen.open == CUT_SHORT) {
         return Err("the driver left a loop early: give it fewer rays a point".into());
     }
-    assert!(open == on_cpu(&mesh, &rays)?, "GPU and CPU differ");
+    let on_cpu = on_cpu(&mesh, &rays)?;
+    assert!(
+        bytemuck::cast_slice::<_, u8>(&seen) == bytemuck::cast_slice::<_, u8>(&on_cpu),
+        "GPU and CPU differ"
+    );
     println!("the same bytes on the CPU");
     let mut pgm = format!("P5 {SIDE} {SIDE} 255\n").into_bytes();
-    pgm.extend(open.iter().map(|&open| (open * 255 / RAYS) as u8));
+    pgm.extend(seen.iter().map(|seen| (seen.open * 255 / RAYS) as u8));
     Ok(fs::write(picture, pgm)?)
 }

@@ -114,7 +114,7 @@ impl<'a> Tree<'a> {
         (!pairs.is_empty()).then_some(Self { header, pairs, corners })
     }
 
-    /// Calls `each` with all hits, by rising (`t`, triangle), until it breaks.
+    /// Calls `each` with all hits, by rising (`t`, triangle), until it breaks. On a CPU only.
     #[inline]
     pub fn for_each_hit<B>(&self, ray: &Ray, mut each: impl FnMut(Hit) -> ControlFlow<B>) -> ControlFlow<B> {
         let mut frame = self.frame::<Strict>(ray);

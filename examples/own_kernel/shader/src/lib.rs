@@ -1,59 +1,48 @@
-//! Ambient occlusion: how much of the sky each point of a surface sees. [`openness`] runs on GPU and CPU, and gives the
-//! same bytes: beside raykd it has integers, and floats with `+ - *` and comparisons alone.
+//! Ambient occlusion: how much of the sky each point of a surface sees. [`look`] runs on GPU and CPU, and gives the same
+//! bytes: beside raykd it has integers, and floats with `+ - *` and comparisons alone.
 #![no_std]
 
+mod random;
+
 use raykd_kernels::{glam::Vec3, trace::single::Tree};
-use raykd_shared::Ray;
+use raykd_shared::{Hit, Ray};
 
 /// Rays a point.
 pub const RAYS: u32 = 16;
-/// Written instead of a count where a driver left a loop early.
+/// Stands for a count where a driver left a loop early.
 pub const CUT_SHORT: u32 = u32::MAX;
+
+/// What a ray of a camera sees.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct Seen {
+    /// Where it hits.
+    pub hit: Hit,
+    /// How many of [`RAYS`] rays from there, on the side it comes from, meet nothing.
+    pub open: u32,
+}
 
 /// Where a ray leaves a surface: a little nearer than the hit, so that it does not meet the same triangle.
 const NEARER: f32 = 1.0 - 1.0 / 4096.0;
-/// A step of [`noise`]. What is divided in a constant is not divided on the GPU.
-const STEP: f32 = 1.0 / 8_388_608.0;
-
-/// A number from -1 to 1, made of an integer by PCG's hash. An `f32` has room for 24 bits.
-fn noise(seed: u32) -> f32 {
-    let state = seed.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
-    let word = ((state >> ((state >> 28) + 4)) ^ state).wrapping_mul(277_803_737);
-    (((word >> 22) ^ word) >> 8) as f32 * STEP - 1.0
-}
 
 fn dot(a: Vec3, b: Vec3) -> f32 {
     a.x * b.x + a.y * b.y + a.z * b.z
 }
 
-/// A point of the unit ball.
-fn in_ball(seed: u32) -> Vec3 {
-    let (mut i, mut found) = (0, Vec3::new(1.0, 0.0, 0.0));
-    while i < 24 {
-        let d = Vec3::new(noise(seed + i), noise(seed + i + 1), noise(seed + i + 2));
-        let inside = dot(d, d) < 1.0;
-        found = if inside { d } else { found };
-        i = if inside { 24 } else { i + 3 };
-    }
-    found
-}
-
-/// How many of the rays from where `ray` hits, on the side it comes from, meet nothing. `i` is its number.
-pub fn openness(tree: &Tree<'_>, positions: &[f32], indices: &[u32], ray: &Ray, i: u32) -> u32 {
+/// What ray `i` sees of a mesh.
+pub fn look(tree: &Tree<'_>, positions: &[f32], indices: &[u32], ray: &Ray, i: u32) -> Seen {
     let first = tree.answer(ray, false);
-    if !first.whole {
-        return CUT_SHORT;
-    }
-    if !first.hit.is_hit() {
-        return RAYS;
+    let hit = first.hit;
+    if !first.whole || !hit.is_hit() {
+        return Seen { hit, open: if first.whole { RAYS } else { CUT_SHORT } };
     }
     let corner = move |k| {
-        let v = 3 * indices[(3 * first.hit.triangle + k) as usize] as usize;
+        let v = 3 * indices[(3 * hit.triangle + k) as usize] as usize;
         Vec3::new(positions[v], positions[v + 1], positions[v + 2])
     };
     let (b, c) = (corner(1) - corner(0), corner(2) - corner(0));
     let normal = Vec3::new(b.y * c.z - b.z * c.y, b.z * c.x - b.x * c.z, b.x * c.y - b.y * c.x);
-    let (from, t) = (ray.origin, first.hit.t * NEARER);
+    let (from, t) = (ray.origin, hit.t * NEARER);
     let along = Vec3::new(ray.direction[0], ray.direction[1], ray.direction[2]);
     let origin = [from[0] + along.x * t, from[1] + along.y * t, from[2] + along.z * t];
     let behind = dot(along, normal) > 0.0;
@@ -61,7 +50,7 @@ pub fn openness(tree: &Tree<'_>, positions: &[f32], indices: &[u32], ray: &Ray, 
     // A driver that leaves loops early does not come to the last round.
     let (mut running, mut done) = (true, false);
     while running {
-        let d = in_ball((i * RAYS + k) * 24);
+        let d = random::in_ball((i * RAYS + k) * 24);
         let d = if (dot(d, normal) > 0.0) == behind { -d } else { d };
         let answer = tree.answer(&Ray::new(origin, [d.x, d.y, d.z]), true);
         whole &= answer.whole;
@@ -72,7 +61,7 @@ pub fn openness(tree: &Tree<'_>, positions: &[f32], indices: &[u32], ray: &Ray, 
             done = true;
         }
     }
-    if whole & done { open } else { CUT_SHORT }
+    Seen { hit, open: if whole & done { open } else { CUT_SHORT } }
 }
 
 /// The kernel: one ray of a camera an invocation.
@@ -86,11 +75,11 @@ pub fn ambient(
     #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] positions: &[f32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] indices: &[u32],
     #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] rays: &[Ray],
-    #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] open: &mut [u32],
+    #[spirv(storage_buffer, descriptor_set = 0, binding = 6)] seen: &mut [Seen],
 ) {
     let i = id.x;
-    if i < open.len() as u32 {
+    if i < seen.len() as u32 {
         let tree = Tree::of_buffers(header, nodes, corners);
-        open[i as usize] = openness(&tree, positions, indices, &rays[i as usize], i);
+        seen[i as usize] = look(&tree, positions, indices, &rays[i as usize], i);
     }
 }
