@@ -29,7 +29,7 @@ pub enum Error {
     #[error("{0} cannot be run; it must be in PATH")]
     Program(&'static str, #[source] io::Error),
     /// A file could not be read or written.
-    #[error("{}", .0.display())]
+    #[error("{} cannot be read or written", .0.display())]
     File(PathBuf, #[source] io::Error),
     /// rust-gpu refused the crate.
     #[error("rust-gpu did not compile {}: its messages are above", .0.display())]

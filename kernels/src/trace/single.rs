@@ -52,8 +52,14 @@ pub struct LeafTriangle(pub [[f32; 4]; 3]);
 /// let mut leaves = [LeafTriangle::default()];
 /// lay_out(view, &positions, &triangles, &mut leaves).expect("numbers in range");
 /// let tree = Tree::new(view, &leaves).expect("as many triangles as references");
-/// let hit = tree.closest(&Ray::new([0.25, 0.25, 1.0], [0.0, 0.0, -1.0])).expect("a hit");
+/// let ray = Ray::new([0.25, 0.25, 1.0], [0.0, 0.0, -1.0]);
+/// let hit = tree.closest(&ray).expect("a hit");
 /// assert_eq!((hit.triangle, hit.t), (0, 1.0));
+///
+/// // The same, made of words as a shader has them.
+/// let tree = Tree::of_buffers(&header, bytemuck::cast_slice(&nodes), bytemuck::cast_slice(&leaves));
+/// assert_eq!(tree.any(&ray), Some(hit));
+/// assert!(tree.answer(&ray, false).whole);
 /// ```
 ///
 /// Returns nothing if a triangle or vertex is not there, or `leaves` has another length than the tree's references.
