@@ -2,16 +2,18 @@
 
 mod batch;
 mod build;
+mod choose;
+mod crossings;
 #[cfg(feature = "gpu")]
 mod encode;
-mod extras;
 mod trace;
 mod tracer;
 
 pub use batch::Resident;
+pub use crossings::Counted;
 #[cfg(feature = "gpu")]
 pub use encode::{Encoded, RayCount, SceneBuffers, WGSL};
-pub use trace::{AllHits, Query, RaySteps, Traced};
+pub use trace::{AllHits, RaySteps, Traced};
 pub use tracer::Tracer;
 
 use crate::{
@@ -19,9 +21,8 @@ use crate::{
     build::MeshBuffers,
     exec::{Buffer, Device},
     mesh::digest,
-    traversal::Traversal,
+    traversal::{Extras, Traversal},
 };
-use extras::Extras;
 use raykd_kernels::glam::{UVec4, Vec4};
 use raykd_shared::TreeHeader;
 use std::sync::Arc;
@@ -43,6 +44,8 @@ pub struct Scene {
     times: BuildTimes,
     traversal: Traversal,
     intersector: Intersector,
+    /// What the triangle test `baldwin` keeps instead of corners.
+    transforms: Option<Buffer<Vec4>>,
     extras: Extras,
 }
 
@@ -88,6 +91,6 @@ impl Scene {
 
     /// Bytes of the tree on the device as its traversal uses it: nodes, references, and parents, boxes or ropes.
     pub fn tree_bytes(&self) -> u64 {
-        u64::from(self.header.nodes) * 8 + u64::from(self.header.refs) * 4 + self.more_bytes()
+        u64::from(self.header.nodes) * 8 + u64::from(self.header.refs) * 4 + self.extras.bytes(self.traversal)
     }
 }

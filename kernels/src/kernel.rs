@@ -244,7 +244,7 @@ macro_rules! bindings {
 
         #[cfg(not(target_arch = "spirv"))]
         impl<'a, H: $crate::Host> $name<'a, H> {
-            fn list(self) -> impl Iterator<Item = H::Any<'a>> {
+            pub(crate) fn list(self) -> impl Iterator<Item = H::Any<'a>> {
                 [$(slot!(forget $mode H self.$arg)),+].into_iter()
             }
         }

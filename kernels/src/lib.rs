@@ -108,68 +108,36 @@ const ON_GPU: bool = cfg!(target_arch = "spirv");
 
 /// Every kernel, in pipeline order.
 #[cfg(not(target_arch = "spirv"))]
-pub const KERNELS: &[&Kernel] = &[
-    &probe::PROBE,
-    &build::boxes::BOXES,
-    &build::alone::ALONE,
-    &build::bin::BIN,
-    &build::split::SPLIT,
-    &build::count::COUNT,
-    &build::tally::TALLY,
-    &build::alloc::ALLOC,
-    &build::scatter::SCATTER,
-    &build::treelet::TREELETS,
-    &build::place::PLACE,
-    &build::top::TOP,
-    &build::emit::EMIT,
-    &build::sweep::start::START,
-    &build::sweep::sort::SORT,
-    &build::sweep::weigh::WEIGH,
-    &build::sweep::cheapest::CHEAPEST,
-    &build::sweep::classify::CLASSIFY,
-    &build::sweep::rank::RANK,
-    &build::sweep::total::TOTAL,
-    &build::sweep::advance::ADVANCE,
-    &build::sweep::children::CHILDREN,
-    &build::sweep::distribute::DISTRIBUTE,
-    &build::sweep::carry::CARRY,
-    &build::sweep::insert::INSERT,
-    &build::sweep::sizes::SIZES,
-    &build::sweep::number::NUMBER,
-    &build::sweep::leaves::LEAVES,
-    &trace::workgroups::WORKGROUPS,
-    &trace::prepare::corners::CORNERS,
-    &trace::prepare::corners::transforms::TRANSFORMS,
-    &trace::queries::closest::CLOSEST,
-    &trace::queries::any::ANY,
-    &trace::queries::steps::STEPS,
-    &trace::queries::except::EXCEPT,
-    &trace::queries::all::ALL_HITS,
-    &trace::queries::moeller::MOELLER,
-    &trace::queries::plane::PLANE,
-    &trace::queries::baldwin::BALDWIN,
-    &trace::queries::woop::WOOP,
-    &trace::queries::exact::EXACT,
-    &trace::queries::brute_strict::BRUTE_STRICT,
-    &trace::queries::brute_exact::BRUTE_EXACT,
-    &trace::queries::brute_moeller::BRUTE_MOELLER,
-    &trace::queries::brute_plane::BRUTE_PLANE,
-    &trace::queries::brute_baldwin::BRUTE_BALDWIN,
-    &trace::queries::brute_woop::BRUTE_WOOP,
-    &trace::prepare::parents::PARENTS,
-    &trace::prepare::node_boxes::NODE_BOXES,
-    &trace::prepare::rope_links::ROPE_LINKS,
-    &trace::queries::restart::RESTART,
-    &trace::queries::pushdown::PUSHDOWN,
-    &trace::queries::shortstack1::SHORTSTACK1,
-    &trace::queries::shortstack2::SHORTSTACK2,
-    &trace::queries::shortstack4::SHORTSTACK4,
-    &trace::queries::shortstack8::SHORTSTACK8,
-    &trace::queries::backtrack::BACKTRACK,
-    &trace::queries::ropes::ROPES,
-    &trace::queries::optimised_ropes::OPTIMISED_ROPES,
-    &trace::queries::sequential::SEQUENTIAL,
-];
+pub const KERNELS: &[&Kernel] = &{
+    const LISTS: [&[&Kernel]; 7] = [
+        &[&probe::PROBE],
+        build::KERNELS,
+        build::sweep::KERNELS,
+        trace::prepare::KERNELS,
+        trace::queries::KERNELS,
+        trace::intersect::KERNELS,
+        trace::traverse::KERNELS,
+    ];
+    const COUNT: usize = {
+        let (mut count, mut list) = (0, 0);
+        while list < LISTS.len() {
+            count += LISTS[list].len();
+            list += 1;
+        }
+        count
+    };
+    let mut all = [&probe::PROBE; COUNT];
+    let (mut list, mut next) = (0, 0);
+    while list < LISTS.len() {
+        let mut i = 0;
+        while i < LISTS[list].len() {
+            all[next] = LISTS[list][i];
+            (i, next) = (i + 1, next + 1);
+        }
+        list += 1;
+    }
+    all
+};
 
 /// All kernels as one SPIR-V module, made by `cargo xtask kernels`; its entry points are
 /// [`Kernel::entry_point`].

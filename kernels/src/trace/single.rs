@@ -7,7 +7,7 @@ use super::{
     job::record,
     traverse::{
         Steps,
-        leaf::{Every, Filter},
+        leaf::{Choice, Every},
         stack::{ASIDE, walk},
     },
 };
@@ -18,10 +18,10 @@ use crate::{
 use raykd_shared::{Hit, Ray, TreeHeader};
 #[cfg(not(target_arch = "spirv"))]
 use {
-    super::{prepare::corners::kept, traverse::leaf::After},
+    super::{prepare::corners::kept, queries::crossed, traverse::leaf::After},
     crate::glam::Vec3,
     core::ops::ControlFlow,
-    raykd_shared::{Node, TreeView},
+    raykd_shared::{Crossings, Node, TreeView},
 };
 
 /// A triangle as a leaf keeps it: see [`lay_out`].
@@ -122,18 +122,36 @@ impl<'a> Tree<'a> {
 
     /// Calls `each` with all hits, by rising (`t`, triangle), until it breaks. On a CPU only.
     #[inline]
-    pub fn for_each_hit<B>(&self, ray: &Ray, mut each: impl FnMut(Hit) -> ControlFlow<B>) -> ControlFlow<B> {
-        let mut frame = self.frame::<Strict>(ray);
+    pub fn for_each_hit<B>(&self, ray: &Ray, each: impl FnMut(Hit) -> ControlFlow<B>) -> ControlFlow<B> {
+        self.for_each::<Strict, B>(ray, each)
+    }
+
+    /// The same by a triangle test, for which the triangles were laid out.
+    #[inline]
+    pub fn for_each<I: Intersector, B>(
+        &self,
+        ray: &Ray,
+        mut each: impl FnMut(Hit) -> ControlFlow<B>,
+    ) -> ControlFlow<B> {
+        let mut frame = self.frame::<I>(ray);
         let mut after = After::NOTHING;
         loop {
-            let best = self.walk::<Strict, After>(&mut frame, after, false, &mut Steps::default());
+            let best = self.walk::<I, After>(&mut frame, after, false, &mut Steps::default());
             let hit = hit(&frame, &best);
             if !hit.is_hit() {
                 return ControlFlow::Continue(());
             }
             each(hit)?;
-            after.pass(&mut frame, &best);
+            after.pass(&mut frame, (best.t, best.triangle));
         }
+    }
+
+    /// How often the ray crosses the surface in its range, see [`Crossings`]. On a CPU only.
+    #[inline]
+    pub fn crossings(&self, ray: &Ray) -> Crossings {
+        let (pairs, corners) = (view(self.pairs), view(self.corners));
+        let found = crossed(&Frame::of(ray, self.header), &pairs, &corners, &mut Steps::default());
+        Crossings { leaving: found.leaving, entering: found.entering }
     }
 }
 
@@ -188,16 +206,16 @@ impl<'a> Tree<'a> {
     }
 
     #[inline(always)]
-    fn walk<I: Intersector, F: Filter + Copy>(
+    fn walk<I: Intersector, C: Choice>(
         &self,
         ray: &mut Frame,
-        filter: F,
+        choice: C,
         any: bool,
         steps: &mut Steps,
     ) -> Best {
         // No valid tree is deeper than the stack.
         let (pairs, corners) = (view(self.pairs), view(self.corners));
-        walk::<I, F, false>(ray, &pairs, &corners, filter, any, &mut [0; ASIDE], steps)
+        walk::<I, C, false>(ray, &pairs, &corners, choice, any, &mut [0; ASIDE], steps)
     }
 }
 

@@ -159,3 +159,5 @@ impl Intersector for Strict {
         true
     }
 }
+
+test!(brute_strict::BRUTE_STRICT = Strict);
