@@ -29,11 +29,58 @@
 //! # Rules for results that must agree to the bit
 //! `+ - *`, comparisons and exact conversions on `f32` only; quotients by [`math::div`]; no `min`/`max`
 //! methods; no float reduction whose order a scheduler decides; no atomic append: count, scan, scatter.
-//! `cargo xtask kernels` refuses SPIR-V that breaks the first three.
+//! The crate `raykd-spirv`, which compiles them, refuses SPIR-V that breaks the first two, and `min` and `max` if they
+//! become instructions of a GPU's.
+//!
+//! # In a shader of your own
+//! A crate that rust-gpu compiles may depend on this one, and trace rays in kernels of its own: a
+//! [`trace::single::Tree`] over a scene's buffers answers on a GPU what it answers on a CPU, to the bit. So a function
+//! that takes one runs on both:
+//!
+//! ```
+//! use raykd_kernels::trace::single::Tree;
+//! use raykd_shared::Ray;
+//!
+//! /// How many of four rays straight up meet something.
+//! pub fn covered(tree: &Tree<'_>, [x, y, z]: [f32; 3]) -> u32 {
+//!     let (mut i, mut hits) = (0, 0);
+//!     while i < 4 {
+//!         let from = [x + (i & 1) as f32, y + (i >> 1) as f32, z];
+//!         hits += tree.any(&Ray::new(from, [0.0, 0.0, 1.0])).is_some() as u32;
+//!         i += 1;
+//!     }
+//!     hits
+//! }
+//! ```
+//!
+//! and its kernel makes the tree of storage buffers, which `Scene::buffers` of the crate `raykd` offers:
+//!
+//! ```ignore
+//! #[spirv_std::spirv(compute(threads(64)))]
+//! pub fn kernel(
+//!     #[spirv(global_invocation_id)] id: UVec3,
+//!     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] header: &TreeHeader,
+//!     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] nodes: &[UVec4],
+//!     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] corners: &[Vec4],
+//!     // ...
+//! ) {
+//!     let tree = Tree::of_buffers(header, nodes, corners);
+//!     // ...
+//! }
+//! ```
+//!
+//! The crate `raykd-spirv` compiles it, and refuses what would not be the same bytes everywhere. spirv-std must be
+//! version 0.10.0. raykd's own entry points are left out; the feature `entry-points` would put them in. The folder
+//! `examples/own_kernel` of raykd's repository has a whole program.
 //!
 //! # Features
+//! * `entry-points`: in SPIR-V, every kernel is an entry point. For raykd's own module; on a CPU it changes nothing.
 //! * `traffic`: count the bytes that kernels move on the CPU, which slows them.
 #![no_std]
+#![cfg_attr(
+    all(target_arch = "spirv", not(feature = "entry-points")),
+    allow(unused_imports, reason = "what only entry points use")
+)]
 
 #[macro_use]
 mod kernel;

@@ -15,7 +15,7 @@
 //! meets no edge and no vertex, and starts in no triangle's plane, so whether it crosses a triangle is the same for all
 //! of them, and is what the signs say. A closed surface is then crossed as often as in general position, and the signed
 //! crossings, leaving less entering, are the winding number of `o + s`: a number of the point, not of the
-//! direction, since `s` does not depend on `d`. docs/inside.md has the proof.
+//! direction, since `s` does not depend on `d`.
 //!
 //! Signs are exact: floats with bounds of their errors tell nearly all, then come the stages of [`exact`](super::exact).
 //! The `t` of what floats tell is that of [`strict`](super::strict), else it is exact too; a triangle's comes by the same way
