@@ -1,7 +1,7 @@
 //! Compiles a rust-gpu crate to a module that computes the same bytes on every device: see the library.
 
 use raykd_spirv::{Compiler, Error, Module, finish, validate};
-use std::{env, error, fs, process::ExitCode};
+use std::{env, error, fs, path::Path, process::ExitCode};
 
 const USAGE: &str = "\
 Usage: raykd-spirv compile CRATE MODULE [--features A,B] [--target-dir FOLDER]
@@ -63,6 +63,9 @@ fn finished(path: &str) -> Result<Module, Error> {
 
 fn write((module, path): (Result<Module, Error>, &str)) -> Result<(), Box<dyn error::Error>> {
     let module = module?;
+    if let Some(folder) = Path::new(path).parent() {
+        fs::create_dir_all(folder).map_err(|e| Error::File(folder.into(), e))?;
+    }
     fs::write(path, &module.bytes).map_err(|e| Error::File(path.into(), e))?;
     let (bytes, floats) = (module.bytes.len(), module.exact_float_ops);
     println!("{path}: {} entry points, {bytes} bytes, {floats} float operations", module.entry_points.len());
