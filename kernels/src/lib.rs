@@ -63,6 +63,12 @@ const ON_GPU: bool = cfg!(target_arch = "spirv");
 #[cfg(not(target_arch = "spirv"))]
 pub const KERNELS: &[&Kernel] = &[
     &probe::PROBE,
+    &build::survey::vertices::VERTICES,
+    &build::survey::indices::INDICES,
+    &build::survey::sift::SIFT,
+    &build::survey::offsets::OFFSETS,
+    &build::survey::collect::COLLECT,
+    &build::survey::settle::SETTLE,
     &build::boxes::BOXES,
     &build::alone::ALONE,
     &build::bin::BIN,

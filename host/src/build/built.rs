@@ -7,7 +7,10 @@ use crate::{
     mesh::Mesh,
 };
 use raykd_shared::{Node, TreeHeader};
-use std::time::Instant;
+use std::{
+    sync::Arc,
+    time::{Duration, Instant},
+};
 
 /// A tree on a device.
 #[derive(Debug)]
@@ -16,6 +19,14 @@ pub(crate) struct Built {
     pub nodes: Buffer<Node>,
     pub refs: Buffer<u32>,
     pub times: BuildTimes,
+}
+
+impl Built {
+    /// With what getting ready took.
+    pub(crate) fn after(mut self, upload: Duration) -> Self {
+        self.times.upload += upload;
+        self
+    }
 }
 
 /// What a try leaves of it.
@@ -36,6 +47,95 @@ pub(crate) struct MeshBuffers {
     /// Numbers in it.
     pub coordinates: usize,
     pub indices: Buffer<u32>,
+}
+
+/// What a build has to know of a mesh.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Facts {
+    pub triangles: u32,
+    /// How many of them take part.
+    pub kept: u32,
+    /// The box around those, scaled.
+    pub bounds: ([f32; 3], [f32; 3]),
+    pub scale: f32,
+}
+
+impl From<&Mesh> for Facts {
+    fn from(mesh: &Mesh) -> Self {
+        Self {
+            triangles: mesh.triangles().len() as u32,
+            kept: mesh.kept().len() as u32,
+            bounds: mesh.scaled_bounds(),
+            scale: mesh.scale(),
+        }
+    }
+}
+
+/// Where the numbers of the triangles that take part are, in ascending order.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum KeptIn<'a> {
+    /// The host has the mesh.
+    Host(&'a Mesh),
+    /// Only the device has it, and the list.
+    Device(&'a Buffer<u32>),
+}
+
+/// A mesh on a device, to be built from.
+#[derive(Debug)]
+pub(crate) struct Given<'a> {
+    pub facts: Facts,
+    pub on_device: MeshBuffers,
+    pub kept: KeptIn<'a>,
+}
+
+impl<'a> Given<'a> {
+    /// A mesh of the host, copied to the device.
+    pub(crate) fn of(device: &Device, mesh: &'a Mesh) -> Result<Self, Error> {
+        Ok(Self { facts: mesh.into(), on_device: upload(device, mesh)?, kept: KeptIn::Host(mesh) })
+    }
+
+    /// Bytes of its buffers.
+    pub(super) fn bytes(&self) -> u64 {
+        let MeshBuffers { positions, indices, .. } = &self.on_device;
+        let kept = match self.kept {
+            KeptIn::Host(_) => 0,
+            KeptIn::Device(kept) => kept.bytes(),
+        };
+        positions.bytes() + indices.bytes() + kept
+    }
+}
+
+/// The triangles that take part, as a scene keeps them.
+#[derive(Clone, Debug)]
+pub(crate) enum Kept {
+    Host(Arc<[u32]>),
+    Device { list: Buffer<u32>, count: u32 },
+}
+
+impl Kept {
+    /// How many there are.
+    pub(crate) fn count(&self) -> u32 {
+        match self {
+            Self::Host(list) => list.len() as u32,
+            Self::Device { count, .. } => *count,
+        }
+    }
+
+    /// The list, on the device.
+    pub(crate) fn on(&self, device: &Device) -> Result<Buffer<u32>, Error> {
+        match self {
+            Self::Host(list) => device.upload("kept", list),
+            Self::Device { list, .. } => Ok(list.clone()),
+        }
+    }
+
+    /// The list, on the host.
+    pub(crate) fn list(&self, device: &Device) -> Result<Arc<[u32]>, Error> {
+        match self {
+            Self::Host(list) => Ok(list.clone()),
+            Self::Device { list, count } => Ok(device.read(list, 0, *count as usize)?.into()),
+        }
+    }
 }
 
 /// Copies the mesh to the device.

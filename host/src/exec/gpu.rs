@@ -21,12 +21,19 @@ use rayon::prelude::*;
 use staging::{CHUNK, Slot};
 use std::{
     collections::{HashMap, HashSet},
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicU64, Ordering::Relaxed},
+    },
     time::Instant,
 };
 
 /// Writes of at most this many bytes ride along with the next submission.
 const RIDES_ALONG: usize = 64 << 10;
+
+/// Ways across the bus.
+const TO: usize = 0;
+const BACK: usize = 1;
 
 /// A Vulkan device.
 #[derive(Debug)]
@@ -40,6 +47,8 @@ pub struct Gpu {
     /// Staging buffers; taken while in use, and not put back after an error.
     uploads: Mutex<Option<[Slot; 2]>>,
     downloads: Mutex<Option<[Slot; 2]>>,
+    /// Bytes that went to the device, and that came back.
+    crossed: [AtomicU64; 2],
     /// None where the device has no timestamps.
     clock: Option<Mutex<Option<Clock>>>,
 }
@@ -87,7 +96,7 @@ impl Gpu {
     }
 
     /// The device and its queue.
-    pub(super) fn parts(&self) -> (&wgpu::Device, &wgpu::Queue) {
+    pub(crate) fn parts(&self) -> (&wgpu::Device, &wgpu::Queue) {
         (&self.link.device, &self.link.queue)
     }
 
@@ -169,6 +178,7 @@ impl Gpu {
             pipelines: Mutex::default(),
             uploads: Mutex::default(),
             downloads: Mutex::default(),
+            crossed: Default::default(),
             clock: timed.then(Mutex::default),
             link,
         })
@@ -187,6 +197,15 @@ impl Gpu {
     /// Whether it is a rasteriser in software, with no GPU behind it.
     pub fn is_software(&self) -> bool {
         self.link.device.adapter_info().device_type == wgpu::DeviceType::Cpu
+    }
+
+    /// Bytes that went to the device until now, and bytes that came back: buffers, and timestamps.
+    pub fn crossed(&self) -> [u64; 2] {
+        [0, 1].map(|way| self.crossed[way].load(Relaxed))
+    }
+
+    fn count(&self, way: usize, bytes: usize) {
+        self.crossed[way].fetch_add(bytes as u64, Relaxed);
     }
 
     /// Loses the device, as a driver might.
@@ -212,6 +231,7 @@ impl Gpu {
     /// whatever is run or read next.
     pub(super) fn write(&self, buffer: &wgpu::Buffer, offset: u64, data: &[u8]) -> Result<(), Error> {
         self.link.check()?;
+        self.count(TO, data.len());
         if data.len() <= RIDES_ALONG {
             return self.link.guard("writing", || self.link.queue.write_buffer(buffer, offset, data));
         }
@@ -222,6 +242,7 @@ impl Gpu {
 
     pub(super) fn read(&self, buffer: &wgpu::Buffer, offset: u64, out: &mut [u8]) -> Result<(), Error> {
         self.link.check()?;
+        self.count(BACK, out.len());
         let create = || Slot::download(&self.link, CHUNK as u64);
         let transfer = |slots: &mut _| staging::download(&self.link, slots, buffer, offset, out);
         with(&self.downloads, || Ok([create()?, create()?]), transfer)
@@ -237,6 +258,18 @@ impl Gpu {
             Some(clock) => self.run_timed(clock, steps, profile),
             None => self.run_by_wall_clock(steps, profile),
         }
+    }
+
+    /// Runs, without waiting for the end.
+    pub(super) fn begin(&self, steps: &[Step<'_>]) -> Result<(), Error> {
+        self.link.check()?;
+        self.prepare(&steps.iter().map(|step| step.kernel).collect::<Vec<_>>())?;
+        let commands = self.link.guard("encoding kernels", || {
+            let mut commands = self.link.encoder();
+            self.encode(&mut commands, &mut Bindings::new(), steps, None, None);
+            commands
+        })?;
+        self.link.submit(commands).map(|_| ())
     }
 
     /// Runs in as many passes as there are timestamps for: one, unless very many steps are timed each.
@@ -270,6 +303,7 @@ impl Gpu {
                 }
                 commands
             })?;
+            self.count(BACK, stamps.iter().sum::<u32>() as usize * wgpu::QUERY_SIZE as usize);
             clock.finish(&self.link, commands, &stamps, profile)
         })
     }

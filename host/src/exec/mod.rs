@@ -467,6 +467,15 @@ impl Device {
         self.dispatch(steps, profile)
     }
 
+    /// [`Self::dispatch`], but the end is not waited for: what is run or read next sees it.
+    pub(crate) fn begin(&self, steps: &[Step<'_>]) -> Result<(), Error> {
+        #[cfg(feature = "gpu")]
+        if let (Machine::Gpu(gpu), false) = (&*self.0, watch::is_on()) {
+            return gpu.begin(steps);
+        }
+        self.dispatch(steps, false).map(|_| ())
+    }
+
     /// [`Self::run`], for the steps of this crate.
     pub(crate) fn dispatch(&self, steps: &[Step<'_>], profile: bool) -> Result<Timing, Error> {
         for step in steps {

@@ -3,7 +3,7 @@
 use super::{Extras, Scene};
 use crate::{
     BuildOptions, BuildTimes, Error, Intersector, KdTree, Mesh, Traversal,
-    build::{Built, MeshBuffers, build, sweep_by_kernels, upload},
+    build::{Built, Given, Kept, MeshBuffers, build, sweep_by_kernels, upload},
     exec::{Device, Launch},
 };
 use raykd_kernels::trace::prepare::corners;
@@ -16,8 +16,7 @@ impl Scene {
     /// # Errors
     /// An option is out of its range, the mesh does not fit the device, or the device failed.
     pub fn build(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Result<Self, Error> {
-        let (on_device, built) = build(device, mesh, options)?;
-        Self::assemble(device, mesh, on_device, built)
+        Self::of(device, mesh, options, |given| build(device, given, options))
     }
 
     /// For tests: [`Builder::Exact`] by its kernels, on any device, with lists in nodes of more than `small`
@@ -29,8 +28,21 @@ impl Scene {
         options: &BuildOptions,
         small: u32,
     ) -> Result<Self, Error> {
-        let (on_device, built) = sweep_by_kernels(device, mesh, options, small)?;
-        Self::assemble(device, mesh, on_device, built)
+        Self::of(device, mesh, options, |given| sweep_by_kernels(device, given, options, small))
+    }
+
+    fn of(
+        device: &Device,
+        mesh: &Mesh,
+        options: &BuildOptions,
+        build: impl FnOnce(&Given<'_>) -> Result<Built, Error>,
+    ) -> Result<Self, Error> {
+        options.check()?;
+        let start = Instant::now();
+        let given = Given::of(device, mesh)?;
+        let upload = start.elapsed();
+        let built = build(&given)?.after(upload);
+        Self::assemble(device, given.on_device, Kept::Host(mesh.kept().into()), mesh.translation(), built)
     }
 
     /// Puts a mesh and a tree built earlier on a device.
@@ -46,13 +58,16 @@ impl Scene {
         let refs = device.upload("refs", &tree.refs)?;
         let on_device = upload(device, mesh)?;
         let times = BuildTimes { upload: start.elapsed(), ..BuildTimes::default() };
-        Self::assemble(device, mesh, on_device, Built { header, nodes, refs, times })
+        let (kept, built) = (Kept::Host(mesh.kept().into()), Built { header, nodes, refs, times });
+        Self::assemble(device, on_device, kept, mesh.translation(), built)
     }
 
-    fn assemble(
+    /// Lays the tree out for tracing.
+    pub(super) fn assemble(
         device: &Device,
-        mesh: &Mesh,
         on_device: MeshBuffers,
+        kept: Kept,
+        translation: [f64; 3],
         mut built: Built,
     ) -> Result<Self, Error> {
         let header = device.upload("header", &[built.header])?;
@@ -73,8 +88,8 @@ impl Scene {
             refs: built.refs,
             mesh: on_device,
             corners: laid,
-            kept: mesh.kept().into(),
-            translation: mesh.translation(),
+            kept,
+            translation,
             times: built.times,
             traversal: Traversal::default(),
             intersector: Intersector::default(),

@@ -79,19 +79,19 @@ impl Encoded {
 }
 
 /// The error that something cannot be used with wgpu.
-fn refused(what: impl Into<String>) -> Error {
+pub(super) fn refused(what: impl Into<String>) -> Error {
     Error::Wgpu(what.into())
 }
 
 /// How many elements of a type fit a part of a buffer.
-fn room<T>(what: &str, part: wgpu::BufferSlice<'_>) -> Result<u32, Error> {
+pub(super) fn room<T>(what: &str, part: wgpu::BufferSlice<'_>) -> Result<u32, Error> {
     if !part.buffer().usage().contains(wgpu::BufferUsages::STORAGE) {
         return Err(refused(format!("the buffer of {what} lacks BufferUsages::STORAGE")));
     }
     Ok(u32::try_from(part.size() / size_of::<T>() as u64).unwrap_or(u32::MAX))
 }
 
-fn bind(part: wgpu::BufferSlice<'_>) -> wgpu::BindingResource<'_> {
+pub(super) fn bind(part: wgpu::BufferSlice<'_>) -> wgpu::BindingResource<'_> {
     wgpu::BindingResource::Buffer(wgpu::BufferBinding {
         buffer: part.buffer(),
         offset: part.offset(),
@@ -100,7 +100,7 @@ fn bind(part: wgpu::BufferSlice<'_>) -> wgpu::BindingResource<'_> {
 }
 
 /// How a command encoder refers to the buffers of a kernel.
-enum InEncoder {}
+pub(super) enum InEncoder {}
 
 impl Host for InEncoder {
     type Read<'a, T: 'static> = wgpu::BindingResource<'a>;

@@ -1,9 +1,9 @@
 //! The sweep by kernels, level by level: which run, over which buffers, how large.
 
 use crate::{
-    Error, Mesh,
+    Error,
     build::{
-        built::{Grown, MeshBuffers},
+        built::{Given, Grown, KeptIn, MeshBuffers},
         options::BuildTimes,
         retry::Stop,
         room::{Arena, Need, growth},
@@ -33,15 +33,17 @@ const LOOK: usize = 16;
 /// Builds the tree.
 pub(in crate::build) fn build(
     arena: &mut Arena<'_>,
-    mesh: &Mesh,
-    on_device: &MeshBuffers,
+    from: &Given<'_>,
     params: &BuildParams,
     profile: bool,
 ) -> Result<Grown, Stop> {
     let begin = Instant::now();
-    let kept = arena.upload("kept", mesh.kept())?;
+    let kept = match from.kept {
+        KeptIn::Host(mesh) => arena.upload("kept", mesh.kept())?,
+        KeptIn::Device(kept) => kept.clone(),
+    };
     let upload = begin.elapsed();
-    let grown = Lists::new(arena, params, on_device, kept)?.run(arena, profile)?;
+    let grown = Lists::new(arena, params, &from.on_device, kept)?.run(arena, profile)?;
     Ok(Grown { times: BuildTimes { upload, ..grown.times }, ..grown })
 }
 
