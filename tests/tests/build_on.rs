@@ -3,9 +3,16 @@
 use num_traits::Zero as _;
 use proptest::prelude::*;
 use raykd::{
-    BuildOptions, Builder, Device, Error, Mesh, Scene, Traversal,
+    BuildOptions, BuildTimes, Builder, Device, Error, Hit, KdTree, Mesh, Scene, Traversal,
     internals::Gpu,
-    kernels::{build::survey::area::has_area, glam::UVec3, trace::single::LeafTriangle},
+    kernels::{
+        build::{
+            State,
+            survey::{Found, area::has_area},
+        },
+        glam::UVec3,
+        trace::single::LeafTriangle,
+    },
     rays::{Random, random},
     shared::{Node, TreeHeader},
     stress::cases::CASES,
@@ -18,6 +25,7 @@ use raykd_tests::{
     meshes::{Family, RANDOM, Recipe, ZOO, any_mesh, small_mesh},
     same,
 };
+use std::time::{Duration, Instant};
 use wgpu::{BufferUsages as Use, util::DeviceExt as _};
 
 /// Vertices and triangles.
@@ -376,6 +384,68 @@ fn buffers_that_cannot_be_used_are_refused() -> Result<(), Failure> {
     Ok(())
 }
 
+/// The bytes of a scene's tree, and its hits.
+fn told(scene: &Scene) -> Result<(KdTree, Vec<Hit>), Error> {
+    let (lo, hi) = (scene.header().lo, scene.header().hi);
+    Ok((scene.tree()?, scene.closest(&random((lo, hi), 200, 1))?))
+}
+
+/// Meshes that change, some with more triangles, the old scene kept until the new one is there: what another scene left
+/// in the memory shows in none.
+#[test]
+fn scenes_in_memory_used_again_are_the_usual_ones() -> Result<(), Failure> {
+    let fresh = alone()?;
+    let device = fresh.recycling();
+    for builder in [Builder::Binned, Builder::Exact, Builder::Median] {
+        let options = BuildOptions { builder, ..BuildOptions::default() };
+        let mut old: Option<(Scene, (KdTree, Vec<Hit>))> = None;
+        for (family, size) in [
+            (Family::Soup, 900),
+            (Family::Holes, 300),
+            (Family::Lattice, 700),
+            (Family::Nothing, 50),
+            (Family::Slivers, 1500),
+            (Family::Soup, 1400),
+        ] {
+            let arrays = arrays(&Recipe { family, size, seed: 5 }.mesh());
+            let scene = built_from(&device, &arrays, &options)?;
+            let expected = told(&built_from(&fresh, &arrays, &options)?)?;
+            assert!(told(&scene)? == expected, "{builder}: {family:?} of {size}");
+            if let Some((scene, before)) = old.replace((scene, expected)) {
+                assert!(told(&scene)? == before, "{builder}: the scene before {family:?} changed");
+            }
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn rebuilding_allocates_nothing() -> Result<(), Failure> {
+    let alone = alone()?;
+    let (theirs, _) = alone.wgpu().expect("a GPU");
+    let gpu = alone.as_gpu().expect("a GPU");
+    for builder in Builder::ALL {
+        let device = alone.recycling();
+        let options = BuildOptions { builder, ..BuildOptions::default() };
+        let mut old = None;
+        for frame in 0..5 {
+            let mut arrays = arrays(&Mesh::teapot(8));
+            // It moves, and so do planes.
+            for (i, p) in arrays.0.iter_mut().enumerate() {
+                p[1] += (0.1 + 0.001 * frame as f32) * (i % 7) as f32;
+            }
+            let (buffer, end, next) = own(theirs, &arrays);
+            let before = gpu.allocated();
+            let scene = Scene::build_on(&device, buffer.slice(256..end), buffer.slice(next..), &options)?;
+            let allocated = gpu.allocated() - before;
+            assert_eq!(allocated == 0, frame >= 2, "{builder}, frame {frame}: {allocated} buffers");
+            old = Some(scene);
+        }
+        drop(old);
+    }
+    Ok(())
+}
+
 /// What crosses the bus while `act` runs.
 fn crossing<R>(gpu: &Gpu, act: impl FnOnce() -> R) -> (R, [u64; 2]) {
     let before = gpu.crossed();
@@ -409,6 +479,62 @@ fn nothing_of_the_mesh_crosses_the_bus() -> Result<(), Failure> {
         let (_, [to, _]) = crossing(gpu, || Scene::build(device, &mesh, &BuildOptions::default()));
         assert!(to > triangles * 12, "the bytes of the usual way are not counted: {to}");
     }
-    assert!(back[0] == back[1] && back[0] < 256, "bytes that came back: {back:?}");
+    // What the survey found, what the level loop made of it, and the times of three runs.
+    let words = size_of::<Found>() + size_of::<State>() + 3 * 16;
+    assert_eq!(back, [words as u64; 2]);
+    Ok(())
+}
+
+/// The median of some durations in milliseconds.
+fn median(mut times: Vec<Duration>) -> f64 {
+    times.sort_unstable();
+    times[times.len() / 2].as_secs_f64() * 1e3
+}
+
+/// Prints what `build_on` takes by the clock on the wall, from vertices on the device to a scene that can be traced, beside
+/// what its kernels take by the device's clock: of the scene that `RAYKD_SCENE` names, else of the dragon.
+#[test]
+#[ignore = "a measurement: RAYKD_SCENE=dragon cargo test --release --workspace --test build_on -- --ignored --nocapture"]
+fn times_of_build_on() -> Result<(), Failure> {
+    const ROUNDS: usize = 41;
+    let name = std::env::var("RAYKD_SCENE").unwrap_or_else(|_| "dragon".to_owned());
+    let mesh = raykd::mesh::scene(&name).map_err(Error::from)?;
+    let device = alone()?;
+    let (theirs, _) = device.wgpu().expect("a GPU");
+    let (buffer, end, next) = own(theirs, &arrays(&mesh));
+    println!("{name}, {} triangles, {}; ms, medians of {ROUNDS}", mesh.triangles().len(), device.name());
+    println!("                     wall  ready  kernels  layout  rest");
+    let mut digests = Vec::new();
+    for (what, on, own_buffers) in [
+        ("build_on, recycling", device.recycling(), true),
+        ("build_on           ", device.clone(), true),
+        ("build              ", device.clone(), false),
+    ] {
+        let mut old = None;
+        let mut times: [Vec<Duration>; 5] = Default::default();
+        for round in 0..ROUNDS + 10 {
+            let start = Instant::now();
+            let options = BuildOptions::default();
+            let scene = if own_buffers {
+                Scene::build_on(&on, buffer.slice(256..end), buffer.slice(next..), &options)
+            } else {
+                Scene::build(&on, &mesh, &options)
+            }?;
+            let wall = start.elapsed();
+            // The first compile kernels, and the clock of an idle card is low.
+            if round >= 10 {
+                let BuildTimes { upload, build, layout, .. } = *scene.times();
+                let rest = wall.saturating_sub(build + layout);
+                for (list, time) in times.iter_mut().zip([wall, upload, build, layout, rest]) {
+                    list.push(time);
+                }
+            }
+            old = Some(scene);
+        }
+        let [wall, ready, kernels, layout, rest] = times.map(median);
+        println!("{what} {wall:6.3} {ready:6.3}  {kernels:7.3}  {layout:6.3}  {rest:5.3}");
+        digests.extend(old.map(|scene| scene.tree().map(|tree| tree.digest())).transpose()?);
+    }
+    assert!(digests.iter().all(|digest| *digest == digests[0]), "{digests:?}");
     Ok(())
 }

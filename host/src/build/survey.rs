@@ -76,13 +76,13 @@ impl Room {
         let blocks = triangles.div_ceil(BLOCK.into());
         Ok(Self {
             // The largest first: if they fit, no number of elements is too large for a word.
-            positions: device.alloc("positions", 3 * vertices)?,
-            indices: device.alloc("indices", 3 * triangles)?,
-            kept: device.alloc("kept", triangles)?,
-            marks: device.alloc("marks", blocks * u64::from(MARKS))?,
-            counts: device.alloc("counts", blocks)?,
-            job: device.alloc::<Job>("survey", 1)?.view(),
-            found: device.alloc::<Found>("found", 1)?.view(),
+            positions: device.room("positions", 3 * vertices)?,
+            indices: device.room("indices", 3 * triangles)?,
+            kept: device.room("kept", triangles)?,
+            marks: device.room("marks", blocks * u64::from(MARKS))?,
+            counts: device.room("counts", blocks)?,
+            job: device.room::<Job>("survey", 1)?.view(),
+            found: device.room::<Found>("found", 1)?.view(),
         })
     }
 

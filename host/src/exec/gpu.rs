@@ -49,6 +49,8 @@ pub struct Gpu {
     downloads: Mutex<Option<[Slot; 2]>>,
     /// Bytes that went to the device, and that came back.
     crossed: [AtomicU64; 2],
+    /// How many buffers were allocated.
+    allocated: AtomicU64,
     /// None where the device has no timestamps.
     clock: Option<Mutex<Option<Clock>>>,
 }
@@ -179,6 +181,7 @@ impl Gpu {
             uploads: Mutex::default(),
             downloads: Mutex::default(),
             crossed: Default::default(),
+            allocated: AtomicU64::default(),
             clock: timed.then(Mutex::default),
             link,
         })
@@ -188,7 +191,7 @@ impl Gpu {
     fn probed(self) -> Result<(Self, Verdict), Error> {
         let device = Device::from(self);
         let verdict = probe::check(&device)?;
-        match Arc::into_inner(device.0) {
+        match Arc::into_inner(device.machine) {
             Some(Machine::Gpu(gpu)) => Ok((*gpu, verdict)),
             _ => unreachable!("made above, and nobody keeps a device"),
         }
@@ -202,6 +205,11 @@ impl Gpu {
     /// Bytes that went to the device until now, and bytes that came back: buffers, and timestamps.
     pub fn crossed(&self) -> [u64; 2] {
         [0, 1].map(|way| self.crossed[way].load(Relaxed))
+    }
+
+    /// How many buffers were allocated until now, but for those of [`Self::filled`] and for transfers.
+    pub fn allocated(&self) -> u64 {
+        self.allocated.load(Relaxed)
     }
 
     fn count(&self, way: usize, bytes: usize) {
@@ -224,6 +232,7 @@ impl Gpu {
 
     pub(super) fn alloc(&self, name: &'static str, bytes: u64) -> Result<wgpu::Buffer, Error> {
         use wgpu::BufferUsages as Use;
+        self.allocated.fetch_add(1, Relaxed);
         self.link.buffer(name, bytes, Use::STORAGE | Use::COPY_SRC | Use::COPY_DST | Use::INDIRECT)
     }
 
@@ -429,6 +438,11 @@ fn dispatch(pass: &mut wgpu::ComputePass<'_>, groups: u32) {
 }
 
 impl AnyBuffer {
+    /// Bytes of its memory, of which it may use a part.
+    pub(super) fn room(&self) -> u64 {
+        self.as_wgpu().size()
+    }
+
     /// Its memory on a GPU.
     pub(crate) fn as_wgpu(&self) -> &wgpu::Buffer {
         match &self.memory {

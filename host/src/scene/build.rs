@@ -70,8 +70,9 @@ impl Scene {
         translation: [f64; 3],
         mut built: Built,
     ) -> Result<Self, Error> {
-        let header = device.upload("header", &[built.header])?;
-        let laid = device.alloc("corners", 3 * u64::from(built.header.refs))?;
+        let header = device.room("header", 1)?;
+        device.write(&header, 0, &[built.header])?;
+        let laid = device.room("corners", 3 * u64::from(built.header.refs))?;
         let corners = corners::Buffers {
             header: &header,
             positions: &on_device.positions,
