@@ -76,10 +76,9 @@ pub(super) fn build(
     let mut times = BuildTimes { upload: begin.elapsed(), ..BuildTimes::default() };
     let levels = if lists.root_is_large() { levels.min(params.max_depth + 1) } else { 0 };
     let steps = lists.steps(levels as usize);
-    times.add(&steps, &device.dispatch(&steps, profile)?);
-
     // The one look at the device: how large is the tree?
-    let state: State = device.read(&lists.state.view(), 0, 1)?[0];
+    let (timing, state): (_, State) = device.dispatch_and_read(&steps, profile, &lists.state.view())?;
+    times.add(&steps, &timing);
     if state.status & status::CAPACITY != 0 {
         return Err(Stop::Room);
     }

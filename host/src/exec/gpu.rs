@@ -31,6 +31,9 @@ use std::{
 /// Writes of at most this many bytes ride along with the next submission.
 const RIDES_ALONG: usize = 64 << 10;
 
+/// After how many steps commands are handed over early: about a level of a build, and some levels.
+const EARLY: [usize; 2] = [8, 48];
+
 /// Ways across the bus.
 const TO: usize = 0;
 const BACK: usize = 1;
@@ -257,16 +260,24 @@ impl Gpu {
         with(&self.downloads, || Ok([create()?, create()?]), transfer)
     }
 
-    pub(super) fn run(&self, steps: &[Step<'_>], profile: bool) -> Result<Timing, Error> {
+    /// Runs, and reads the start of a buffer after that. With `early` the first steps begin while the host still encodes
+    /// the rest.
+    pub(super) fn run(
+        &self,
+        steps: &[Step<'_>],
+        profile: bool,
+        early: bool,
+        beside: Option<(&wgpu::Buffer, &mut [u8])>,
+    ) -> Result<Timing, Error> {
         self.link.check()?;
-        if steps.is_empty() {
-            return Ok(Timing::default());
-        }
         self.prepare(&steps.iter().map(|step| step.kernel).collect::<Vec<_>>())?;
-        match &self.clock {
-            Some(clock) => self.run_timed(clock, steps, profile),
-            None => self.run_by_wall_clock(steps, profile),
-        }
+        let timing = match &self.clock {
+            _ if steps.is_empty() => Timing::default(),
+            Some(clock) => return self.run_timed(clock, steps, profile, early, beside),
+            None => self.run_by_wall_clock(steps, profile)?,
+        };
+        beside.map_or(Ok(()), |(buffer, out)| self.read(buffer, 0, out))?;
+        Ok(timing)
     }
 
     /// Runs, without waiting for the end.
@@ -287,6 +298,8 @@ impl Gpu {
         clock: &Mutex<Option<Clock>>,
         steps: &[Step<'_>],
         profile: bool,
+        early: bool,
+        beside: Option<(&wgpu::Buffer, &mut [u8])>,
     ) -> Result<Timing, Error> {
         let per_pass = if profile { clock::STEPS_PER_PASS } else { steps.len() };
         let passes = steps.len().div_ceil(per_pass);
@@ -294,6 +307,12 @@ impl Gpu {
         with(clock, create, |clock| {
             if clock.sets.len() < passes {
                 *clock = create()?;
+            }
+            let back = beside.as_ref().map_or(0, |(_, out)| out.len());
+            if early && !profile {
+                let commands = self.start_early(steps, &clock.sets[0])?;
+                self.count(BACK, 2 * wgpu::QUERY_SIZE as usize + back);
+                return clock.finish(&self.link, commands, &[2], false, beside);
             }
             let mut stamps = Vec::with_capacity(passes);
             let commands = self.link.guard("encoding kernels", || {
@@ -312,9 +331,34 @@ impl Gpu {
                 }
                 commands
             })?;
-            self.count(BACK, stamps.iter().sum::<u32>() as usize * wgpu::QUERY_SIZE as usize);
-            clock.finish(&self.link, commands, &stamps, profile)
+            self.count(BACK, stamps.iter().sum::<u32>() as usize * wgpu::QUERY_SIZE as usize + back);
+            clock.finish(&self.link, commands, &stamps, profile, beside)
         })
+    }
+
+    /// Encodes steps, of which the first are handed over as soon as they are, so that the device need not wait for the
+    /// host to encode hundreds. Returns the commands that remain.
+    fn start_early(&self, steps: &[Step<'_>], set: &wgpu::QuerySet) -> Result<wgpu::CommandEncoder, Error> {
+        let (mut bindings, mut from) = (Bindings::new(), 0);
+        loop {
+            let end = EARLY.into_iter().find(|&end| end > from && end < steps.len()).unwrap_or(steps.len());
+            let writes = wgpu::ComputePassTimestampWrites {
+                query_set: set,
+                beginning_of_pass_write_index: (from == 0).then_some(0),
+                end_of_pass_write_index: (end == steps.len()).then_some(1),
+            };
+            let timed = from == 0 || end == steps.len();
+            let commands = self.link.guard("encoding kernels", || {
+                let mut commands = self.link.encoder();
+                self.encode(&mut commands, &mut bindings, &steps[from..end], timed.then_some(writes), None);
+                commands
+            })?;
+            if end == steps.len() {
+                return Ok(commands);
+            }
+            self.link.submit(commands)?;
+            from = end;
+        }
     }
 
     /// Runs with the host's clock, which also sees submission and waiting.

@@ -542,16 +542,48 @@ impl Device {
 
     /// [`Self::run`], for the steps of this crate.
     pub(crate) fn dispatch(&self, steps: &[Step<'_>], profile: bool) -> Result<Timing, Error> {
+        self.dispatch_then(steps, profile, None)
+    }
+
+    /// [`Self::dispatch`], then [`Self::read`] of one element from the start of a buffer, for which the host waits once.
+    pub(crate) fn dispatch_and_read<T: bytemuck::Pod>(
+        &self,
+        steps: &[Step<'_>],
+        profile: bool,
+        buffer: &Buffer<T>,
+    ) -> Result<(Timing, T), Error> {
+        buffer.place("read", size_of::<T>(), 0, 1);
+        let mut out = T::zeroed();
+        let timing = self.dispatch_then(steps, profile, Some((buffer, bytemuck::bytes_of_mut(&mut out))))?;
+        Ok((timing, out))
+    }
+
+    fn dispatch_then(
+        &self,
+        steps: &[Step<'_>],
+        profile: bool,
+        beside: Option<(&AnyBuffer, &mut [u8])>,
+    ) -> Result<Timing, Error> {
         for step in steps {
             assert_eq!(step.buffers.len(), step.kernel.slots.len(), "buffers of {}", step.kernel.name());
         }
         if steps.len() > 1 && watch::is_on() {
-            return watch::one_by_one(self, steps);
+            let timing = watch::one_by_one(self, steps)?;
+            return self.dispatch_then(&[], profile, beside).map(|_| timing);
         }
         let timing = match &*self.machine {
-            Machine::Cpu(cpu) => Ok(cpu.run(steps, profile)),
+            Machine::Cpu(cpu) => {
+                let timing = cpu.run(steps, profile);
+                if let Some((buffer, out)) = beside {
+                    cpu::memory(buffer).read(buffer.name, 0, out);
+                }
+                Ok(timing)
+            }
             #[cfg(feature = "gpu")]
-            Machine::Gpu(gpu) => gpu.run(steps, profile),
+            Machine::Gpu(gpu) => {
+                let beside = beside.map(|(buffer, out)| (buffer.as_wgpu(), out));
+                gpu.run(steps, profile, self.pool.is_some(), beside)
+            }
         };
         watch::tell(self, steps);
         timing

@@ -301,10 +301,6 @@ impl<'a> Lists<'a> {
     fn run(&self, arena: &mut Arena<'_>, profile: bool) -> Result<Grown, Stop> {
         let device = arena.device;
         let mut times = BuildTimes::default();
-        let mut go = |steps: &[Step<'_>]| -> Result<(), Error> {
-            times.add(steps, &device.dispatch(steps, profile)?);
-            Ok(())
-        };
         let number = self.given.max_depth as usize + 1;
         let (mut steps, mut depth, mut lists) = (self.root(), 0, true);
         let state = loop {
@@ -316,9 +312,10 @@ impl<'a> Lists<'a> {
                     self.merge(depth, &mut steps);
                 }
             }
-            go(&steps)?;
+            let (timing, state): (_, State) =
+                device.dispatch_and_read(&steps, profile, &self.state.view())?;
+            times.add(&steps, &timing);
             steps.clear();
-            let state: State = device.read(&self.state.view(), 0, 1)?[0];
             if state.status & status::CAPACITY != 0 {
                 return Err(Stop::Needs(Need {
                     references: state.level_refs,
@@ -341,7 +338,8 @@ impl<'a> Lists<'a> {
         let nodes = arena.alloc("nodes", counts[0], 1)?;
         let refs = arena.alloc("refs", counts[1], 1)?;
         device.write(&nodes.view(), 1, &[Node::PADDING])?;
-        go(&self.last_steps(depth, &nodes, &refs, counts[1]))?;
+        let steps = self.last_steps(depth, &nodes, &refs, counts[1]);
+        times.add(&steps, &device.dispatch(&steps, profile)?);
         Ok(Grown { nodes: nodes.view(), refs, counts, depth, times })
     }
 }
