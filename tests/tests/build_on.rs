@@ -36,15 +36,8 @@ fn arrays(mesh: &Mesh) -> Arrays {
 }
 
 /// Builds from buffers of any device.
-fn built_from(
-    device: &Device,
-    (positions, triangles): &Arrays,
-    options: &BuildOptions,
-) -> Result<Scene, Error> {
-    let words: Vec<u32> = positions.as_flattened().iter().map(|x| x.to_bits()).collect();
-    let vertices = device.upload("given vertices", &words)?;
-    let indices = device.upload("given triangles", triangles.as_flattened())?;
-    Scene::build_from(device, &vertices, &indices, [positions.len() as u32, triangles.len() as u32], options)
+fn built_from(device: &Device, arrays: &Arrays, options: &BuildOptions) -> Result<Scene, Error> {
+    raykd_tests::built_from(device, &arrays.0, &arrays.1, options)
 }
 
 fn built(device: &Device, (positions, triangles): &Arrays, options: &BuildOptions) -> Result<Scene, Error> {

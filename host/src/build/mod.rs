@@ -8,13 +8,11 @@ mod levels;
 mod options;
 mod retry;
 mod room;
-#[cfg(feature = "gpu")]
 mod survey;
 mod sweep;
 
 pub(crate) use built::{Built, Given, Kept, MeshBuffers, upload};
 pub use options::{BuildOptions, BuildTimes, Builder, KernelTimes};
-#[cfg(feature = "gpu")]
 pub(crate) use survey::{Copies, survey};
 pub use sweep::LISTED;
 

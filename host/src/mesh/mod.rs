@@ -67,7 +67,6 @@ mod teapot;
 
 pub(crate) use digest::digest;
 pub use error::{MeshError, Place, Spot};
-#[cfg(feature = "gpu")]
 pub(crate) use repair::Measure;
 pub use repair::Repairs;
 pub use scenes::{Scene, folder as scenes_folder, scene};

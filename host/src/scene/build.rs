@@ -3,8 +3,8 @@
 use super::{Extras, Scene};
 use crate::{
     BuildOptions, BuildTimes, Error, Intersector, KdTree, Mesh, Traversal,
-    build::{Built, Given, Kept, MeshBuffers, build, sweep_by_kernels, upload},
-    exec::{Device, Launch},
+    build::{Built, Copies, Given, Kept, MeshBuffers, build, survey, sweep_by_kernels, upload},
+    exec::{Buffer, Device, Launch},
 };
 use raykd_kernels::trace::prepare::corners;
 use raykd_shared::TreeHeader;
@@ -43,6 +43,40 @@ impl Scene {
         let upload = start.elapsed();
         let built = build(&given)?.after(upload);
         Self::assemble(device, given.on_device, Kept::Host(mesh.kept().into()), mesh.translation(), built)
+    }
+
+    /// For tests: `Scene::build_on` of any device's own buffers.
+    ///
+    /// # Errors
+    /// The numbers are no mesh, an option is out of its range, or the device failed.
+    #[doc(hidden)]
+    pub fn build_from(
+        device: &Device,
+        positions: &Buffer<u32>,
+        indices: &Buffer<u32>,
+        [vertices, triangles]: [u32; 2],
+        options: &BuildOptions,
+    ) -> Result<Self, Error> {
+        Self::surveyed(device, vertices, triangles, options, |copies| {
+            device.begin(&copies.steps(positions, indices))
+        })
+    }
+
+    /// Builds from a mesh that `copy` makes the device copy.
+    pub(super) fn surveyed(
+        device: &Device,
+        vertices: u32,
+        triangles: u32,
+        options: &BuildOptions,
+        copy: impl FnOnce(Copies<'_>) -> Result<(), Error>,
+    ) -> Result<Self, Error> {
+        options.check()?;
+        let start = Instant::now();
+        let surveyed = survey(device, vertices, triangles, copy)?;
+        let (upload, given) = (start.elapsed(), surveyed.given());
+        let built = build(device, &given, options)?;
+        let kept = Kept::Device { list: surveyed.kept.clone(), count: surveyed.count() };
+        Self::assemble(device, given.on_device, kept, [0.0; 3], built.after(upload))
     }
 
     /// Puts a mesh and a tree built earlier on a device.

@@ -44,7 +44,8 @@ pub const WGSL: &str = include_str!("raykd.wgsl");
 
 /// A scene's buffers on a GPU, for shaders of one's own, which must not write them.
 ///
-/// They hold coordinates times [`TreeHeader::scale`](raykd_shared::TreeHeader::scale), a power of two.
+/// They hold coordinates times [`TreeHeader::scale`](raykd_shared::TreeHeader::scale), a power of two. A buffer may be
+/// longer than what it holds: the header says how many nodes and references there are.
 #[derive(Clone, Copy, Debug)]
 pub struct SceneBuffers<'a> {
     /// One [`TreeHeader`](raykd_shared::TreeHeader).

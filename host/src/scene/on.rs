@@ -6,14 +6,13 @@ use super::{
 };
 use crate::{
     BuildOptions, Error,
-    build::{Copies, Kept, build, survey},
+    build::Copies,
     exec::{Buffer, Device, Gpu, Size},
 };
 use raykd_kernels::{
     Bindings,
     build::survey::{indices, vertices},
 };
-use std::time::Instant;
 
 /// Bytes of a vertex and of a triangle.
 const THREE: u64 = 12;
@@ -22,9 +21,10 @@ impl Scene {
     /// Builds the tree of a mesh that lies in buffers of a wgpu program.
     ///
     /// `positions` holds three `f32` a vertex, `indices` three `u32` a triangle, the numbers of its vertices: 12 bytes
-    /// each, with nothing between. Both are parts of buffers with `BufferUsages::STORAGE`, perhaps of one; how many there
-    /// are is told by their sizes. They are read as commands that were submitted before have left them, and copied on the
-    /// device: they may be changed as soon as this returns.
+    /// each, with nothing between. Both are parts of buffers with `BufferUsages::STORAGE`, perhaps of one, and begin at a
+    /// multiple of the device's `min_storage_buffer_offset_alignment`; how many there are is told by their sizes. They are
+    /// read as commands that were submitted before have left them, and copied on the device: they may be changed as soon
+    /// as this returns. If the mesh changes often, give a [`Device::recycling`].
     ///
     /// The scene is the one that [`Scene::build`] makes of the same numbers: the same tree, the same hits, byte for byte.
     /// Nothing of the mesh passes the bus. What comes back are some words that say how large mesh and tree are.
@@ -32,8 +32,8 @@ impl Scene {
     /// none of `f32` is.
     ///
     /// [`BuildTimes::upload`](crate::BuildTimes::upload) is what making the mesh ready took, by the clock on the wall.
-    /// [`Builder::Exact`](crate::Builder::Exact) is not helped out by the host if the device lacks the room. Of all
-    /// queries only [`Scene::tree`] brings the mesh to the host, for the digest of a saved tree.
+    /// [`Builder::Exact`](crate::Builder::Exact) is not helped out by the host if the device lacks the room. Later,
+    /// [`Scene::tree`] brings the mesh to the host, for the digest of a saved tree, and [`Scene::tracer`] what leaves hold.
     ///
     /// # Errors
     /// As for [`Scene::build`] and [`Mesh::new`](crate::Mesh::new), naming the first vertex that is not finite, else the
@@ -53,39 +53,6 @@ impl Scene {
         Self::surveyed(device, vertices, triangles, options, |copies| {
             copy_by_encoder(gpu, copies, (vertices, triangles), positions, indices)
         })
-    }
-
-    /// For tests: the same of any device's own buffers.
-    ///
-    /// # Errors
-    /// Those of [`Scene::build_on`].
-    #[doc(hidden)]
-    pub fn build_from(
-        device: &Device,
-        positions: &Buffer<u32>,
-        indices: &Buffer<u32>,
-        [vertices, triangles]: [u32; 2],
-        options: &BuildOptions,
-    ) -> Result<Self, Error> {
-        Self::surveyed(device, vertices, triangles, options, |copies| {
-            device.begin(&copies.steps(positions, indices))
-        })
-    }
-
-    fn surveyed(
-        device: &Device,
-        vertices: u32,
-        triangles: u32,
-        options: &BuildOptions,
-        copy: impl FnOnce(Copies<'_>) -> Result<(), Error>,
-    ) -> Result<Self, Error> {
-        options.check()?;
-        let start = Instant::now();
-        let surveyed = survey(device, vertices, triangles, copy)?;
-        let (upload, given) = (start.elapsed(), surveyed.given());
-        let built = build(device, &given, options)?;
-        let kept = Kept::Device { list: surveyed.kept.clone(), count: surveyed.count() };
-        Self::assemble(device, given.on_device, kept, [0.0; 3], built.after(upload))
     }
 }
 
