@@ -1,6 +1,6 @@
 //! Meshes and trees on a device.
 
-use super::{options::BuildTimes, room::Arena};
+use super::{levels::Last, options::BuildTimes, room::Arena};
 use crate::{
     Error,
     exec::{Buffer, Device},
@@ -19,6 +19,8 @@ pub(crate) struct Built {
     pub nodes: Buffer<Node>,
     pub refs: Buffer<u32>,
     pub times: BuildTimes,
+    /// What has still to be run.
+    pub last: Option<Last>,
 }
 
 impl Built {
@@ -38,6 +40,7 @@ pub(super) struct Grown {
     pub counts: [u32; 2],
     pub depth: u32,
     pub times: BuildTimes,
+    pub last: Option<Last>,
 }
 
 /// An indexed mesh on a device.
@@ -158,6 +161,13 @@ impl Grown {
         let counts = [nodes.len() as u32, refs.len() as u32];
         let begin = Instant::now();
         let (nodes, refs) = (arena.upload("nodes", nodes)?, arena.upload("refs", refs)?);
-        Ok(Self { nodes, refs, counts, depth, times: BuildTimes { upload: begin.elapsed(), ..times } })
+        Ok(Self {
+            nodes,
+            refs,
+            counts,
+            depth,
+            times: BuildTimes { upload: begin.elapsed(), ..times },
+            last: None,
+        })
     }
 }

@@ -30,9 +30,10 @@ use raykd_shared::{BuildParams, Node, limits::CHUNK, status};
 use std::time::Instant;
 
 /// The buffers of one try, in pairs where a level is made from the one above.
-struct Lists<'a> {
-    given: &'a BuildParams,
-    mesh: &'a MeshBuffers,
+#[derive(Debug)]
+struct Lists {
+    given: BuildParams,
+    mesh: MeshBuffers,
     params: Buffer<BuildParams>,
     state: Buffer<u32>,
     levels: [Buffer<u32>; 2],
@@ -91,21 +92,48 @@ pub(super) fn build(
     let counts = [state.nodes, state.refs];
     let nodes = arena.alloc("nodes", counts[0], 1)?;
     let refs = arena.alloc("refs", counts[1], 1)?;
-    let steps = lists.last_steps(&state, &nodes, &refs);
+    let last = Last { lists, state };
+    let grown = |last, times| Grown {
+        nodes: nodes.view(),
+        refs: refs.clone(),
+        counts,
+        depth: state.depth,
+        times,
+        last,
+    };
+    if device.recycles() && !profile {
+        return Ok(grown(Some(last), times));
+    }
+    // The lists' memory is given back before more is taken.
+    let steps = last.steps(&nodes, &refs);
     times.add(&steps, &device.dispatch(&steps, profile)?);
-    Ok(Grown { nodes: nodes.view(), refs, counts, depth: state.depth, times })
+    Ok(grown(None, times))
 }
 
-impl<'a> Lists<'a> {
-    fn new(arena: &mut Arena<'_>, given: &'a BuildParams, from: &'a Given<'_>) -> Result<Self, Error> {
+/// What writes a tree out that has been found.
+#[derive(Debug)]
+pub(crate) struct Last {
+    lists: Lists,
+    state: State,
+}
+
+impl Last {
+    /// To be run before anything else is done with the tree.
+    pub(crate) fn steps<'a>(&'a self, nodes: &'a Buffer<UVec2>, refs: &'a Buffer<u32>) -> [Step<'a>; 2] {
+        self.lists.last_steps(&self.state, nodes, refs)
+    }
+}
+
+impl Lists {
+    fn new(arena: &mut Arena<'_>, given: &BuildParams, from: &Given<'_>) -> Result<Self, Error> {
         let scratch = 2 * u64::from(scratch_base(given.treelet_refs, given.treelets));
         let words = (u64::from(given.active) * u64::from(HIST_WORDS)).max(scratch);
         let hists: Buffer<u32> = arena.alloc("histograms", words.div_ceil(4) as u32, 4)?;
         let sizes: Buffer<UVec2> = arena.alloc("sizes", given.active, 1)?;
         let refs: [Buffer<UVec4>; 2] = arena.pair("level refs", given.level_refs, Reference::ELEMENTS)?;
         Ok(Self {
-            given,
-            mesh: &from.on_device,
+            given: *given,
+            mesh: from.on_device.clone(),
             params: arena.upload("params", std::slice::from_ref(given))?,
             state: arena.alloc::<State>("state", 1, 1)?.view(),
             levels: arena.pair::<Level>("level", 1, 1)?.map(|level| level.view()),
@@ -141,7 +169,7 @@ impl<'a> Lists<'a> {
 
     /// Writes what the kernels start from.
     fn write(&self, device: &Device, kept: &KeptIn<'_>) -> Result<(), Error> {
-        let given = self.given;
+        let given = &self.given;
         let [lo, hi] = [given.lo, given.hi].map(Vec3::from);
         let growth = growth(given.references).to_bits();
         let root = [UVec4::new(0, 0, given.references, 0), to_bits(lo, growth), to_bits(hi, 0)];

@@ -52,7 +52,7 @@ fn until_built(device: &Device, from: &Given<'_>, options: &BuildOptions, way: W
         let begin = Instant::now();
         let mut arena = Arena { device, bytes: from.bytes() };
         match attempt(&mut arena, from, &setting, options.profile) {
-            Ok(Grown { nodes, refs, counts, depth, times }) => {
+            Ok(Grown { nodes, refs, counts, depth, times, last }) => {
                 let header = header(&from.facts, options, counts, depth);
                 let times = BuildTimes {
                     peak_bytes: arena.bytes,
@@ -61,7 +61,7 @@ fn until_built(device: &Device, from: &Given<'_>, options: &BuildOptions, way: W
                     by_host: setting.way == Way::SweepByHost && !device.is_cpu(),
                     ..times
                 };
-                return Ok(Built { header, nodes, refs, times });
+                return Ok(Built { header, nodes, refs, times, last });
             }
             Err(stop) => setting.change(stop)?,
         }

@@ -545,6 +545,29 @@ impl Device {
         self.dispatch_then(steps, profile, None)
     }
 
+    /// Whether memory is kept for what is built next.
+    pub(crate) fn recycles(&self) -> bool {
+        #[cfg(feature = "gpu")]
+        return self.pool.is_some();
+        #[cfg(not(feature = "gpu"))]
+        false
+    }
+
+    /// [`Self::dispatch`] of some steps and then others, for which the host waits once: how long either took.
+    pub(crate) fn dispatch_both(
+        &self,
+        first: &[Step<'_>],
+        then: &[Step<'_>],
+    ) -> Result<[Duration; 2], Error> {
+        #[cfg(feature = "gpu")]
+        if let (Machine::Gpu(gpu), false) = (&*self.machine, watch::is_on())
+            && let Some(times) = gpu.run_both(first, then)?
+        {
+            return Ok(times);
+        }
+        Ok([self.dispatch(first, false)?.total, self.dispatch(then, false)?.total])
+    }
+
     /// [`Self::dispatch`], then [`Self::read`] of one element from the start of a buffer, for which the host waits once.
     pub(crate) fn dispatch_and_read<T: bytemuck::Pod>(
         &self,

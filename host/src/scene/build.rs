@@ -92,7 +92,8 @@ impl Scene {
         let refs = device.upload("refs", &tree.refs)?;
         let on_device = upload(device, mesh)?;
         let times = BuildTimes { upload: start.elapsed(), ..BuildTimes::default() };
-        let (kept, built) = (Kept::Host(mesh.kept().into()), Built { header, nodes, refs, times });
+        let (kept, built) =
+            (Kept::Host(mesh.kept().into()), Built { header, nodes, refs, times, last: None });
         Self::assemble(device, on_device, kept, mesh.translation(), built)
     }
 
@@ -114,7 +115,16 @@ impl Scene {
             refs: &built.refs,
             corners: laid.out(),
         };
-        built.times.layout = device.dispatch(&[corners.over(built.header.refs)], false)?.total;
+        let (nodes, layout) = (built.nodes.view(), [corners.over(built.header.refs)]);
+        built.times.layout = match &built.last {
+            None => device.dispatch(&layout, false)?.total,
+            Some(last) => {
+                let steps = last.steps(&nodes, &built.refs);
+                let [written, laid] = device.dispatch_both(&steps, &layout)?;
+                built.times.build += written;
+                laid
+            }
+        };
         Ok(Self {
             device: device.clone(),
             header: built.header,
