@@ -372,6 +372,10 @@ fn buffers_that_cannot_be_used_are_refused() -> Result<(), Failure> {
         let error = Scene::build_on(on, positions, indices, &options).expect_err(word).to_string();
         assert!(error.contains(word), "{error}");
     }
+    let stranger = alone()?;
+    let (strange, ..) = own(stranger.wgpu().expect("a GPU").0, &arrays);
+    Scene::build_on(device, strange.slice(256..end), strange.slice(next..), &options)
+        .expect_err("of another device");
     // The device is none the worse for it.
     Scene::build_on(device, buffer.slice(256..end), buffer.slice(next..), &options)?;
     Ok(())
@@ -412,29 +416,67 @@ fn scenes_in_memory_used_again_are_the_usual_ones() -> Result<(), Failure> {
     Ok(())
 }
 
+/// Nobody gets what somebody else has.
+#[test]
+fn threads_may_share_recycled_memory() -> Result<(), Failure> {
+    let device = alone()?.recycling();
+    std::thread::scope(|scope| {
+        let work = |seed| {
+            let device = &device;
+            move || -> Result<(), Failure> {
+                for size in [200, 300, 250, 350] {
+                    compare(
+                        device,
+                        &arrays(&Recipe { family: Family::Soup, size, seed }.mesh()),
+                        &BuildOptions::default(),
+                    )?;
+                }
+                Ok(())
+            }
+        };
+        let threads = [1, 2, 3].map(|seed| scope.spawn(work(seed)));
+        threads.into_iter().try_for_each(|thread| thread.join().expect("no panic"))
+    })
+}
+
+/// Builds five frames, each while the scene before is there. Those from the third on take no memory.
+fn builds_in_place(
+    what: &str,
+    gpu: &Gpu,
+    build: impl Fn(u16) -> Result<Scene, Error>,
+) -> Result<(), Failure> {
+    let mut old = None;
+    for frame in 0..5 {
+        let before = gpu.allocated();
+        let scene = build(frame)?;
+        let allocated = gpu.allocated() - before;
+        if (allocated == 0) != (frame >= 2) {
+            return Err(Failure(format!("{what}, frame {frame}: {allocated} buffers")));
+        }
+        drop(old.replace(scene));
+    }
+    Ok(())
+}
+
 #[test]
 fn rebuilding_allocates_nothing() -> Result<(), Failure> {
     let alone = alone()?;
     let (theirs, _) = alone.wgpu().expect("a GPU");
     let gpu = alone.as_gpu().expect("a GPU");
+    let mesh = Mesh::teapot(8);
     for builder in Builder::ALL {
-        let device = alone.recycling();
-        let options = BuildOptions { builder, ..BuildOptions::default() };
-        let mut old = None;
-        for frame in 0..5 {
-            let mut arrays = arrays(&Mesh::teapot(8));
+        let (device, options) = (alone.recycling(), BuildOptions { builder, ..BuildOptions::default() });
+        builds_in_place(&format!("{builder} on the device"), gpu, |frame| {
+            let mut arrays = arrays(&mesh);
             // It moves, and so do planes.
-            for (i, p) in arrays.0.iter_mut().enumerate() {
-                p[1] += (0.1 + 0.001 * frame as f32) * (i % 7) as f32;
+            for (i, p) in (0u8..7).cycle().zip(&mut arrays.0) {
+                p[1] += (0.1 + 0.001 * f32::from(frame)) * f32::from(i);
             }
             let (buffer, end, next) = own(theirs, &arrays);
-            let before = gpu.allocated();
-            let scene = Scene::build_on(&device, buffer.slice(256..end), buffer.slice(next..), &options)?;
-            let allocated = gpu.allocated() - before;
-            assert_eq!(allocated == 0, frame >= 2, "{builder}, frame {frame}: {allocated} buffers");
-            old = Some(scene);
-        }
-        drop(old);
+            Scene::build_on(&device, buffer.slice(256..end), buffer.slice(next..), &options)
+        })?;
+        let device = alone.recycling();
+        builds_in_place(&format!("{builder}"), gpu, |_| Scene::build(&device, &mesh, &options))?;
     }
     Ok(())
 }

@@ -144,8 +144,8 @@ impl Kept {
 /// Copies the mesh to the device.
 pub(crate) fn upload(device: &Device, mesh: &Mesh) -> Result<MeshBuffers, Error> {
     let coordinates = mesh.scaled_positions();
-    let positions = device.upload("positions", &coordinates)?;
-    let indices = device.upload("indices", mesh.triangles().as_flattened())?;
+    let positions = device.put("positions", &coordinates)?;
+    let indices = device.put("indices", mesh.triangles().as_flattened())?;
     Ok(MeshBuffers { positions, coordinates: coordinates.len(), indices })
 }
 

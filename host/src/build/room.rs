@@ -61,8 +61,7 @@ impl Arena<'_> {
 
     /// A buffer of these elements.
     pub(super) fn upload<T: Pod>(&mut self, name: &'static str, data: &[T]) -> Result<Buffer<T>, Error> {
-        let buffer = self.device.room(name, data.len() as u64)?;
-        self.device.write(&buffer, 0, data)?;
+        let buffer = self.device.put(name, data)?;
         self.bytes += buffer.bytes();
         Ok(buffer)
     }

@@ -437,6 +437,13 @@ impl Device {
         self.alloc(name, count)
     }
 
+    /// A buffer of these elements, in [`Self::room`].
+    pub(crate) fn put<T: bytemuck::Pod>(&self, name: &'static str, data: &[T]) -> Result<Buffer<T>, Error> {
+        let buffer = self.room(name, data.len() as u64)?;
+        self.write(&buffer, 0, data)?;
+        Ok(buffer)
+    }
+
     /// A buffer of these elements.
     ///
     /// # Errors

@@ -105,8 +105,7 @@ impl Scene {
         translation: [f64; 3],
         mut built: Built,
     ) -> Result<Self, Error> {
-        let header = device.room("header", 1)?;
-        device.write(&header, 0, &[built.header])?;
+        let header = device.put("header", &[built.header])?;
         let laid = device.room("corners", 3 * u64::from(built.header.refs))?;
         let corners = corners::Buffers {
             header: &header,
