@@ -428,7 +428,7 @@ impl Device {
                 watch::poison(self, &found)?;
                 return Ok(found.view());
             }
-            let more = pool::with_room_to_grow(bytes).min(self.limit().bytes).max(bytes);
+            let more = pool::with_room_to_grow(bytes).min(self.limit().bytes / 16 * 16).max(bytes);
             let mut buffer = self.alloc::<u8>(name, more)?.any;
             pool.keep(buffer.clone());
             buffer.bytes = bytes;
