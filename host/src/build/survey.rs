@@ -100,12 +100,8 @@ impl Room {
         };
         let offsets = offsets::Buffers { job, positions, indices, counts: counts.out(), found: found.out() };
         let collect = collect::Buffers { job, marks, counts, kept: self.kept.out() };
-        device.begin(&[
-            sift.groups(triangles.div_ceil(BLOCK)),
-            offsets.groups(1),
-            collect.over(triangles),
-        ])?;
-        Ok(device.read(&found.view(), 0, 1)?[0])
+        let steps = [sift.groups(triangles.div_ceil(BLOCK)), offsets.groups(1), collect.over(triangles)];
+        Ok(device.dispatch_and_read(&steps, false, &found.view())?.1)
     }
 }
 
