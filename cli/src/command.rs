@@ -5,7 +5,9 @@ use crate::{
     build::BuildArgs,
     calibrate::CalibrateArgs,
     chart::ChartArgs,
+    check::CheckArgs,
     devices::DevicesArgs,
+    inside::InsideArgs,
     render::RenderArgs,
     stress::StressArgs,
     task::{On, Task},
@@ -19,6 +21,8 @@ Examples:
   raykd bench dragon sponza --json       two scenes, for scripts
   raykd build mesh.ply -o mesh.kd        build a tree and save it
   raykd trace mesh.ply --rays r --hits h trace a file of rays
+  raykd inside mesh.ply --points p.csv   tell which points are inside
+  raykd check mesh.ply                   tell whether a mesh is closed
   raykd render dragon -o dragon.png      make a picture
   raykd stress                           the scenes in which ray tracers fail
   raykd chart --quick                    what raykd knows about itself, drawn
@@ -44,6 +48,8 @@ pub(super) enum Command {
     Bench(BenchArgs),
     Build(BuildArgs),
     Trace(TraceArgs),
+    Inside(InsideArgs),
+    Check(CheckArgs),
     Render(RenderArgs),
     Devices(DevicesArgs),
     Stress(StressArgs),
@@ -58,6 +64,8 @@ impl Command {
             Self::Bench(args) => ("bench", args),
             Self::Build(args) => ("build", args),
             Self::Trace(args) => ("trace", args),
+            Self::Inside(args) => ("inside", args),
+            Self::Check(args) => ("check", args),
             Self::Render(args) => ("render", args),
             Self::Devices(args) => ("devices", args),
             Self::Stress(args) => ("stress", args),

@@ -1,4 +1,4 @@
-//! The program `raykd`: `raykd bench`, `build`, `trace`, `render`, `stress`, `chart`, `calibrate` and `devices`.
+//! The program `raykd`.
 
 mod amount;
 mod args;
@@ -8,16 +8,19 @@ mod builders;
 mod calibrate;
 mod changes;
 mod chart;
+mod check;
 mod command;
 mod compare;
 mod devices;
 mod files;
 mod input;
+mod inside;
 mod machine;
 mod measure;
 mod notes;
 mod picture;
 mod png_file;
+mod points;
 mod ray_file;
 mod render;
 mod report;

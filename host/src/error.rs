@@ -131,7 +131,9 @@ pub enum Error {
     },
     /// A triangle test was asked for what only the default one does.
     #[error(
-        "intersector {name} works with the traversals stack and brute, for closest and any hits; {asked} needs the default, {}",
+        "intersector {name} works with the traversals stack and brute, for closest and any hits; {asked} needs {}the \
+         default, {}",
+        if *exact { "exact or " } else { "" },
         Intersector::default()
     )]
     Intersector {
@@ -139,6 +141,8 @@ pub enum Error {
         name: &'static str,
         /// What was asked for.
         asked: String,
+        /// Whether [`Intersector::Exact`] does that too.
+        exact: bool,
     },
     /// As many triangles to leave out as rays are needed.
     #[error("{rays} rays with {excluded} triangles to leave out; give one a ray (MISS for none)")]
@@ -171,8 +175,8 @@ mod tests {
     #[test]
     fn a_refused_intersector_names_the_real_default() {
         for test in Intersector::ALL {
-            let error =
-                Error::Intersector { name: test.name(), asked: "traversal ropes".to_owned() }.to_string();
+            let asked = "traversal ropes".to_owned();
+            let error = Error::Intersector { name: test.name(), asked, exact: false }.to_string();
             assert!(error.ends_with(&format!("the default, {}", Intersector::default().name())), "{error}");
         }
         assert_eq!(Intersector::default().name(), "strict");

@@ -1,6 +1,28 @@
-//! The triangle tests that there are to choose from.
+//! The triangle tests that there are to choose from, and the kernels of each.
 
-use crate::{Error, Traversal, choices::choices};
+use crate::{
+    Error, Query, Traversal,
+    choices::choices,
+    exec::{Buffer, Launch, OnDevice, Out, Step},
+};
+use raykd_kernels::{
+    Bindings, Host, Kernel,
+    glam::UVec4,
+    trace::{
+        intersect::{
+            baldwin::{self, Baldwin, brute_baldwin},
+            exact::{self, Exact, brute_exact},
+            moeller::{self, Moeller, brute_moeller},
+            plane::{self, Plane, brute_plane},
+            strict::{Strict, brute_strict},
+            woop::{self, Woop, brute_woop},
+        },
+        queries::{self, all, any, closest, exact_all, exact_except, exact_steps, except, steps},
+        single::Tree,
+    },
+};
+use raykd_shared::{Hit, Ray};
+use std::ops::ControlFlow;
 
 choices! {
     /// How it is told whether a ray hits a triangle, and where. [`Intersector::Strict`] keeps raykd's promises, and
@@ -35,7 +57,123 @@ impl Intersector {
     pub fn check(self, traversal: Traversal) -> Result<(), Error> {
         match (self, traversal) {
             (Self::Strict, _) | (_, Traversal::Stack | Traversal::Brute) => Ok(()),
-            _ => Err(Error::Intersector { name: self.name(), asked: format!("traversal {traversal}") }),
+            _ => {
+                let asked = format!("traversal {traversal}");
+                Err(Error::Intersector { name: self.name(), asked, exact: false })
+            }
+        }
+    }
+
+    /// Whether it answers more than closest and any hits: what is `asked`.
+    ///
+    /// # Errors
+    /// It does not keep the contract.
+    pub fn check_query(self, asked: &str) -> Result<(), Error> {
+        if self.keeps_contract() {
+            return Ok(());
+        }
+        Err(Error::Intersector { name: self.name(), asked: asked.to_owned(), exact: true })
+    }
+
+    /// All hits of so many rays.
+    pub(crate) fn all<'a>(
+        self,
+        query: queries::Query<'a, OnDevice>,
+        totals: Out<'a, u32>,
+        count: u32,
+    ) -> Result<Step<'a>, Error> {
+        self.check_query("a query for all hits")?;
+        Ok(match self {
+            Self::Exact => exact_all::Buffers { query, totals }.over(count),
+            _ => all::Buffers { query, totals }.over(count),
+        })
+    }
+
+    /// Hits of so many rays on other triangles than theirs.
+    pub(crate) fn except<'a>(
+        self,
+        query: queries::Query<'a, OnDevice>,
+        excluded: &'a Buffer<u32>,
+        count: u32,
+    ) -> Result<Step<'a>, Error> {
+        self.check_query("leaving out a triangle")?;
+        Ok(match self {
+            Self::Exact => exact_except::Buffers { query, excluded }.over(count),
+            _ => except::Buffers { query, excluded }.over(count),
+        })
+    }
+
+    /// Closest hits of so many rays, counting steps.
+    pub(crate) fn steps<'a>(
+        self,
+        query: queries::Query<'a, OnDevice>,
+        counts: Out<'a, UVec4>,
+        count: u32,
+    ) -> Result<Step<'a>, Error> {
+        self.check_query("counting steps")?;
+        Ok(match self {
+            Self::Exact => exact_steps::Buffers { query, counts }.over(count),
+            _ => steps::Buffers { query, counts }.over(count),
+        })
+    }
+
+    /// With a full stack: the kernel and its buffers.
+    pub(crate) fn stack<'a, H: Host>(
+        self,
+        query: queries::Query<'a, H>,
+        asked: Query,
+    ) -> (&'static Kernel, Vec<H::Any<'a>>) {
+        fn of<'a, H: Host, B: Bindings<'a, H>>(buffers: B) -> (&'static Kernel, Vec<H::Any<'a>>) {
+            (B::KERNEL, buffers.list().collect())
+        }
+        match self {
+            Self::Strict if asked == Query::Any => of(any::Buffers { query }),
+            Self::Strict => of(closest::Buffers { query }),
+            Self::Exact => of(exact::Buffers { query }),
+            Self::Woop => of(woop::Buffers { query }),
+            Self::Moeller => of(moeller::Buffers { query }),
+            Self::Plane => of(plane::Buffers { query }),
+            Self::Baldwin => of(baldwin::Buffers { query }),
+        }
+    }
+
+    /// Every triangle of a list, for so many rays.
+    pub(crate) fn brute<'a>(self, brute: queries::Brute<'a, OnDevice>, count: u32) -> Step<'a> {
+        match self {
+            Self::Strict => brute_strict::Buffers { brute }.over(count),
+            Self::Exact => brute_exact::Buffers { brute }.over(count),
+            Self::Woop => brute_woop::Buffers { brute }.over(count),
+            Self::Moeller => brute_moeller::Buffers { brute }.over(count),
+            Self::Plane => brute_plane::Buffers { brute }.over(count),
+            Self::Baldwin => brute_baldwin::Buffers { brute }.over(count),
+        }
+    }
+
+    /// Calls `each` with all hits of one ray on the CPU until it says no.
+    pub(crate) fn single_all(
+        self,
+        tree: &Tree<'_>,
+        ray: &Ray,
+        each: &mut dyn FnMut(Hit) -> bool,
+    ) -> Result<(), Error> {
+        self.check_query("a query for all hits")?;
+        let on = |hit| if each(hit) { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
+        let _ = match self {
+            Self::Exact => tree.for_each::<Exact, ()>(ray, on),
+            _ => tree.for_each::<Strict, ()>(ray, on),
+        };
+        Ok(())
+    }
+
+    /// One ray on the CPU.
+    pub(crate) fn single(self, tree: &Tree<'_>, ray: &Ray, any: bool) -> Option<Hit> {
+        match self {
+            Self::Strict => tree.find::<Strict>(ray, any),
+            Self::Exact => tree.find::<Exact>(ray, any),
+            Self::Woop => tree.find::<Woop>(ray, any),
+            Self::Moeller => tree.find::<Moeller>(ray, any),
+            Self::Plane => tree.find::<Plane>(ray, any),
+            Self::Baldwin => tree.find::<Baldwin>(ray, any),
         }
     }
 }

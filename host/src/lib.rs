@@ -51,6 +51,7 @@ pub mod mesh;
 mod output;
 #[cfg(feature = "plan")]
 pub mod plan;
+mod query;
 pub mod rays;
 mod read;
 mod scene;
@@ -66,12 +67,13 @@ pub use exec::{AdapterReport, Verdict, adapters, required_features, required_lim
 pub use exec::{Device, Limit};
 pub use intersector::Intersector;
 pub use mesh::Mesh;
+pub use query::Query;
 pub use raykd_kernels as kernels;
 pub use raykd_shared as shared;
-pub use raykd_shared::{Hit, Ray};
+pub use raykd_shared::{Crossings, Hit, Ray};
 pub use rays::Ray64;
 pub use read::usual_max_bytes;
-pub use scene::{AllHits, Query, RaySteps, Resident, Scene, Traced, Tracer};
+pub use scene::{AllHits, Counted, RaySteps, Resident, Scene, Traced, Tracer};
 #[cfg(feature = "gpu")]
 pub use scene::{Encoded, RayCount, SceneBuffers, WGSL};
 pub use traversal::Traversal;
@@ -98,6 +100,7 @@ pub mod internals {
         build::LISTED as SWEEP_LISTED,
         error::{QUOTED, quoted},
         exec::{AnyBuffer, Buffer, Cpu, Groups, Launch, OnDevice, Out, Step, Timing, watch},
+        mesh::ply_vertices,
         read::all_of,
         tree::digest_of,
     };

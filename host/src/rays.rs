@@ -8,7 +8,7 @@ pub mod sets;
 mod wide;
 
 pub(crate) use wide::below;
-pub use wide::{AnyRay, Ray64};
+pub use wide::{AnyPoint, AnyRay, Ray64};
 
 use crate::{Hit, Mesh, Ray};
 use std::ops::Range;

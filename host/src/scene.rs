@@ -2,18 +2,20 @@
 
 mod batch;
 mod build;
+mod choose;
+mod crossings;
 #[cfg(feature = "gpu")]
 mod encode;
-mod extras;
 #[cfg(feature = "gpu")]
 mod on;
 mod trace;
 mod tracer;
 
 pub use batch::Resident;
+pub use crossings::Counted;
 #[cfg(feature = "gpu")]
 pub use encode::{Encoded, RayCount, SceneBuffers, WGSL};
-pub use trace::{AllHits, Query, RaySteps, Traced};
+pub use trace::{AllHits, RaySteps, Traced};
 pub use tracer::Tracer;
 
 use crate::{
@@ -21,9 +23,8 @@ use crate::{
     build::{Kept, MeshBuffers},
     exec::{Buffer, Device},
     mesh::digest,
-    traversal::Traversal,
+    traversal::{Extras, Traversal},
 };
-use extras::Extras;
 use raykd_kernels::glam::{UVec4, Vec4};
 use raykd_shared::TreeHeader;
 
@@ -44,6 +45,8 @@ pub struct Scene {
     times: BuildTimes,
     traversal: Traversal,
     intersector: Intersector,
+    /// What the triangle test `baldwin` keeps instead of corners.
+    transforms: Option<Buffer<Vec4>>,
     extras: Extras,
 }
 
@@ -90,6 +93,6 @@ impl Scene {
 
     /// Bytes of the tree on the device as its traversal uses it: nodes, references, and parents, boxes or ropes.
     pub fn tree_bytes(&self) -> u64 {
-        u64::from(self.header.nodes) * 8 + u64::from(self.header.refs) * 4 + self.more_bytes()
+        u64::from(self.header.nodes) * 8 + u64::from(self.header.refs) * 4 + self.extras.bytes(self.traversal)
     }
 }

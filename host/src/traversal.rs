@@ -1,8 +1,24 @@
-//! The ways through the tree that there are to choose from.
+//! The ways through the tree that there are to choose from, and what each needs and binds on a device.
 
-use crate::choices::choices;
-use raykd_kernels::trace::traverse::{backtrack, pushdown, restart, ropes, sequential, shortstack};
-use raykd_shared::limits::MAX_DEPTH;
+use crate::{
+    Error,
+    choices::choices,
+    exec::{Buffer, Device, Launch, OnDevice, Out, Step},
+};
+use raykd_kernels::{
+    glam::UVec4,
+    trace::{
+        prepare::{node_boxes, parents, rope_links},
+        queries::Query,
+        traverse::{
+            backtrack, pushdown, restart,
+            ropes::{self, optimised_ropes},
+            sequential,
+            shortstack::{self, shortstack1, shortstack2, shortstack4, shortstack8},
+        },
+    },
+};
+use raykd_shared::{TreeHeader, limits::MAX_DEPTH};
 
 choices! {
     /// How rays find their way through the tree. All find the same hits, bit by bit.
@@ -38,10 +54,19 @@ choices! {
 
 /// What a traversal needs on the device beside the tree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Needs {
+enum Needs {
     Nothing,
     Boxes,
     Ropes { optimised: bool },
+}
+
+/// What traversals need on the device beside the tree, each made once.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Extras {
+    parents: Option<Buffer<u32>>,
+    boxes: Option<Buffer<UVec4>>,
+    /// As they are, and optimised.
+    ropes: [Option<Buffer<UVec4>>; 2],
 }
 
 impl Traversal {
@@ -63,12 +88,104 @@ impl Traversal {
         }
     }
 
-    pub(crate) const fn needs(self) -> Needs {
+    const fn needs(self) -> Needs {
         match self {
             Self::Backtrack => Needs::Boxes,
             Self::Ropes => Needs::Ropes { optimised: false },
             Self::OptimisedRopes => Needs::Ropes { optimised: true },
             _ => Needs::Nothing,
         }
+    }
+
+    /// Of so many rays, counting steps too; `stack` and `brute` have kernels of their own. [`Extras::make`] was
+    /// called for it.
+    pub(crate) fn step<'a>(
+        self,
+        query: Query<'a, OnDevice>,
+        counts: Out<'a, UVec4>,
+        count: u32,
+        extras: &'a Extras,
+    ) -> Option<Step<'a>> {
+        Some(match self {
+            Self::Stack | Self::Brute => return None,
+            Self::Restart => restart::Buffers { query, counts }.over(count),
+            Self::Pushdown => pushdown::Buffers { query, counts }.over(count),
+            Self::ShortStack1 => shortstack1::Buffers { query, counts }.over(count),
+            Self::ShortStack2 => shortstack2::Buffers { query, counts }.over(count),
+            Self::ShortStack4 => shortstack4::Buffers { query, counts }.over(count),
+            Self::ShortStack8 => shortstack8::Buffers { query, counts }.over(count),
+            Self::Backtrack => backtrack::Buffers { query, counts, boxes: extras.boxes() }.over(count),
+            Self::Ropes => {
+                let (parents, links) = (extras.parents(), extras.ropes(false));
+                ropes::Buffers { query, counts, parents, links }.over(count)
+            }
+            Self::OptimisedRopes => {
+                let (parents, links) = (extras.parents(), extras.ropes(true));
+                optimised_ropes::Buffers { query, counts, parents, links }.over(count)
+            }
+            Self::Sequential => sequential::Buffers { query, counts }.over(count),
+        })
+    }
+}
+
+impl Extras {
+    /// Makes what a traversal needs of a tree of `count` nodes, if that is not there yet.
+    pub(crate) fn make(
+        &mut self,
+        traversal: Traversal,
+        device: &Device,
+        (header, pairs, count): (&Buffer<TreeHeader>, &Buffer<UVec4>, u32),
+    ) -> Result<(), Error> {
+        let needs = traversal.needs();
+        if needs == Needs::Nothing {
+            return Ok(());
+        }
+        let parents = match self.parents.take() {
+            Some(parents) => parents,
+            None => {
+                let made = device.alloc("parents", u64::from(count / 2))?;
+                let parents = parents::Buffers { header, pairs, parents: made.out() };
+                device.dispatch(&[parents.over(count)], false)?;
+                made
+            }
+        };
+        if needs == Needs::Boxes && self.boxes.is_none() {
+            let made = device.alloc("node boxes", 2 * u64::from(count))?;
+            let boxes = node_boxes::Buffers { header, pairs, parents: &parents, boxes: made.out() };
+            device.dispatch(&[boxes.over(count)], false)?;
+            self.boxes = Some(made);
+        }
+        if let Needs::Ropes { optimised } = needs
+            && self.ropes[usize::from(optimised)].is_none()
+        {
+            let job = &device.upload("job", &[u32::from(optimised), 0, 0, 0])?;
+            let made = device.alloc("ropes", 3 * u64::from(count))?;
+            let ropes = rope_links::Buffers { job, header, pairs, parents: &parents, links: made.out() };
+            device.dispatch(&[ropes.over(count)], false)?;
+            self.ropes[usize::from(optimised)] = Some(made);
+        }
+        self.parents = Some(parents);
+        Ok(())
+    }
+
+    /// Bytes of what a traversal binds of it.
+    pub(crate) fn bytes(&self, traversal: Traversal) -> u64 {
+        match traversal.needs() {
+            Needs::Nothing => 0,
+            Needs::Boxes => self.boxes().bytes(),
+            Needs::Ropes { optimised } => self.parents().bytes() + self.ropes(optimised).bytes(),
+        }
+    }
+
+    fn parents(&self) -> &Buffer<u32> {
+        self.parents.as_ref().expect("made for the traversal")
+    }
+
+    fn boxes(&self) -> &Buffer<UVec4> {
+        self.boxes.as_ref().expect("made for the traversal")
+    }
+
+    fn ropes(&self, optimised: bool) -> &Buffer<UVec4> {
+        self.ropes[usize::from(optimised)].as_ref().expect("made for the traversal")
     }
 }

@@ -198,7 +198,7 @@ pub trait Bindings<'a, H: Host> {
     fn list(self) -> impl Iterator<Item = H::Any<'a>>;
 }
 
-#[cfg(target_arch = "spirv")]
+#[cfg(all(target_arch = "spirv", feature = "entry-points"))]
 macro_rules! slot {
     (read $t:ty) => { &$crate::mem::Buf<$t> };
     (write $t:ty) => { &mut $crate::mem::Buf<$t> };
@@ -244,7 +244,7 @@ macro_rules! bindings {
 
         #[cfg(not(target_arch = "spirv"))]
         impl<'a, H: $crate::Host> $name<'a, H> {
-            fn list(self) -> impl Iterator<Item = H::Any<'a>> {
+            pub(crate) fn list(self) -> impl Iterator<Item = H::Any<'a>> {
                 [$(slot!(forget $mode H self.$arg)),+].into_iter()
             }
         }
@@ -278,7 +278,7 @@ macro_rules! kernel {
      $($head:ident: $shared:ident { $($hb:tt $harg:ident: $hmode:ident $ht:ty),+ $(,)? },)?
      { $($b:tt $arg:ident: $mode:ident $t:ty),* $(,)? }) => {
         $(#[$doc])*
-        #[cfg(target_arch = "spirv")]
+        #[cfg(all(target_arch = "spirv", feature = "entry-points"))]
         #[spirv_std::spirv(compute(threads($n), signed_zero_inf_nan_preserve = 32, rounding_mode_rte = 32))]
         pub fn entry(
             #[spirv(workgroup_id)] group: $crate::glam::UVec3,
@@ -303,7 +303,7 @@ macro_rules! kernel {
      $($head:ident: $shared:ident { $($hb:tt $harg:ident: $hmode:ident $ht:ty),+ $(,)? },)?
      { $($b:tt $arg:ident: $mode:ident $t:ty),* $(,)? }) => {
         $(#[$doc])*
-        #[cfg(target_arch = "spirv")]
+        #[cfg(all(target_arch = "spirv", feature = "entry-points"))]
         #[spirv_std::spirv(compute(threads($n), signed_zero_inf_nan_preserve = 32, rounding_mode_rte = 32))]
         pub fn entry(
             #[spirv(workgroup_id)] group: $crate::glam::UVec3,

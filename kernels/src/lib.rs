@@ -29,11 +29,58 @@
 //! # Rules for results that must agree to the bit
 //! `+ - *`, comparisons and exact conversions on `f32` only; quotients by [`math::div`]; no `min`/`max`
 //! methods; no float reduction whose order a scheduler decides; no atomic append: count, scan, scatter.
-//! `cargo xtask kernels` refuses SPIR-V that breaks the first three.
+//! The crate `raykd-spirv`, which compiles them, refuses SPIR-V that breaks the first two, and `min` and `max` if they
+//! become instructions of a GPU's.
+//!
+//! # In a shader of your own
+//! A crate that rust-gpu compiles may depend on this one, and trace rays in kernels of its own: a
+//! [`trace::single::Tree`] over a scene's buffers answers on a GPU what it answers on a CPU, to the bit. So a function
+//! that takes one runs on both:
+//!
+//! ```
+//! use raykd_kernels::trace::single::Tree;
+//! use raykd_shared::Ray;
+//!
+//! /// How many of four rays straight up meet something.
+//! pub fn covered(tree: &Tree<'_>, [x, y, z]: [f32; 3]) -> u32 {
+//!     let (mut i, mut hits) = (0, 0);
+//!     while i < 4 {
+//!         let from = [x + (i & 1) as f32, y + (i >> 1) as f32, z];
+//!         hits += tree.any(&Ray::new(from, [0.0, 0.0, 1.0])).is_some() as u32;
+//!         i += 1;
+//!     }
+//!     hits
+//! }
+//! ```
+//!
+//! and its kernel makes the tree of storage buffers, which `Scene::buffers` of the crate `raykd` offers:
+//!
+//! ```ignore
+//! #[spirv_std::spirv(compute(threads(64)))]
+//! pub fn kernel(
+//!     #[spirv(global_invocation_id)] id: UVec3,
+//!     #[spirv(storage_buffer, descriptor_set = 0, binding = 0)] header: &TreeHeader,
+//!     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] nodes: &[UVec4],
+//!     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] corners: &[Vec4],
+//!     // ...
+//! ) {
+//!     let tree = Tree::of_buffers(header, nodes, corners);
+//!     // ...
+//! }
+//! ```
+//!
+//! The crate `raykd-spirv` compiles it, and refuses what would not be the same bytes everywhere. spirv-std must be
+//! version 0.10.0. raykd's own entry points are left out; the feature `entry-points` would put them in. The folder
+//! `examples/own_kernel` of raykd's repository has a whole program.
 //!
 //! # Features
+//! * `entry-points`: in SPIR-V, every kernel is an entry point. For raykd's own module; on a CPU it changes nothing.
 //! * `traffic`: count the bytes that kernels move on the CPU, which slows them.
 #![no_std]
+#![cfg_attr(
+    all(target_arch = "spirv", not(feature = "entry-points")),
+    allow(unused_imports, reason = "what only entry points use")
+)]
 
 #[macro_use]
 mod kernel;
@@ -61,74 +108,37 @@ const ON_GPU: bool = cfg!(target_arch = "spirv");
 
 /// Every kernel, in pipeline order.
 #[cfg(not(target_arch = "spirv"))]
-pub const KERNELS: &[&Kernel] = &[
-    &probe::PROBE,
-    &build::survey::vertices::VERTICES,
-    &build::survey::indices::INDICES,
-    &build::survey::sift::SIFT,
-    &build::survey::offsets::OFFSETS,
-    &build::survey::collect::COLLECT,
-    &build::survey::settle::SETTLE,
-    &build::boxes::BOXES,
-    &build::alone::ALONE,
-    &build::bin::BIN,
-    &build::split::SPLIT,
-    &build::count::COUNT,
-    &build::tally::TALLY,
-    &build::alloc::ALLOC,
-    &build::scatter::SCATTER,
-    &build::treelet::TREELETS,
-    &build::place::PLACE,
-    &build::top::TOP,
-    &build::emit::EMIT,
-    &build::sweep::start::START,
-    &build::sweep::sort::SORT,
-    &build::sweep::weigh::WEIGH,
-    &build::sweep::cheapest::CHEAPEST,
-    &build::sweep::classify::CLASSIFY,
-    &build::sweep::rank::RANK,
-    &build::sweep::total::TOTAL,
-    &build::sweep::advance::ADVANCE,
-    &build::sweep::children::CHILDREN,
-    &build::sweep::distribute::DISTRIBUTE,
-    &build::sweep::carry::CARRY,
-    &build::sweep::insert::INSERT,
-    &build::sweep::sizes::SIZES,
-    &build::sweep::number::NUMBER,
-    &build::sweep::leaves::LEAVES,
-    &trace::workgroups::WORKGROUPS,
-    &trace::prepare::corners::CORNERS,
-    &trace::prepare::corners::transforms::TRANSFORMS,
-    &trace::queries::closest::CLOSEST,
-    &trace::queries::any::ANY,
-    &trace::queries::steps::STEPS,
-    &trace::queries::except::EXCEPT,
-    &trace::queries::all::ALL_HITS,
-    &trace::queries::moeller::MOELLER,
-    &trace::queries::plane::PLANE,
-    &trace::queries::baldwin::BALDWIN,
-    &trace::queries::woop::WOOP,
-    &trace::queries::exact::EXACT,
-    &trace::queries::brute_strict::BRUTE_STRICT,
-    &trace::queries::brute_exact::BRUTE_EXACT,
-    &trace::queries::brute_moeller::BRUTE_MOELLER,
-    &trace::queries::brute_plane::BRUTE_PLANE,
-    &trace::queries::brute_baldwin::BRUTE_BALDWIN,
-    &trace::queries::brute_woop::BRUTE_WOOP,
-    &trace::prepare::parents::PARENTS,
-    &trace::prepare::node_boxes::NODE_BOXES,
-    &trace::prepare::rope_links::ROPE_LINKS,
-    &trace::queries::restart::RESTART,
-    &trace::queries::pushdown::PUSHDOWN,
-    &trace::queries::shortstack1::SHORTSTACK1,
-    &trace::queries::shortstack2::SHORTSTACK2,
-    &trace::queries::shortstack4::SHORTSTACK4,
-    &trace::queries::shortstack8::SHORTSTACK8,
-    &trace::queries::backtrack::BACKTRACK,
-    &trace::queries::ropes::ROPES,
-    &trace::queries::optimised_ropes::OPTIMISED_ROPES,
-    &trace::queries::sequential::SEQUENTIAL,
-];
+pub const KERNELS: &[&Kernel] = &{
+    const LISTS: [&[&Kernel]; 8] = [
+        &[&probe::PROBE],
+        build::survey::KERNELS,
+        build::KERNELS,
+        build::sweep::KERNELS,
+        trace::prepare::KERNELS,
+        trace::queries::KERNELS,
+        trace::intersect::KERNELS,
+        trace::traverse::KERNELS,
+    ];
+    const COUNT: usize = {
+        let (mut count, mut list) = (0, 0);
+        while list < LISTS.len() {
+            count += LISTS[list].len();
+            list += 1;
+        }
+        count
+    };
+    let mut all = [&probe::PROBE; COUNT];
+    let (mut list, mut next) = (0, 0);
+    while list < LISTS.len() {
+        let mut i = 0;
+        while i < LISTS[list].len() {
+            all[next] = LISTS[list][i];
+            (i, next) = (i + 1, next + 1);
+        }
+        list += 1;
+    }
+    all
+};
 
 /// All kernels as one SPIR-V module, made by `cargo xtask kernels`; its entry points are
 /// [`Kernel::entry_point`].

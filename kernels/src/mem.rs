@@ -67,6 +67,20 @@ impl<T> core::ops::Deref for View<'_, T> {
     }
 }
 
+/// A slice as a buffer that is only read.
+#[cfg(target_arch = "spirv")]
+#[inline(always)]
+pub fn view<T>(slice: &[T]) -> &Buf<T> {
+    slice
+}
+
+/// A slice as a buffer that is only read.
+#[cfg(not(target_arch = "spirv"))]
+#[inline(always)]
+pub fn view<T>(slice: &[T]) -> View<'_, T> {
+    View::new(slice)
+}
+
 /// Element access, checked on the CPU. On the GPU the device's robust buffer access bounds it.
 pub trait Slots<T: Copy> {
     /// Reads element `i`.

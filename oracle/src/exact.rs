@@ -126,7 +126,7 @@ fn narrow(x: f64) -> f32 {
 }
 
 /// A finite number times `2^149`: an integer.
-fn integer(x: f32) -> BigInt {
+pub(crate) fn integer(x: f32) -> BigInt {
     let (bits, field) = (x.to_bits(), x.to_bits() >> 23 & 0xFF);
     let digits = bits & 0x007F_FFFF | if field > 0 { 0x0080_0000 } else { 0 };
     let size = BigInt::from(digits) << field.saturating_sub(1);

@@ -27,6 +27,9 @@
 mod boxes;
 pub mod exact;
 pub mod judge;
+mod passage;
+
+pub use passage::Passage;
 
 use boxes::Boxes;
 use exact::{Corners, Exact};

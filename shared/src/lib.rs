@@ -61,7 +61,7 @@ mod tree;
 
 pub use node::{Content, Node};
 pub use params::{BuildParams, rule};
-pub use ray::{Hit, MISS, Ray};
+pub use ray::{Crossings, Hit, MISS, Ray};
 pub use tree::{Fault, LAYOUT_VERSION, Report, TreeHeader, TreeView};
 
 // The layouts are defined as little-endian bytes and used as they lie in memory.

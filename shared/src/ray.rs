@@ -60,3 +60,22 @@ impl Hit {
 
 const _: () = assert!(size_of::<Ray>() == 32 && align_of::<Ray>() == 4, "rays are records of 8 f32");
 const _: () = assert!(size_of::<Hit>() == 16 && align_of::<Hit>() == 4, "hits are records of 4 words");
+
+/// How often a ray crosses surfaces in its range of `t`, an edge or a vertex of a closed surface counting as one crossing.
+/// The side of a triangle from which its corners go round counterclockwise is its outside.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct Crossings {
+    /// From the inside out.
+    pub leaving: u32,
+    /// From the outside in.
+    pub entering: u32,
+}
+
+impl Crossings {
+    /// Crossings out less crossings in: the winding number of where a ray starts, if it goes on for ever and all surfaces are
+    /// closed.
+    pub const fn winding(self) -> i32 {
+        self.leaving.wrapping_sub(self.entering).cast_signed()
+    }
+}

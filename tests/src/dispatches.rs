@@ -4,7 +4,7 @@ use crate::{Failure, built_from, rays::rays, same};
 use raykd::{
     BuildOptions, Builder, Device, Error, Intersector, Mesh, Query, Ray, Scene, Traversal,
     internals::{Buffer, Launch as _, Step, watch::watching},
-    kernels::{Access, trace::workgroups},
+    kernels::{Access, trace::prepare::workgroups},
     rays::Random,
 };
 use std::{cell::RefCell, rc::Rc};

@@ -1,13 +1,13 @@
-//! What the exact test says of every triangle, one by one, without a tree and without a kernel.
+//! What a triangle test that keeps the contract says of every triangle, one by one, without a tree and without a kernel.
 
 use raykd::{
-    Hit, Mesh, Ray,
+    Hit, Intersector, Mesh, Ray,
     kernels::{
         glam::Vec3,
         math::{div, ldexp},
         trace::{
             frame::Frame,
-            intersect::{Best, strict::test},
+            intersect::{Best, Intersector as Test, exact::Exact, strict::Strict},
         },
     },
     shared::TreeHeader,
@@ -20,16 +20,25 @@ pub struct OneByOne<'a> {
     mesh: &'a Mesh,
     header: TreeHeader,
     positions: Cow<'a, [f32]>,
+    exact: bool,
 }
 
 impl<'a> OneByOne<'a> {
     /// Of a mesh and the header of any of its trees.
     pub fn new(mesh: &'a Mesh, header: &TreeHeader) -> Self {
-        Self { mesh, header: *header, positions: mesh.scaled_positions() }
+        Self { mesh, header: *header, positions: mesh.scaled_positions(), exact: false }
+    }
+
+    /// By this test, which is `exact` or the default.
+    #[must_use]
+    pub fn by(self, test: Intersector) -> Self {
+        assert!(test.keeps_contract());
+        Self { exact: test == Intersector::Exact, ..self }
     }
 
     fn frame(&self, ray: &Ray) -> Frame {
-        Frame::of(ray, &self.header)
+        let frame = Frame::of(ray, &self.header);
+        if self.exact { frame.whole() } else { frame }
     }
 
     /// A ray's hit with one triangle, if it has one, and the scaled `t` that hits are ordered by.
@@ -37,7 +46,12 @@ impl<'a> OneByOne<'a> {
         let corners = self.mesh.triangles()[triangle as usize];
         let [a, b, c] = corners.map(|v| Vec3::from_slice(&self.positions[3 * v as usize..]));
         let mut best = Best::NOTHING;
-        test(frame, triangle, a, b, c, &mut best);
+        let (a, b, c) = (a.extend(0.0), b.extend(0.0), c.extend(0.0));
+        if self.exact {
+            Exact.test(frame, triangle, a, b, c, &mut best);
+        } else {
+            Strict.test(frame, triangle, a, b, c, &mut best);
+        }
         (frame.valid && best.triangle == triangle).then(|| {
             // A zero has no sign in hits.
             let t = ldexp(best.t, -frame.stretch) + 0.0;

@@ -180,8 +180,8 @@ fn single_rays_are_moved_with_the_mesh() -> Result<(), Failure> {
 }
 
 #[test]
-#[should_panic(expected = "by the triangle test strict")]
-fn all_hits_are_for_the_usual_test() {
+#[should_panic(expected = "a query for all hits needs exact or the default, strict")]
+fn all_hits_are_for_tests_that_keep_the_contract() {
     let mut scene =
         Scene::build(&Device::cpu(), &Mesh::teapot(2), &BuildOptions::default()).expect("a scene");
     scene.intersect_by(Intersector::Moeller).expect("it goes");

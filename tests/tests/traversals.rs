@@ -1,7 +1,7 @@
 //! Every traversal and every query: the same bytes on CPU and GPU, and what brute force finds.
 
 use proptest::prelude::*;
-use raykd::{BuildOptions, Hit, Mesh, Query, Scene, Traversal};
+use raykd::{BuildOptions, Hit, Intersector, Mesh, Query, RaySteps, Scene, Traversal};
 use raykd_tests::{
     Failure, cases, cpu, gpu,
     meshes::{Family, RANDOM, Recipe, ZOO, icosphere, small_mesh, traceable_mesh},
@@ -51,11 +51,13 @@ fn traverse_everywhere(mesh: &Mesh, options: &BuildOptions, seed: u64, count: us
     Ok(())
 }
 
-/// Finds all hits on CPU and GPU, and compares with those of all triangles one by one.
-fn all_everywhere(mesh: &Mesh, seed: u64, count: usize) -> Result<(), Failure> {
-    let scenes = both(mesh, &BuildOptions::default())?;
+/// Finds all hits on CPU and GPU, and compares with those of all triangles one by one; also closest hits with counts of
+/// steps, and those that are left when the closest triangle is left out.
+fn all_everywhere(mesh: &Mesh, seed: u64, count: usize, test: Intersector) -> Result<(), Failure> {
+    let mut scenes = both(mesh, &BuildOptions::default())?;
+    scenes.iter_mut().try_for_each(|scene| scene.intersect_by(test))?;
     let rays = rays(mesh, scenes[0].tree()?.view(), count, seed);
-    let oracle = OneByOne::new(mesh, scenes[0].header());
+    let oracle = OneByOne::new(mesh, scenes[0].header()).by(test);
     let expected: Vec<Vec<Hit>> = rays.iter().map(|ray| oracle.all(ray)).collect();
     let totals: Vec<u32> = expected.iter().map(|hits| hits.len() as u32).collect();
     for scene in &scenes {
@@ -70,6 +72,19 @@ fn all_everywhere(mesh: &Mesh, seed: u64, count: usize) -> Result<(), Failure> {
             });
             let padded: Vec<Hit> = padded.collect();
             same(&format!("the first {limit} hits on the {device}"), &padded, &found.hits)?;
+        }
+        let nth = |n: usize| -> Vec<Hit> {
+            expected.iter().map(|hits| hits.get(n).copied().unwrap_or(Hit::NONE)).collect()
+        };
+        let closest = nth(0);
+        if let Some((found, steps)) = unless_cut(scene.steps(&rays))? {
+            same(&format!("closest hits with steps on the {device}"), &closest, &found)?;
+            let tests = |(hit, steps): (&Hit, &RaySteps)| !hit.is_hit() || steps.tests > 0;
+            assert!(found.iter().zip(&steps).all(tests), "a hit without a test on the {device}");
+        }
+        let excluded: Vec<u32> = closest.iter().map(|hit| hit.triangle).collect();
+        if let Some(found) = unless_cut(scene.trace_except(Query::Closest, &rays, &excluded))? {
+            same(&format!("hits of other triangles on the {device}"), &nth(1), &found.hits)?;
         }
     }
     Ok(())
@@ -89,7 +104,12 @@ proptest! {
 
     #[test]
     fn all_hits_are_those_of_all_triangles(recipe in small_mesh(), seed: u64, count in 1usize..200) {
-        all_everywhere(&recipe.mesh(), seed, count)?;
+        all_everywhere(&recipe.mesh(), seed, count, Intersector::Strict)?;
+    }
+
+    #[test]
+    fn all_exact_hits_are_those_of_all_triangles(recipe in small_mesh(), seed: u64, count in 1usize..100) {
+        all_everywhere(&recipe.mesh(), seed, count, Intersector::Exact)?;
     }
 }
 
@@ -98,7 +118,9 @@ fn every_traversal_agrees_on_closed_meshes() {
     let lattice = Recipe { family: Family::Cubes, size: 300, seed: 4 }.mesh();
     for mesh in [icosphere(3), lattice, Mesh::teapot(3)] {
         traverse_everywhere(&mesh, &BuildOptions::default(), 7, 3000).unwrap();
-        all_everywhere(&mesh, 8, 500).unwrap();
+        for test in [Intersector::Strict, Intersector::Exact] {
+            all_everywhere(&mesh, 8, 500, test).unwrap();
+        }
     }
 }
 

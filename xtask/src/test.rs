@@ -27,7 +27,7 @@ pub(crate) fn run(args: &Args, root: &Path) -> Result<()> {
     execute(
         Command::new(cargo)
             // What compiles the kernels takes a minute to build, and its tests concern nobody else.
-            .args(["test", "--workspace", "--exclude", "xtask-kernels"])
+            .args(["test", "--workspace", "--exclude", "raykd-spirv", "--exclude", "xtask-kernels"])
             .args(&args.cargo)
             .env("RAYKD_REQUIRE_GPU", "1")
             .current_dir(root),

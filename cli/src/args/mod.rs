@@ -7,5 +7,5 @@ mod values;
 
 pub(super) use machine::{MachineArgs, One, OneArgs, Which, WhichArgs};
 pub(super) use read::ReadArgs;
-pub(super) use tree::{HowArgs, Quality, WalkArgs};
+pub(super) use tree::{HowArgs, Quality, TreeArgs, WalkArgs};
 pub(super) use values::{point, size, within};

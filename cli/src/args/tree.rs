@@ -2,7 +2,7 @@
 
 use super::values::{one_of, within};
 use clap::ValueEnum;
-use raykd::{BuildOptions, Builder, Error, Intersector, Traversal};
+use raykd::{BuildOptions, Builder, Intersector, Traversal};
 use std::path::PathBuf;
 
 /// How the tree is built, by these options or by `auto`. Hits do not depend on it.
@@ -96,14 +96,12 @@ pub(crate) struct WalkArgs {
 }
 
 impl WalkArgs {
-    /// Whether the triangle test does what is asked for: with this traversal, and `more` that only the default one
-    /// does.
+    /// Whether the triangle test does what is asked for: with this traversal, and `more` that only those do which keep
+    /// the contract.
     pub(crate) fn check(&self, more: Option<&str>) -> Result<(), String> {
         let test = self.intersector;
-        let done = match more.filter(|_| test != Intersector::default()) {
-            Some(asked) => Err(Error::Intersector { name: test.name(), asked: asked.to_owned() }),
-            None => test.check(self.traversal),
-        };
+        let done =
+            more.map_or(Ok(()), |asked| test.check_query(asked)).and_then(|()| test.check(self.traversal));
         done.map_err(|error| error.to_string())
     }
 }

@@ -50,6 +50,7 @@
 //! are an error.
 
 mod digest;
+mod edges;
 mod error;
 #[cfg(feature = "gltf")]
 mod gltf;
@@ -66,7 +67,10 @@ mod stl;
 mod teapot;
 
 pub(crate) use digest::digest;
+pub use edges::{EdgeCount, Edges};
 pub use error::{MeshError, Place, Spot};
+#[doc(hidden)]
+pub use ply::ply_vertices;
 pub(crate) use repair::Measure;
 pub use repair::Repairs;
 pub use scenes::{Scene, folder as scenes_folder, scene};

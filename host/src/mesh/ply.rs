@@ -17,13 +17,25 @@ use std::io::ErrorKind;
 
 /// The mesh of a PLY file, its triangles numbered in the order of the faces.
 pub(super) fn parse(bytes: &[u8]) -> Result<Raw, MeshError> {
+    read(bytes, true)
+}
+
+/// The vertices of a PLY file, which need have no faces.
+///
+/// # Errors
+/// The file cannot be understood.
+pub fn ply_vertices(bytes: &[u8]) -> Result<Vec<[f64; 3]>, MeshError> {
+    Ok(read(bytes, false)?.positions)
+}
+
+fn read(bytes: &[u8], with_faces: bool) -> Result<Raw, MeshError> {
     let bytes = unmarked(bytes);
     let mut reader = Reader::new(bytes);
     let header = Parser::<Vertex>::new().read_header(&mut reader).map_err(|e| header_error(&e))?;
     let line = reader.line() as u64;
     let body = reader.into_inner();
     no_name_twice(&bytes[..bytes.len() - body.len()])?;
-    let mut sink = Sink::new(&header)?;
+    let mut sink = Sink::new(&header, with_faces)?;
     match header.encoding {
         Encoding::Ascii => Text { rest: body, line }.read(&header, &mut sink)?,
         Encoding::BinaryLittleEndian => Binary { rest: body, big_endian: false }.read(&header, &mut sink)?,
@@ -114,8 +126,8 @@ struct Sink {
 }
 
 impl Sink {
-    /// Makes sure that the header describes a mesh.
-    fn new(header: &Header) -> Result<Self, MeshError> {
+    /// Makes sure that the header describes a mesh, or points.
+    fn new(header: &Header, with_faces: bool) -> Result<Self, MeshError> {
         let malformed = |what: &str| MeshError::Malformed { at: Place::header(), what: what.to_owned() };
         let vertices =
             header.elements.get("vertex").ok_or_else(|| malformed("there is no element 'vertex'"))?;
@@ -152,7 +164,7 @@ impl Sink {
                 _ => {}
             }
         }
-        if faces == 0 {
+        if faces == 0 && with_faces {
             return Err(MeshError::NoFaces { at: Place::default() });
         }
         if u32::try_from(vertices.count).is_err() {

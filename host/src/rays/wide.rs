@@ -38,11 +38,33 @@ pub trait AnyRay: Copy + Send + Sync + sealed::Sealed {
     fn alone(&self, translation: [f64; 3]) -> Ray;
 }
 
+/// What a scene takes for points, in its mesh's own coordinates: three `f32` or `f64`.
+pub trait AnyPoint: Copy + Send + Sync + sealed::Sealed {
+    /// The point as the mesh's positions are: less its translation, in `f32`.
+    fn local(&self, translation: [f64; 3]) -> [f32; 3];
+}
+
+impl AnyPoint for [f32; 3] {
+    #[inline]
+    fn local(&self, translation: [f64; 3]) -> [f32; 3] {
+        if translation == [0.0; 3] { *self } else { moved(self.map(f64::from), translation) }
+    }
+}
+
+impl AnyPoint for [f64; 3] {
+    #[inline]
+    fn local(&self, translation: [f64; 3]) -> [f32; 3] {
+        moved(*self, translation)
+    }
+}
+
 mod sealed {
-    /// Kernels know no other rays.
+    /// Kernels know no other rays and points.
     pub trait Sealed {}
     impl Sealed for crate::Ray {}
     impl Sealed for super::Ray64 {}
+    impl Sealed for [f32; 3] {}
+    impl Sealed for [f64; 3] {}
 }
 
 impl AnyRay for Ray {

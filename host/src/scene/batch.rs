@@ -1,9 +1,9 @@
 //! Rays on the device.
 
-use super::{Query, Scene, Traced};
+use super::{Scene, Traced};
 use crate::{
-    Error,
-    exec::{Buffer, Device, Launch, OnDevice, Step},
+    Error, Query,
+    exec::{Buffer, Device, OnDevice, Step},
     rays::AnyRay,
 };
 use raykd_kernels::{
@@ -13,7 +13,7 @@ use raykd_kernels::{
         queries,
     },
 };
-use raykd_shared::{Hit, status};
+use raykd_shared::{Hit, Ray, status};
 use std::time::{Duration, Instant};
 
 impl Scene {
@@ -89,7 +89,12 @@ impl Batch {
 
     /// With room for so many hits a ray. Rays come in the mesh's own coordinates; here they are moved.
     pub(super) fn with_room(scene: &Scene, rays: &[impl AnyRay], room: u32) -> Result<Self, Error> {
-        let (device, rays) = (&scene.device, &*AnyRay::local(rays, scene.translation));
+        Self::of_local(scene, &AnyRay::local(rays, scene.translation), room)
+    }
+
+    /// Of rays that are where the mesh is.
+    pub(super) fn of_local(scene: &Scene, rays: &[Ray], room: u32) -> Result<Self, Error> {
+        let device = &scene.device;
         Ok(Self {
             count: u32::try_from(rays.len()).unwrap_or(u32::MAX),
             job: device.alloc("job", u64::from(JOB_WORDS))?,
@@ -114,16 +119,6 @@ impl Batch {
     }
 
     /// Runs a query over the rays, and says how long it took.
-    pub(super) fn ask<'a>(
-        &self,
-        device: &Device,
-        buffers: impl Launch<'a>,
-        query: Query,
-    ) -> Result<Duration, Error> {
-        self.run(device, buffers.over(self.count), query)
-    }
-
-    /// The same, of a dispatch that is ready.
     pub(super) fn run(&self, device: &Device, step: Step<'_>, query: Query) -> Result<Duration, Error> {
         self.begin(device, u32::from(query == Query::Any))?;
         Ok(device.dispatch(&[step], false)?.total)

@@ -1,10 +1,11 @@
 //! A mesh becomes a scene: its tree is built on the device, or put there.
 
-use super::{Extras, Scene};
+use super::Scene;
 use crate::{
     BuildOptions, BuildTimes, Error, Intersector, KdTree, Mesh, Traversal,
     build::{Built, Copies, Given, Kept, MeshBuffers, build, survey, sweep_by_kernels, upload},
     exec::{Buffer, Device, Launch},
+    traversal::Extras,
 };
 use raykd_kernels::trace::prepare::corners;
 use raykd_shared::TreeHeader;
@@ -137,6 +138,7 @@ impl Scene {
             times: built.times,
             traversal: Traversal::default(),
             intersector: Intersector::default(),
+            transforms: None,
             extras: Extras::default(),
         })
     }

@@ -1,16 +1,16 @@
 //! Tracing rays that are in buffers of a wgpu program, in its own command encoders.
 
-use super::{Query, Scene};
+use super::Scene;
 use crate::{
-    Error, Traversal,
+    Error, Query, Traversal,
     exec::{Buffer, Device, Gpu, Size},
 };
 use raykd_kernels::{
     Bindings as _, Host,
     trace::{
         job::OUTCOME_WORDS,
+        prepare::workgroups::{self, WORKGROUPS},
         queries,
-        workgroups::{self, WORKGROUPS},
     },
 };
 use raykd_shared::{Hit, Ray};
@@ -159,7 +159,7 @@ impl Scene {
         let job = gpu.filled("job", &[job_rays, 0, 0, any])?;
         let outcome = self.device.alloc("outcome", u64::from(OUTCOME_WORDS))?;
         let encoded = Encoded { device: self.device.clone(), outcome };
-        let (kernel, resources) = self.stack::<InEncoder>(
+        let (kernel, resources) = self.intersector.stack::<InEncoder>(
             queries::Query {
                 job: job.as_entire_binding(),
                 header: self.header_buffer.as_wgpu().as_entire_binding(),

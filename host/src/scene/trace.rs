@@ -2,31 +2,14 @@
 
 use super::{Scene, batch::Batch};
 use crate::{
-    Error, Intersector,
-    exec::{Buffer, Groups, Launch, OnDevice, Step},
+    Error, Query,
+    exec::{Buffer, Groups, Step},
     rays::AnyRay,
     traversal::Traversal,
 };
-use raykd_kernels::{
-    Bindings, Host, Kernel,
-    trace::queries::{
-        self, all, any, backtrack, baldwin, brute_baldwin, brute_exact, brute_moeller, brute_plane,
-        brute_strict, brute_woop, closest, exact, except, moeller, optimised_ropes, plane, pushdown, restart,
-        ropes, sequential, shortstack1, shortstack2, shortstack4, shortstack8, steps, woop,
-    },
-};
+use raykd_kernels::trace::queries;
 use raykd_shared::{Hit, Ray};
 use std::time::{Duration, Instant};
-
-/// What is asked of each ray.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Query {
-    /// The hit with the smallest `t`; of several, the one with the lowest triangle number.
-    #[default]
-    Closest,
-    /// Some hit, if there is one: enough for shadows.
-    Any,
-}
 
 /// What one ray cost: see [`Scene::steps`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
@@ -116,14 +99,13 @@ impl Scene {
     /// At an edge the rounded origin may lie behind a neighbour of that triangle, which is then hit.
     ///
     /// # Errors
-    /// There are not as many excluded triangles as rays, the scene's triangle test is not the default, or the device failed.
+    /// There are not as many excluded triangles as rays, the scene's triangle test is neither the default nor `exact`, or the device failed.
     pub fn trace_except(
         &self,
         query: Query,
         rays: &[impl AnyRay],
         excluded: &[u32],
     ) -> Result<Traced, Error> {
-        self.needs_default("leaving out a triangle")?;
         if rays.len() != excluded.len() {
             return Err(Error::Excluded { rays: rays.len(), excluded: excluded.len() });
         }
@@ -134,8 +116,8 @@ impl Scene {
             let batch = Batch::new(self, part)?;
             let excluded = &self.device.upload("excluded", excluded)?;
             traced.upload += start.elapsed();
-            let except = except::Buffers { query: batch.query(self), excluded };
-            traced.trace += batch.ask(&self.device, except, query)?;
+            let except = self.intersector.except(batch.query(self), excluded, batch.count)?;
+            traced.trace += batch.run(&self.device, except, query)?;
             batch.finish(&self.device, &mut traced)?;
         }
         Ok(traced)
@@ -160,9 +142,8 @@ impl Scene {
     /// of 0 hits are only counted. Uses the full stack, once more than the ray has hits.
     ///
     /// # Errors
-    /// The device failed, the hits of one ray do not fit it, or the scene's triangle test is not the default.
+    /// The device failed, the hits of one ray do not fit it, or the scene's triangle test is neither the default nor `exact`.
     pub fn all(&self, rays: &[impl AnyRay], limit: u32) -> Result<AllHits, Error> {
-        self.needs_default("a query for all hits")?;
         let mut all = AllHits::default();
         let room = (self.device.limit().bytes / 16 / u64::from(limit.max(1))) as usize;
         for part in rays.chunks(self.batch_limit().min(room).max(1)) {
@@ -170,9 +151,9 @@ impl Scene {
             let batch = Batch::with_room(self, part, limit)?;
             let totals = self.device.alloc("totals", part.len() as u64)?;
             all.upload += start.elapsed();
-            let each = all::Buffers { query: batch.query(self), totals: totals.out() };
+            let each = self.intersector.all(batch.query(self), totals.out(), batch.count)?;
             batch.begin(&self.device, limit)?;
-            all.trace += self.device.dispatch(&[each.over(batch.count)], false)?.total;
+            all.trace += self.device.dispatch(&[each], false)?.total;
             let start = Instant::now();
             all.invalid += batch.outcome(&self.device)?;
             all.hits.extend(self.device.read::<Hit>(&batch.hits.view(), 0, part.len() * limit as usize)?);
@@ -185,19 +166,19 @@ impl Scene {
     /// The closest hit of every ray, and what finding it cost.
     ///
     /// # Errors
-    /// The device failed, or the scene's triangle test is not the default and the traversal not `brute`.
+    /// The device failed, or the scene's triangle test is neither the default nor `exact` and the traversal not `brute`.
     pub fn steps(&self, rays: &[impl AnyRay]) -> Result<(Vec<Hit>, Vec<RaySteps>), Error> {
         if self.traversal == Traversal::Brute {
             let tests = RaySteps { tests: self.kept.count(), ..RaySteps::default() };
             return Ok((self.brute(rays)?, vec![tests; rays.len()]));
         }
-        self.needs_default("counting steps")?;
         let (mut hits, mut counts) = (Vec::new(), Vec::new());
         for part in rays.chunks(self.batch_limit()) {
             let batch = Batch::new(self, part)?;
-            let step = self.walk(&batch, self.traversal).unwrap_or_else(|| {
-                steps::Buffers { query: batch.query(self), counts: batch.counts.out() }.over(batch.count)
-            });
+            let step = match self.walk(&batch, self.traversal) {
+                Some(step) => step,
+                None => self.intersector.steps(batch.query(self), batch.counts.out(), batch.count)?,
+            };
             batch.run(&self.device, step, Query::Closest)?;
             batch.outcome(&self.device)?;
             hits.extend(batch.hits(&self.device)?);
@@ -212,66 +193,15 @@ impl Scene {
             return self.run_brute(batch);
         }
         let step = self.walk(batch, traversal).unwrap_or_else(|| {
-            let (kernel, buffers) = self.stack(batch.query(self), query);
+            let (kernel, buffers) = self.intersector.stack(batch.query(self), query);
             Step { kernel, buffers, groups: Groups::Fixed(batch.count.div_ceil(kernel.threads)) }
         });
         batch.run(&self.device, step, query)
     }
 
-    /// By a traversal that also counts its steps; `stack` and `brute` have kernels of their own.
+    /// By a traversal that also counts its steps.
     fn walk<'a>(&'a self, batch: &'a Batch, traversal: Traversal) -> Option<Step<'a>> {
-        let (query, counts, count) = (batch.query(self), batch.counts.out(), batch.count);
-        Some(match traversal {
-            Traversal::Stack | Traversal::Brute => return None,
-            Traversal::Restart => restart::Buffers { query, counts }.over(count),
-            Traversal::Pushdown => pushdown::Buffers { query, counts }.over(count),
-            Traversal::ShortStack1 => shortstack1::Buffers { query, counts }.over(count),
-            Traversal::ShortStack2 => shortstack2::Buffers { query, counts }.over(count),
-            Traversal::ShortStack4 => shortstack4::Buffers { query, counts }.over(count),
-            Traversal::ShortStack8 => shortstack8::Buffers { query, counts }.over(count),
-            Traversal::Backtrack => backtrack::Buffers { query, counts, boxes: self.boxes() }.over(count),
-            Traversal::Ropes => {
-                let (parents, links) = (self.parents(), self.ropes(false));
-                ropes::Buffers { query, counts, parents, links }.over(count)
-            }
-            Traversal::OptimisedRopes => {
-                let (parents, links) = (self.parents(), self.ropes(true));
-                optimised_ropes::Buffers { query, counts, parents, links }.over(count)
-            }
-            Traversal::Sequential => sequential::Buffers { query, counts }.over(count),
-        })
-    }
-
-    /// With a full stack, by the scene's triangle test: the kernel and its buffers.
-    pub(super) fn stack<'a, H: Host>(
-        &self,
-        query: queries::Query<'a, H>,
-        asked: Query,
-    ) -> (&'static Kernel, Vec<H::Any<'a>>) {
-        fn of<'a, H: Host, B: Bindings<'a, H>>(buffers: B) -> (&'static Kernel, Vec<H::Any<'a>>) {
-            (B::KERNEL, buffers.list().collect())
-        }
-        match self.intersector {
-            Intersector::Strict if asked == Query::Any => of(any::Buffers { query }),
-            Intersector::Strict => of(closest::Buffers { query }),
-            Intersector::Exact => of(exact::Buffers { query }),
-            Intersector::Woop => of(woop::Buffers { query }),
-            Intersector::Moeller => of(moeller::Buffers { query }),
-            Intersector::Plane => of(plane::Buffers { query }),
-            Intersector::Baldwin => of(baldwin::Buffers { query }),
-        }
-    }
-
-    /// Every triangle of a list, by the scene's triangle test.
-    fn all_triangles<'a>(&self, brute: queries::Brute<'a, OnDevice>, count: u32) -> Step<'a> {
-        match self.intersector {
-            Intersector::Strict => brute_strict::Buffers { brute }.over(count),
-            Intersector::Exact => brute_exact::Buffers { brute }.over(count),
-            Intersector::Woop => brute_woop::Buffers { brute }.over(count),
-            Intersector::Moeller => brute_moeller::Buffers { brute }.over(count),
-            Intersector::Plane => brute_plane::Buffers { brute }.over(count),
-            Intersector::Baldwin => brute_baldwin::Buffers { brute }.over(count),
-        }
+        traversal.step(batch.query(self), batch.counts.out(), batch.count, &self.extras)
     }
 
     /// Finds the closest hits of a batch by testing every triangle.
@@ -296,7 +226,7 @@ impl Scene {
                 outcome: batch.outcome.out(),
                 bests: bests.out(),
             };
-            self.all_triangles(brute, batch.count)
+            self.intersector.brute(brute, batch.count)
         };
         // Without triangles one empty slice still writes the misses.
         let steps: Vec<Step<'_>> =
@@ -306,7 +236,7 @@ impl Scene {
     }
 
     /// Most rays in one batch.
-    fn batch_limit(&self) -> usize {
+    pub(super) fn batch_limit(&self) -> usize {
         ((self.device.limit().bytes / size_of::<Ray>() as u64) as usize).min(1 << 24)
     }
 }

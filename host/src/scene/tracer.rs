@@ -2,11 +2,8 @@
 
 use super::Scene;
 use crate::{Error, Intersector, exec::cpu::Kept, rays::AnyRay};
-use raykd_kernels::trace::{
-    intersect::{baldwin::Baldwin, exact::Exact, moeller::Moeller, plane::Plane, strict::Strict, woop::Woop},
-    single::Tree,
-};
-use raykd_shared::{Hit, Ray, TreeHeader};
+use raykd_kernels::trace::single::Tree;
+use raykd_shared::{Crossings, Hit, Ray, TreeHeader};
 use std::{ops::ControlFlow, sync::Arc};
 
 /// Traces single rays on the CPU, with no memory, thread or system call for any of them. The hits are the same bytes as a
@@ -34,7 +31,9 @@ pub struct Tracer {
 struct Shared {
     header: TreeHeader,
     nodes: Kept,
-    leaves: Kept,
+    corners: Kept,
+    /// What the leaves keep instead for the scene's triangle test.
+    transforms: Option<Kept>,
     translation: [f64; 3],
 }
 
@@ -48,7 +47,8 @@ impl Scene {
         let shared = Shared {
             header: self.header,
             nodes: self.device.kept(&self.nodes)?,
-            leaves: self.device.kept(self.leaf_triangles())?,
+            corners: self.device.kept(&self.corners)?,
+            transforms: self.own_transforms().map(|own| self.device.kept(own)).transpose()?,
             translation: self.translation,
         };
         Ok(Tracer { shared: Arc::new(shared), intersector: self.intersector })
@@ -69,7 +69,7 @@ impl Tracer {
     /// Calls `each` with all hits, by rising (`t`, triangle), until it breaks.
     ///
     /// # Panics
-    /// The scene's triangle test was not the default.
+    /// The scene's triangle test was neither the default nor `exact`.
     pub fn for_each_hit<B>(
         &self,
         ray: &impl AnyRay,
@@ -83,6 +83,11 @@ impl Tracer {
         broken
     }
 
+    /// How often the ray crosses the mesh in its range, as [`Scene::crossings`] counts.
+    pub fn crossings(&self, ray: &impl AnyRay) -> Crossings {
+        self.count_crossings(&self.local(ray))
+    }
+
     fn local(&self, ray: &impl AnyRay) -> Ray {
         ray.alone(self.shared.translation)
     }
@@ -90,31 +95,25 @@ impl Tracer {
     // These are not generic, so that they are compiled here, and not in a user's crate, which may be less optimised.
 
     fn find(&self, ray: &Ray, any: bool) -> Option<Hit> {
-        let tree = self.tree();
-        match self.intersector {
-            Intersector::Strict => tree.find::<Strict>(ray, any),
-            Intersector::Exact => tree.find::<Exact>(ray, any),
-            Intersector::Woop => tree.find::<Woop>(ray, any),
-            Intersector::Moeller => tree.find::<Moeller>(ray, any),
-            Intersector::Plane => tree.find::<Plane>(ray, any),
-            Intersector::Baldwin => tree.find::<Baldwin>(ray, any),
-        }
+        self.intersector.single(&self.tree(), ray, any)
     }
 
     /// Calls `each` with all hits until it says no.
     fn find_all(&self, ray: &Ray, each: &mut dyn FnMut(Hit) -> bool) {
-        assert!(
-            self.intersector == Intersector::default(),
-            "all hits of a ray are found by the triangle test {}, this is {}",
-            Intersector::default(),
-            self.intersector
-        );
-        let on = |hit| if each(hit) { ControlFlow::Continue(()) } else { ControlFlow::Break(()) };
-        let _ = self.tree().for_each_hit(ray, on);
+        let done = self.intersector.single_all(&self.tree(), ray, each);
+        done.unwrap_or_else(|error| panic!("{error}"));
+    }
+
+    fn count_crossings(&self, ray: &Ray) -> Crossings {
+        self.tree_of(&self.shared.corners).crossings(ray)
     }
 
     fn tree(&self) -> Tree<'_> {
-        let Shared { header, nodes, leaves, .. } = &*self.shared;
+        self.tree_of(self.shared.transforms.as_ref().unwrap_or(&self.shared.corners))
+    }
+
+    fn tree_of<'a>(&'a self, leaves: &'a Kept) -> Tree<'a> {
+        let Shared { header, nodes, .. } = &*self.shared;
         Tree::of_parts(header, nodes.slice(), leaves.slice()).expect("a scene's nodes are pairs")
     }
 }

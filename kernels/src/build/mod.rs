@@ -28,6 +28,23 @@ pub mod tally;
 pub mod top;
 pub mod treelet;
 
+/// The kernels of the level loop, in pipeline order.
+#[cfg(not(target_arch = "spirv"))]
+pub const KERNELS: &[&crate::Kernel] = &[
+    &boxes::BOXES,
+    &alone::ALONE,
+    &bin::BIN,
+    &split::SPLIT,
+    &count::COUNT,
+    &tally::TALLY,
+    &alloc::ALLOC,
+    &scatter::SCATTER,
+    &treelet::TREELETS,
+    &place::PLACE,
+    &top::TOP,
+    &emit::EMIT,
+];
+
 use crate::{
     glam::{UVec2, UVec4, Vec3},
     math::{Number, abs, cycle, div, high, low},

@@ -116,6 +116,7 @@ fn bound(t: f32, stretch: i32, least: f32) -> f32 {
 
 impl Frame {
     /// Prepares a ray.
+    #[inline(always)]
     pub fn of(ray: &Ray, header: &TreeHeader) -> Self {
         let ([ox, oy, oz], [dx, dy, dz]) = (ray.origin, ray.direction);
         Self::new(Vec4::new(ox, oy, oz, dx), Vec4::new(dy, dz, ray.t_min, ray.t_max), header)

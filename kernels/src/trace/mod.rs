@@ -1,16 +1,15 @@
 //! Tracing rays: one ray an invocation.
 //!
 //! A ray is made ready ([`frame`]), goes to the leaves it meets ([`traverse`]) and tests their triangles
-//! ([`intersect`]). [`queries`] has the kernels, [`prepare`] those that run once a tree; `single` answers one ray
-//! at a time on a CPU.
+//! ([`intersect`]). [`queries`] declares kernels that answer, [`prepare`] has those that run once a tree; [`single`]
+//! answers one ray at a time, on a CPU or in a shader of one's own.
 
+#[macro_use]
+pub mod queries;
 pub mod frame;
 pub mod intersect;
 pub mod job;
 pub mod place;
 pub mod prepare;
-pub mod queries;
-#[cfg(not(target_arch = "spirv"))]
 pub mod single;
 pub mod traverse;
-pub mod workgroups;

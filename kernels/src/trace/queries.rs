@@ -1,23 +1,19 @@
-//! What can be asked of a ray, and the kernels that answer: the default triangle test with every way through
-//! the tree, every other test with a stack, and all tests without a tree.
+//! What can be asked of a ray, and how kernels that answer are declared. Those of the default test stand here; the
+//! other ways through the tree and triangle tests have theirs beside them.
 
 use super::{
-    intersect::{
-        Intersector, baldwin::Baldwin, exact::Exact, moeller::Moeller, plane::Plane, strict::Strict,
-        woop::Woop,
-    },
-    job::{JOB_ANY, JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, THREADS, load, record},
+    frame::Frame,
+    intersect::{Intersector, exact::Exact, perturbed::Perturbed, strict::Strict},
+    job::{JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, THREADS, load, record},
     traverse::{
         self, Steps,
-        brute::brute,
-        leaf::{After, Every, Except},
+        leaf::{AT_ONCE, After, Every, Except, NEXT_WORDS, Next},
         stack::ASIDE,
     },
 };
 use crate::{
     glam::{UVec4, Vec4},
-    kernel::Group,
-    mem::{Atomics, Buf, Slots, aside},
+    mem::{Atomics, Buf, Slots, scratch},
 };
 use raykd_shared::{MISS, TreeHeader, status};
 
@@ -26,8 +22,9 @@ macro_rules! of_query {
     ($declare:ident { $($head:tt)* } { $($own:tt)* }) => {
         $declare! {
             $($head)* Query {
-                0 job: read u32, 1 header: read TreeHeader, 2 pairs: read UVec4, 3 corners: read Vec4,
-                4 rays: read Vec4, 5 hits: write UVec4, 6 outcome: write u32,
+                0 job: read u32, 1 header: read ::raykd_shared::TreeHeader, 2 pairs: read $crate::glam::UVec4,
+                3 corners: read $crate::glam::Vec4, 4 rays: read $crate::glam::Vec4,
+                5 hits: write $crate::glam::UVec4, 6 outcome: write u32,
             } $($own)*
         }
     };
@@ -38,9 +35,9 @@ macro_rules! of_brute {
     ($declare:ident { $($head:tt)* } { $($own:tt)* }) => {
         $declare! {
             $($head)* Brute {
-                0 job: read u32, 1 header: read TreeHeader, 2 kept: read u32, 3 positions: read f32,
-                4 indices: read u32, 5 rays: read Vec4, 6 hits: write UVec4, 7 outcome: write u32,
-                8 bests: write UVec4,
+                0 job: read u32, 1 header: read ::raykd_shared::TreeHeader, 2 kept: read u32,
+                3 positions: read f32, 4 indices: read u32, 5 rays: read $crate::glam::Vec4,
+                6 hits: write $crate::glam::UVec4, 7 outcome: write u32, 8 bests: write $crate::glam::UVec4,
             } $($own)*
         }
     };
@@ -58,84 +55,95 @@ of_brute! {
 }
 
 /// Words of workgroup memory.
-const SHARED: usize = ASIDE * THREADS as usize;
+pub const SHARED: usize = ASIDE * THREADS as usize;
 
 /// Declares the kernel of a query: how it answers ray `i`, whether it writes counts of its steps too, and buffers that
-/// only it binds.
+/// only it binds. With a module's name before the kernel's it gets a module of its own.
 macro_rules! query {
-    ($(#[$doc:meta])* $file:ident::$name:ident $($counts:ident)? = |$i:pat_param, $ray:ident, $pairs:ident,
-     $corners:ident, $any:pat_param, $aside:pat_param, $steps:ident| $walk:expr
-     $(, { $($b:tt $more:ident: $t:ty),* $(,)? })?) => {
+    ($(#[$doc:meta])* $file:ident::$name:ident $($rest:tt)*) => {
         $(#[$doc])*
         pub mod $file {
+            #[allow(unused_imports, reason = "not every query needs all of them")]
             use super::*;
+            query! { $(#[$doc])* $name $($rest)* }
+        }
+    };
+    ($(#[$doc:meta])* $name:ident $($counts:ident)? = |$i:pat_param, $ray:ident, $pairs:ident,
+     $corners:ident, $any:pat_param, $aside:pat_param, $steps:ident| $walk:expr
+     $(, { $($b:tt $more:ident: $t:ty),* $(,)? })?) => {
+        #[cfg(not(target_arch = "spirv"))]
+        use $crate::trace::queries::Query;
 
-            /// Answers the rays of a workgroup, one a lane.
-            #[inline(always)]
-            #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
-            pub fn answer(
-                group: Group,
-                shared: &mut [u32; SHARED],
-                job: &Buf<u32>,
-                header: &Buf<TreeHeader>,
-                $pairs: &Buf<UVec4>,
-                $corners: &Buf<Vec4>,
-                rays: &Buf<Vec4>,
-                hits: &mut Buf<UVec4>,
-                outcome: &mut Buf<u32>,
-                $($counts: &mut Buf<UVec4>,)?
-                $($($more: &Buf<$t>),*)?
-            ) {
-                lanes!(group, |lane| {
-                    let i = group.id * group.width + lane;
-                    if i < job.at(JOB_RAYS) {
-                        let $ray = &mut load(i, rays, &header.at(0), outcome);
-                        let ($i, $any) = (i, job.at(JOB_ANY) != 0);
-                        let ($aside, $steps) = (&mut aside::<ASIDE, SHARED>(shared, lane), &mut Steps::default());
-                        let best = $walk;
-                        hits.put(i, record($ray, &best));
-                        $($counts.put(i, $steps.words());)?
-                        if $steps.status != 0 {
-                            outcome.or(OUTCOME_STATUS, $steps.status);
-                        }
+        /// Answers the rays of a workgroup, one a lane.
+        #[inline(always)]
+        #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+        pub fn answer(
+            group: $crate::Group,
+            shared: &mut [u32; $crate::trace::queries::SHARED],
+            job: &$crate::mem::Buf<u32>,
+            header: &$crate::mem::Buf<::raykd_shared::TreeHeader>,
+            $pairs: &$crate::mem::Buf<$crate::glam::UVec4>,
+            $corners: &$crate::mem::Buf<$crate::glam::Vec4>,
+            rays: &$crate::mem::Buf<$crate::glam::Vec4>,
+            hits: &mut $crate::mem::Buf<$crate::glam::UVec4>,
+            outcome: &mut $crate::mem::Buf<u32>,
+            $($counts: &mut $crate::mem::Buf<$crate::glam::UVec4>,)?
+            $($($more: &$crate::mem::Buf<$t>),*)?
+        ) {
+            use $crate::{mem::{Atomics as _, Slots as _, aside}, trace::{job, queries::SHARED, traverse::{Steps, stack::ASIDE}}};
+            lanes!(group, |lane| {
+                let i = group.id * group.width + lane;
+                if i < job.at(job::JOB_RAYS) {
+                    let $ray = &mut job::load(i, rays, &header.at(0), outcome);
+                    let ($i, $any) = (i, job.at(job::JOB_ANY) != 0);
+                    let ($aside, $steps) = (&mut aside::<ASIDE, SHARED>(shared, lane), &mut Steps::default());
+                    let best = $walk;
+                    hits.put(i, job::record($ray, &best));
+                    $($counts.put(i, $steps.words());)?
+                    if $steps.status != 0 {
+                        outcome.or(job::OUTCOME_STATUS, $steps.status);
                     }
-                });
-            }
+                }
+            });
+        }
 
-            of_query! {
-                kernel { $(#[$doc])* group $name = answer, threads 64, shared [shared: SHARED], query: }
-                { , { $(7 $counts: write UVec4,)? $($($b $more: read $t),*)? } }
-            }
+        of_query! {
+            kernel { $(#[$doc])* group $name = answer, threads 64, shared [shared: $crate::trace::queries::SHARED], query: }
+            { , { $(7 $counts: write $crate::glam::UVec4,)? $($($b $more: read $t),*)? } }
         }
     };
 }
 
-/// Declares the kernel that tests every triangle.
-macro_rules! brute {
-    ($file:ident::$name:ident = $test:ident) => {
+/// Declares both kernels of a triangle test: the one with a stack, if it is not the default's, and the one that tests
+/// every triangle.
+macro_rules! test {
+    ($name:ident, $brute_file:ident::$brute_name:ident = $test:ident) => {
+        query! {
+            #[doc = concat!("The closest or any hit by [`", stringify!($test), "`].")]
+            $name = |_, ray, pairs, corners, any, aside, steps|
+                $crate::trace::traverse::stack::walk::<$test, $crate::trace::traverse::leaf::Every, false>(
+                    &mut if $test::WHOLE { ray.whole() } else { *ray }, pairs, corners,
+                    $crate::trace::traverse::leaf::Every, any, aside, steps,
+                )
+        }
+        test!($brute_file::$brute_name = $test);
+    };
+    ($brute_file:ident::$brute_name:ident = $test:ident) => {
         #[doc = concat!("Every triangle, by [`", stringify!($test), "`].")]
-        pub mod $file {
-            use super::*;
+        pub mod $brute_file {
+            use super::$test;
+            #[cfg(not(target_arch = "spirv"))]
+            use $crate::trace::queries::Brute;
+            use $crate::trace::traverse::brute::brute;
 
             of_brute! {
-                kernel { #[doc = "All rays against a slice of the triangles."] map $name = brute::<$test>, threads 64, brute: }
+                kernel {
+                    #[doc = "All rays against a slice of the triangles."] map $brute_name = brute::<$test>,
+                    threads 64, brute:
+                }
                 { , {} }
             }
         }
-    };
-}
-
-/// Declares both kernels of a triangle test that is not the default.
-macro_rules! test {
-    ($file:ident::$name:ident, $brute_file:ident::$brute_name:ident = $test:ident) => {
-        query! {
-            #[doc = concat!("The closest or any hit by [`", stringify!($test), "`].")]
-            $file::$name = |_, ray, pairs, corners, any, aside, steps|
-                traverse::stack::walk::<$test, Every, false>(
-                    &mut if $test::WHOLE { ray.whole() } else { *ray }, pairs, corners, Every, any, aside, steps,
-                )
-        }
-        brute!($brute_file::$brute_name = $test);
     };
 }
 
@@ -169,7 +177,7 @@ query! {
 /// owns it. But hits have an order, (`t`, triangle), in which each comes once: so this asks for the closest
 /// hit after the last one until there is none. `n` hits take `n + 1` traversals, each from the last hit on.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
-pub fn each(
+pub fn each<I: Intersector>(
     i: u32,
     job: &Buf<u32>,
     header: &Buf<TreeHeader>,
@@ -183,6 +191,7 @@ pub fn each(
     if i < job.at(JOB_RAYS) {
         let limit = job.at(JOB_LIMIT);
         let mut ray = load(i, rays, &header.at(0), outcome);
+        ray = if I::WHOLE { ray.whole() } else { ray };
         let mut steps = Steps::default();
         let mut after = After::NOTHING;
         let mut total = 0;
@@ -191,7 +200,7 @@ pub fn each(
         let mut open = 1;
         while running {
             let aside = &mut [0; ASIDE];
-            let best = traverse::stack::walk::<Strict, After, false>(
+            let best = traverse::stack::walk::<I, After, false>(
                 &mut ray, pairs, corners, after, false, aside, &mut steps,
             );
             if best.triangle == MISS {
@@ -202,7 +211,7 @@ pub fn each(
                     hits.put(i * limit + total, record(&ray, &best));
                 }
                 total += 1;
-                after.pass(&mut ray, &best);
+                after.pass(&mut ray, (best.t, best.triangle));
             }
         }
         let mut empty = total;
@@ -226,69 +235,140 @@ pub mod all {
 
     of_query! {
         kernel {
-            /// [`each`] over all rays.
-            map ALL_HITS = each, threads 64, query:
+            /// [`each`] over all rays, by the default test.
+            map ALL_HITS = each::<Strict>, threads 64, query:
+        } { , { 7 totals: write u32 } }
+    }
+}
+
+/// The same by [`Exact`].
+pub mod exact_all {
+    use super::*;
+
+    of_query! {
+        kernel {
+            /// [`each`] over all rays, by [`Exact`].
+            map EXACT_ALL = each::<Exact>, threads 64, query:
         } { , { 7 totals: write u32 } }
     }
 }
 
 query! {
-    /// Restarts at the root.
-    restart::RESTART counts = |_, ray, pairs, corners, any, _, steps|
-        traverse::restart::walk::<false>(ray, pairs, corners, any, steps)
+    /// As `steps`, by [`Exact`].
+    exact_steps::EXACT_STEPS counts = |_, ray, pairs, corners, _, aside, steps|
+        traverse::stack::walk::<Exact, Every, true>(&mut ray.whole(), pairs, corners, Every, false, aside, steps)
 }
 query! {
-    /// Restarts at the push-down node.
-    pushdown::PUSHDOWN counts = |_, ray, pairs, corners, any, _, steps|
-        traverse::restart::walk::<true>(ray, pairs, corners, any, steps)
-}
-query! {
-    /// A stack of one entry.
-    shortstack1::SHORTSTACK1 counts = |_, ray, pairs, corners, any, _, steps|
-        traverse::shortstack::walk::<1>(ray, pairs, corners, any, steps)
-}
-query! {
-    /// A stack of two entries.
-    shortstack2::SHORTSTACK2 counts = |_, ray, pairs, corners, any, _, steps|
-        traverse::shortstack::walk::<2>(ray, pairs, corners, any, steps)
-}
-query! {
-    /// A stack of four entries.
-    shortstack4::SHORTSTACK4 counts = |_, ray, pairs, corners, any, _, steps|
-        traverse::shortstack::walk::<4>(ray, pairs, corners, any, steps)
-}
-query! {
-    /// A stack of eight entries.
-    shortstack8::SHORTSTACK8 counts = |_, ray, pairs, corners, any, _, steps|
-        traverse::shortstack::walk::<8>(ray, pairs, corners, any, steps)
-}
-query! {
-    /// Climbs by parents.
-    backtrack::BACKTRACK counts = |_, ray, pairs, corners, any, _, steps|
-        traverse::backtrack::walk(ray, pairs, corners, boxes, any, steps),
-    { 8 boxes: UVec4 }
-}
-query! {
-    /// Follows ropes to the node beyond the whole plane.
-    ropes::ROPES counts = |_, ray, pairs, corners, any, _, steps|
-        traverse::ropes::walk::<false>(ray, pairs, corners, parents, links, any, steps),
-    { 8 parents: u32, 9 links: UVec4 }
-}
-query! {
-    /// Follows ropes to the smallest node beyond a side.
-    optimised_ropes::OPTIMISED_ROPES counts = |_, ray, pairs, corners, any, _, steps|
-        traverse::ropes::walk::<true>(ray, pairs, corners, parents, links, any, steps),
-    { 8 parents: u32, 9 links: UVec4 }
-}
-query! {
-    /// Locates every leaf from the root.
-    sequential::SEQUENTIAL counts = |_, ray, pairs, corners, any, _, steps|
-        traverse::sequential::walk(ray, pairs, corners, any, steps)
+    /// As `except`, by [`Exact`].
+    exact_except::EXACT_EXCEPT = |i, ray, pairs, corners, any, aside, steps|
+        traverse::stack::walk::<Exact, Except, false>(
+            &mut ray.whole(), pairs, corners, Except(excluded.at(i)), any, aside, steps,
+        ),
+    { 7 excluded: u32 }
 }
 
-brute!(brute_strict::BRUTE_STRICT = Strict);
-test!(exact::EXACT, brute_exact::BRUTE_EXACT = Exact);
-test!(woop::WOOP, brute_woop::BRUTE_WOOP = Woop);
-test!(moeller::MOELLER, brute_moeller::BRUTE_MOELLER = Moeller);
-test!(plane::PLANE, brute_plane::BRUTE_PLANE = Plane);
-test!(baldwin::BALDWIN, brute_baldwin::BRUTE_BALDWIN = Baldwin);
+/// What a ray crosses.
+#[derive(Clone, Copy, Debug)]
+pub struct Crossed {
+    /// Crossings along triangles' normals.
+    pub leaving: u32,
+    /// Crossings against them.
+    pub entering: u32,
+    /// Whether that is all there is to cross.
+    pub whole: bool,
+}
+
+/// Counts the crossings of a ray in its range, see [`perturbed`](super::intersect::perturbed). A traversal finds the next
+/// [`AT_ONCE`] of them; mostly the first finds all.
+#[inline(always)]
+pub fn crossed(ray: &Frame, pairs: &Buf<UVec4>, corners: &Buf<Vec4>, steps: &mut Steps) -> Crossed {
+    let mut ray = ray.whole();
+    let mut after = After::NOTHING;
+    let mut list = scratch::<u32, NEXT_WORDS>();
+    let (mut leaving, mut entering) = (0, 0);
+    let mut running = true;
+    // 1 until there are no more.
+    let mut open = 1;
+    while running {
+        let aside = &mut [0; ASIDE];
+        Next::clear(&mut list);
+        traverse::stack::walk_keeping::<Perturbed, Next, false>(
+            &mut ray,
+            pairs,
+            corners,
+            Next(after),
+            false,
+            aside,
+            &mut list,
+            steps,
+        );
+        let count = Next::count(&list);
+        let mut i = 0;
+        while i < count {
+            let (t, triangle, along) = Next::hit(&list, i);
+            leaving += along as u32;
+            entering += !along as u32;
+            i += 1;
+            if i == AT_ONCE {
+                after.pass(&mut ray, (t, triangle));
+            }
+        }
+        if count < AT_ONCE {
+            running = false;
+            open = 0;
+        }
+    }
+    Crossed { leaving, entering, whole: open == 0 }
+}
+
+/// Counts the crossings of ray `i`. Writes how many leave and how many enter, in place of a hit.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+pub fn count_crossings(
+    i: u32,
+    job: &Buf<u32>,
+    header: &Buf<TreeHeader>,
+    pairs: &Buf<UVec4>,
+    corners: &Buf<Vec4>,
+    rays: &Buf<Vec4>,
+    hits: &mut Buf<UVec4>,
+    outcome: &mut Buf<u32>,
+) {
+    if i < job.at(JOB_RAYS) {
+        let ray = load(i, rays, &header.at(0), outcome);
+        let mut steps = Steps::default();
+        let found = crossed(&ray, pairs, corners, &mut steps);
+        hits.put(i, UVec4::new(found.leaving, found.entering, 0, 0));
+        if !found.whole {
+            steps.status |= status::CUT_SHORT;
+        }
+        if steps.status != 0 {
+            outcome.or(OUTCOME_STATUS, steps.status);
+        }
+    }
+}
+
+/// How often a ray crosses the surface, and from which sides.
+pub mod crossings {
+    use super::*;
+
+    of_query! {
+        kernel {
+            /// [`count_crossings`] over all rays.
+            map CROSSINGS = count_crossings, threads 64, query:
+        } { , {} }
+    }
+}
+
+/// The kernels of this file.
+#[cfg(not(target_arch = "spirv"))]
+pub const KERNELS: &[&crate::Kernel] = &[
+    &closest::CLOSEST,
+    &any::ANY,
+    &steps::STEPS,
+    &except::EXCEPT,
+    &all::ALL_HITS,
+    &exact_steps::EXACT_STEPS,
+    &exact_except::EXACT_EXCEPT,
+    &exact_all::EXACT_ALL,
+    &crossings::CROSSINGS,
+];

@@ -1,23 +1,28 @@
-//! One ray at a time on a CPU: what the kernels of queries do, without buffers of theirs, for any Rust program. Nothing
-//! takes memory, and the answers are the same bytes.
+//! One ray at a time: what the kernels of queries do, without buffers of theirs, for any Rust program on a CPU and for
+//! shaders of one's own by rust-gpu. Nothing takes memory, and the answers are the same bytes.
 
 use super::{
     frame::Frame,
     intersect::{Best, Intersector, strict::Strict},
     job::record,
-    prepare::corners::kept,
     traverse::{
         Steps,
-        leaf::{After, Every, Filter},
+        leaf::{Choice, Every},
         stack::{ASIDE, walk},
     },
 };
 use crate::{
-    glam::{UVec4, Vec3, Vec4},
-    mem::View,
+    glam::{UVec4, Vec4},
+    mem::view,
 };
-use core::ops::ControlFlow;
-use raykd_shared::{Hit, MISS, Node, Ray, TreeHeader, TreeView};
+use raykd_shared::{Hit, Ray, TreeHeader};
+#[cfg(not(target_arch = "spirv"))]
+use {
+    super::{prepare::corners::kept, queries::crossed, traverse::leaf::After},
+    crate::glam::Vec3,
+    core::ops::ControlFlow,
+    raykd_shared::{Crossings, Node, TreeView},
+};
 
 /// A triangle as a leaf keeps it: see [`lay_out`].
 #[repr(C, align(16))]
@@ -47,11 +52,18 @@ pub struct LeafTriangle(pub [[f32; 4]; 3]);
 /// let mut leaves = [LeafTriangle::default()];
 /// lay_out(view, &positions, &triangles, &mut leaves).expect("numbers in range");
 /// let tree = Tree::new(view, &leaves).expect("as many triangles as references");
-/// let hit = tree.closest(&Ray::new([0.25, 0.25, 1.0], [0.0, 0.0, -1.0])).expect("a hit");
+/// let ray = Ray::new([0.25, 0.25, 1.0], [0.0, 0.0, -1.0]);
+/// let hit = tree.closest(&ray).expect("a hit");
 /// assert_eq!((hit.triangle, hit.t), (0, 1.0));
+///
+/// // The same, made of words as a shader has them.
+/// let tree = Tree::of_buffers(&header, bytemuck::cast_slice(&nodes), bytemuck::cast_slice(&leaves));
+/// assert_eq!(tree.any(&ray), Some(hit));
+/// assert!(tree.answer(&ray, false).whole);
 /// ```
 ///
 /// Returns nothing if a triangle or vertex is not there, or `leaves` has another length than the tree's references.
+#[cfg(not(target_arch = "spirv"))]
 pub fn lay_out(
     tree: TreeView<'_>,
     positions: &[[f32; 3]],
@@ -72,6 +84,8 @@ pub fn lay_out(
 }
 
 /// A tree and the triangles of its leaves, to trace single rays through.
+///
+/// A shader makes it of storage buffers, see [`Tree::of_buffers`]; what it does with it then runs on a CPU too.
 #[derive(Clone, Copy, Debug)]
 pub struct Tree<'a> {
     header: &'a TreeHeader,
@@ -79,6 +93,17 @@ pub struct Tree<'a> {
     corners: &'a [Vec4],
 }
 
+/// What became of a ray.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Answer {
+    /// The hit, or [`Hit::NONE`].
+    pub hit: Hit,
+    /// Whether all was looked at that had to be. False only on a GPU, if its driver leaves loops early, and the hit is
+    /// not to be used then. llvmpipe does so once an invocation has gone 65,535 rounds in all its loops.
+    pub whole: bool,
+}
+
+#[cfg(not(target_arch = "spirv"))]
 impl<'a> Tree<'a> {
     /// Nothing if there are not as many triangles as references, or the nodes are not pairs. A tree that is not valid
     /// ([`TreeView::validate_in`]) may have rays panic, or go on for ever.
@@ -95,13 +120,59 @@ impl<'a> Tree<'a> {
         (!pairs.is_empty()).then_some(Self { header, pairs, corners })
     }
 
-    /// The closest hit; of several, that of the triangle with the lowest number.
+    /// Calls `each` with all hits, by rising (`t`, triangle), until it breaks. On a CPU only.
+    #[inline]
+    pub fn for_each_hit<B>(&self, ray: &Ray, each: impl FnMut(Hit) -> ControlFlow<B>) -> ControlFlow<B> {
+        self.for_each::<Strict, B>(ray, each)
+    }
+
+    /// The same by a triangle test, for which the triangles were laid out.
+    #[inline]
+    pub fn for_each<I: Intersector, B>(
+        &self,
+        ray: &Ray,
+        mut each: impl FnMut(Hit) -> ControlFlow<B>,
+    ) -> ControlFlow<B> {
+        let mut frame = self.frame::<I>(ray);
+        let mut after = After::NOTHING;
+        loop {
+            let best = self.walk::<I, After>(&mut frame, after, false, &mut Steps::default());
+            let hit = hit(&frame, &best);
+            if !hit.is_hit() {
+                return ControlFlow::Continue(());
+            }
+            each(hit)?;
+            after.pass(&mut frame, (best.t, best.triangle));
+        }
+    }
+
+    /// How often the ray crosses the surface in its range, see [`Crossings`]. On a CPU only.
+    #[inline]
+    pub fn crossings(&self, ray: &Ray) -> Crossings {
+        let (pairs, corners) = (view(self.pairs), view(self.corners));
+        let found = crossed(&Frame::of(ray, self.header), &pairs, &corners, &mut Steps::default());
+        Crossings { leaving: found.leaving, entering: found.entering }
+    }
+}
+
+impl<'a> Tree<'a> {
+    /// Of storage buffers as a shader binds them: header, nodes and leaf triangles, the two latter in words of 16
+    /// bytes. A host gets them from `Scene::buffers` of the crate `raykd`, as `header`, `nodes` and `corners`.
+    ///
+    /// The tree must be valid: a GPU checks nothing, and may go on for ever.
+    #[inline(always)]
+    pub fn of_buffers(header: &'a TreeHeader, nodes: &'a [UVec4], corners: &'a [Vec4]) -> Self {
+        Self { header, pairs: nodes, corners }
+    }
+
+    /// The closest hit; of several, that of the triangle with the lowest number. [`Tree::answer`] is
+    /// for drivers that leave loops early.
     #[inline]
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
         self.find::<Strict>(ray, false)
     }
 
-    /// Some hit, if there is one.
+    /// Some hit, if there is one. [`Tree::answer`] is for drivers that leave loops early.
     #[inline]
     pub fn any(&self, ray: &Ray) -> Option<Hit> {
         self.find::<Strict>(ray, true)
@@ -110,22 +181,22 @@ impl<'a> Tree<'a> {
     /// The closest hit, or if `any` will do some hit, by a triangle test, for which the triangles were laid out.
     #[inline]
     pub fn find<I: Intersector>(&self, ray: &Ray, any: bool) -> Option<Hit> {
-        let mut frame = self.frame::<I>(ray);
-        let best = self.walk::<I, Every>(&mut frame, Every, any);
-        hit(&frame, &best)
+        let hit = self.answer_by::<I>(ray, any).hit;
+        if hit.is_hit() { Some(hit) } else { None }
     }
 
-    /// Calls `each` with all hits, by rising (`t`, triangle), until it breaks.
+    /// What [`Tree::closest`] finds, or [`Tree::any`], and whether the driver let it finish.
     #[inline]
-    pub fn for_each_hit<B>(&self, ray: &Ray, mut each: impl FnMut(Hit) -> ControlFlow<B>) -> ControlFlow<B> {
-        let mut frame = self.frame::<Strict>(ray);
-        let mut after = After::NOTHING;
-        loop {
-            let best = self.walk::<Strict, After>(&mut frame, after, false);
-            let Some(hit) = hit(&frame, &best) else { return ControlFlow::Continue(()) };
-            each(hit)?;
-            after.pass(&mut frame, &best);
-        }
+    pub fn answer(&self, ray: &Ray, any: bool) -> Answer {
+        self.answer_by::<Strict>(ray, any)
+    }
+
+    #[inline(always)]
+    fn answer_by<I: Intersector>(&self, ray: &Ray, any: bool) -> Answer {
+        let mut frame = self.frame::<I>(ray);
+        let mut steps = Steps::default();
+        let best = self.walk::<I, Every>(&mut frame, Every, any, &mut steps);
+        Answer { hit: hit(&frame, &best), whole: steps.status == 0 }
     }
 
     #[inline(always)]
@@ -135,16 +206,26 @@ impl<'a> Tree<'a> {
     }
 
     #[inline(always)]
-    fn walk<I: Intersector, F: Filter + Copy>(&self, ray: &mut Frame, filter: F, any: bool) -> Best {
-        // No valid tree is deeper than the stack, and no loop is cut short on a CPU.
-        let (pairs, corners) = (View::new(self.pairs), View::new(self.corners));
-        walk::<I, F, false>(ray, &pairs, &corners, filter, any, &mut [0; ASIDE], &mut Steps::default())
+    fn walk<I: Intersector, C: Choice>(
+        &self,
+        ray: &mut Frame,
+        choice: C,
+        any: bool,
+        steps: &mut Steps,
+    ) -> Best {
+        // No valid tree is deeper than the stack.
+        let (pairs, corners) = (view(self.pairs), view(self.corners));
+        walk::<I, C, false>(ray, &pairs, &corners, choice, any, &mut [0; ASIDE], steps)
     }
 }
 
 #[inline(always)]
-fn hit(ray: &Frame, best: &Best) -> Option<Hit> {
+fn hit(ray: &Frame, best: &Best) -> Hit {
     let words = record(ray, best);
-    let [t, u, v] = [words.y, words.z, words.w].map(f32::from_bits);
-    (words.x != MISS).then_some(Hit { triangle: words.x, t, u, v })
+    Hit {
+        triangle: words.x,
+        t: f32::from_bits(words.y),
+        u: f32::from_bits(words.z),
+        v: f32::from_bits(words.w),
+    }
 }

@@ -70,6 +70,17 @@ impl Found {
     };
 }
 
+/// The kernels of a survey, in the order in which they run.
+#[cfg(not(target_arch = "spirv"))]
+pub const KERNELS: &[&crate::Kernel] = &[
+    &vertices::VERTICES,
+    &indices::INDICES,
+    &sift::SIFT,
+    &offsets::OFFSETS,
+    &collect::COLLECT,
+    &settle::SETTLE,
+];
+
 /// Triangles of a block, for which [`sift`] takes a workgroup.
 pub const BLOCK: u32 = 1024;
 /// Words of its marks.

@@ -30,6 +30,26 @@ pub mod start;
 pub mod total;
 pub mod weigh;
 
+/// The kernels of `exact`, in pipeline order.
+#[cfg(not(target_arch = "spirv"))]
+pub const KERNELS: &[&crate::Kernel] = &[
+    &start::START,
+    &sort::SORT,
+    &weigh::WEIGH,
+    &cheapest::CHEAPEST,
+    &classify::CLASSIFY,
+    &rank::RANK,
+    &total::TOTAL,
+    &advance::ADVANCE,
+    &children::CHILDREN,
+    &distribute::DISTRIBUTE,
+    &carry::CARRY,
+    &insert::INSERT,
+    &sizes::SIZES,
+    &number::NUMBER,
+    &leaves::LEAVES,
+];
+
 use super::{
     Costs, Sah, SplitPlane,
     bin::{ordered, unordered},

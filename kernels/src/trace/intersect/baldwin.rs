@@ -104,3 +104,5 @@ impl Intersector for Baldwin {
         true
     }
 }
+
+test!(BALDWIN, brute_baldwin::BRUTE_BALDWIN = Baldwin);

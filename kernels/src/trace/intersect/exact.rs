@@ -62,11 +62,11 @@ fn across(x: Pair, z: Pair, main: f32, side: f32) -> (Pair, bool) {
 
 /// An edge function: how far apart its corners' directions are, whether its sign is certain, and which it is.
 #[derive(Clone, Copy)]
-struct Edge {
+pub(super) struct Edge {
     value: Pair,
-    positive: bool,
-    negative: bool,
-    certain: bool,
+    pub(super) positive: bool,
+    pub(super) negative: bool,
+    pub(super) certain: bool,
 }
 
 impl Edge {
@@ -106,11 +106,25 @@ fn rounded(a: Pair, error: f32) -> (f32, f32) {
     (a.hi + (a.lo - wide), a.hi + (a.lo + wide))
 }
 
+/// What pairs of floats tell of a triangle's border.
+pub(super) struct Looked {
+    /// Whether the ray surely passes it by.
+    pub(super) missed: bool,
+    /// Edge functions from `c` to `b`, `a` to `c` and `b` to `a`, in the frame of the ray's main axis.
+    pub(super) edges: (Edge, Edge, Edge),
+    /// What bounds their errors.
+    error: f32,
+    /// Corners along the main axis.
+    depths: (Pair, Pair, Pair),
+    /// The direction along it.
+    pub(super) dz: f32,
+}
+
 /// The second stage. With `M` the scene's size as seen from the origin and `S` that of the triangle across
 /// the ray, `D` the sum of the weights: `x` and `y` of corners are within `2^-62 M + 2^-45 S`, edge functions
 /// therefore within `2^-42 S^2 + 2^-59 M S`, twice what follows; weights and `t` follow from that.
 #[inline(always)]
-fn by_pairs(ray: &Frame, id: u32, (a, b, c): (Vec3, Vec3, Vec3), best: &Best) -> Verdict {
+pub(super) fn look(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> Looked {
     let long = cycle(ray.heading, ray.main);
     // What is left out here is below the bounds.
     let shorter = |x: f32| {
@@ -135,51 +149,89 @@ fn by_pairs(ray: &Frame, id: u32, (a, b, c): (Vec3, Vec3, Vec3), best: &Best) ->
     let aside = exp2(-44) * size + exp2(-61) * far;
     let below = high(a.x.hi, high(b.x.hi, c.x.hi)) < -aside || high(a.y.hi, high(b.y.hi, c.y.hi)) < -aside;
     let above = low(a.x.hi, low(b.x.hi, c.x.hi)) > aside || low(a.y.hi, low(b.y.hi, c.y.hi)) > aside;
-    let nothing = Verdict { certain: true, hit: false, t: 0.0, u: 0.0, v: 0.0 };
-    let open = Verdict { certain: false, ..nothing };
-    if below | above {
-        return nothing;
-    }
     let (u, v, w) = (Edge::new(&c, &b, error), Edge::new(&a, &c, error), Edge::new(&b, &a, error));
     let negative = u.negative | v.negative | w.negative;
     let positive = u.positive | v.positive | w.positive;
-    if negative & positive {
-        return nothing;
-    }
     let sure = u.certain & v.certain & w.certain;
-    if sure && !(negative | positive) {
+    // On both sides, or in the triangle's plane.
+    let missed = below | above | (negative & positive) | (sure & !(negative | positive));
+    Looked { missed, edges: (u, v, w), error, depths: (a.z, b.z, c.z), dz }
+}
+
+/// Where the ray meets a triangle's plane.
+pub(super) struct Met {
+    /// Whether the numbers are large enough to tell.
+    pub(super) told: bool,
+    /// Between which numbers `t` lies when rounded.
+    pub(super) near: f32,
+    pub(super) later: f32,
+    /// Weights of the second and third corner, their sum with the first's, and its reciprocal.
+    weights: (Pair, Pair),
+    det: Pair,
+    inverse: f32,
+    /// How far weights may be off.
+    off: f32,
+}
+
+impl Looked {
+    /// Finds `t`, and weights that add up to 1 to 2.
+    #[inline(always)]
+    pub(super) fn meet(&self, ray: &Frame) -> Met {
+        let (u, v, w) = (self.edges.0.value, self.edges.1.value, self.edges.2.value);
+        let det = u.plus(v).plus(w);
+        let told = exponent(det.hi) >= -70 && abs(det.hi) >= 64.0 * self.error;
+        let det = if told { det } else { Pair { hi: 1.0, lo: 0.0 } };
+        let unit = exp2(-exponent(det.hi));
+        let by = Pair { hi: unit, lo: 0.0 };
+        let (det, u, v, w) = (det.times(by), u.times(by), v.times(by), w.times(by));
+        let inverse = div(1.0, det.hi);
+        let off = abs(self.error * unit);
+        let (a, b, c) = self.depths;
+        let depth = u.times(a).plus(v.times(b)).plus(w.times(c));
+        let along = component(ray.inverse, ray.main);
+        let t = depth.over(det, inverse).over(Pair { hi: self.dz, lo: 0.0 }, along);
+        let deep = high(abs(a.hi), high(abs(b.hi), abs(c.hi)));
+        let (near, later) = rounded(t, deep * (16.0 * off + exp2(-39)));
+        Met { told, near, later, weights: (v, w), det, inverse, off }
+    }
+}
+
+impl Met {
+    /// Whether `t` is surely what it is rounded to, and not 0.
+    #[inline(always)]
+    pub(super) fn sure(&self) -> bool {
+        (self.near == self.later) & (abs(self.near) > exp2(-60))
+    }
+}
+
+/// The answer by pairs.
+#[inline(always)]
+fn by_pairs(ray: &Frame, id: u32, corners: (Vec3, Vec3, Vec3), best: &Best) -> Verdict {
+    let nothing = Verdict { certain: true, hit: false, t: 0.0, u: 0.0, v: 0.0 };
+    let looked = look(ray, corners);
+    if looked.missed {
         return nothing;
     }
-    let det = u.value.plus(v.value).plus(w.value);
-    if exponent(det.hi) < -70 || abs(det.hi) < 64.0 * error {
-        return open;
+    let met = looked.meet(ray);
+    if !met.told {
+        return Verdict { certain: false, ..nothing };
     }
-    // Weights that add up to 1 to 2.
-    let unit = exp2(-exponent(det.hi));
-    let by = Pair { hi: unit, lo: 0.0 };
-    let (det, weight_u, weight_v, weight_w) =
-        (det.times(by), u.value.times(by), v.value.times(by), w.value.times(by));
-    let inverse = div(1.0, det.hi);
-    let off = abs(error * unit);
-    let depth = weight_u.times(a.z).plus(weight_v.times(b.z)).plus(weight_w.times(c.z));
-    let along = component(ray.inverse, ray.main);
-    let t = depth.over(det, inverse).over(Pair { hi: dz, lo: 0.0 }, along);
-    let deep = high(abs(a.z.hi), high(abs(b.z.hi), abs(c.z.hi)));
-    let (near, later) = rounded(t, deep * (16.0 * off + exp2(-39)));
     // Rounding keeps order, so this is certain too, and where the plane is met does not hang on signs of
     // weights.
+    let (near, later) = (met.near, met.later);
     let behind = near > best.t || (near == later && near == best.t && id > best.triangle);
     if behind || near > ray.t_max || later < ray.t_min {
         return nothing;
     }
-    let (u, v) = (weight_v.over(det, inverse), weight_w.over(det, inverse));
-    let (u_near, u_later) = rounded(u, 8.0 * off + exp2(-41) * u.hi);
-    let (v_near, v_later) = rounded(v, 8.0 * off + exp2(-41) * v.hi);
+    let (weight_v, weight_w) = met.weights;
+    let (u, v) = (weight_v.over(met.det, met.inverse), weight_w.over(met.det, met.inverse));
+    let (u_near, u_later) = rounded(u, 8.0 * met.off + exp2(-41) * u.hi);
+    let (v_near, v_later) = rounded(v, 8.0 * met.off + exp2(-41) * v.hi);
     // An exact 0 has no digits to be uncertain of.
     let (u_zero, v_zero) = (weight_v.hi == 0.0, weight_w.hi == 0.0);
-    let certain = sure
-        & (near == later)
-        & (abs(near) > exp2(-60))
+    let (u_edge, v_edge, w_edge) = looked.edges;
+    let certain = (u_edge.certain & v_edge.certain & w_edge.certain)
+        & met.sure()
         & ((u_near == u_later) | u_zero)
         & ((v_near == v_later) | v_zero);
     Verdict {
@@ -232,3 +284,5 @@ impl Intersector for Exact {
         whole
     }
 }
+
+test!(EXACT, brute_exact::BRUTE_EXACT = Exact);

@@ -456,3 +456,126 @@ pub fn cross(origin: Vec3, d: Vec3, a: Vec3, b: Vec3, c: Vec3) -> Answer {
     let whole = is_whole(&mut m, scale.places.0);
     Answer { hit, t, u, v, whole }
 }
+
+/// What [`pass`] found.
+#[derive(Clone, Copy, Debug)]
+pub struct Passage {
+    /// Whether the perturbed line crosses the triangle.
+    pub crossed: bool,
+    /// Whether it does along the normal.
+    pub leaving: bool,
+    /// Whether it does ahead of the perturbed origin.
+    pub ahead: bool,
+    /// Correctly rounded; 0 below the normal range, infinite beyond it.
+    pub t: f32,
+    /// False if a driver left a loop early: nothing counts then.
+    pub whole: bool,
+}
+
+/// The sign of the number of `n` digits from [`DIVIDEND`]: 1, 0 or -1.
+#[inline(always)]
+fn sign_of_sum(m: &mut Digits, n: u32) -> i32 {
+    let negative = settle(m, DIVIDEND, n);
+    if !is_some(m, DIVIDEND, n) {
+        0
+    } else if negative {
+        -1
+    } else {
+        1
+    }
+}
+
+/// Adds the component on `axis` of a cross product to the number of `n` digits from [`DIVIDEND`], or takes it.
+#[inline(always)]
+fn add_cross(
+    m: &mut Digits,
+    n: u32,
+    axis: u32,
+    (y, ny): (u32, u32),
+    (z, nz): (u32, u32),
+    signs: u32,
+    minus: bool,
+) {
+    let j = if axis == 2 { 0 } else { axis + 1 };
+    let k = if axis == 0 { 2 } else { axis - 1 };
+    let odd = move |p: u32, q: u32| (((signs >> (3 * y + p)) ^ (signs >> (3 * z + q))) & 1 != 0) != minus;
+    multiply(m, DIVIDEND, n, (place(y, j), ny), (place(z, k), nz), odd(j, k));
+    multiply(m, DIVIDEND, n, (place(y, k), ny), (place(z, j), nz), !odd(k, j));
+}
+
+/// The sign of a weight that is 0 as seen from the perturbed origin: that of the first component of `(y - z) x d`, for the
+/// weight `d . (y x z)`, that is not 0.
+#[inline(always)]
+fn sign_beside(m: &mut Digits, scale: Scale, signs: u32, det: u32) -> i32 {
+    let (_, y, z) = rows(det);
+    let ((n, _), (nd, _)) = (scale.places, scale.ways);
+    let long = n + nd + 1;
+    let mut sign = 0;
+    let mut axis = 0;
+    while axis < 3 && sign == 0 {
+        clear(m, DIVIDEND, long);
+        add_cross(m, long, axis, (y, n), (0, nd), signs, false);
+        add_cross(m, long, axis, (z, n), (0, nd), signs, true);
+        sign = sign_of_sum(m, long);
+        axis += 1;
+    }
+    sign
+}
+
+/// The sign of the first component of the normal that is not 0.
+#[inline(always)]
+fn sign_of_normal(m: &mut Digits, scale: Scale, signs: u32) -> i32 {
+    let n = scale.places.0;
+    let long = 2 * n + 1;
+    let mut sign = 0;
+    let mut axis = 0;
+    while axis < 3 && sign == 0 {
+        clear(m, DIVIDEND, long);
+        let mut det = 0;
+        while det < 3 {
+            let (_, y, z) = rows(det);
+            add_cross(m, long, axis, (y, n), (z, n), signs, false);
+            det += 1;
+        }
+        sign = sign_of_sum(m, long);
+        axis += 1;
+    }
+    sign
+}
+
+/// Whether and where the line that [`cross`] takes crosses the triangle, if its origin is perturbed as
+/// [`perturbed`](super::perturbed) says.
+pub fn pass(origin: Vec3, d: Vec3, a: Vec3, b: Vec3, c: Vec3) -> Passage {
+    let mut m: Digits = scratch();
+    let scale = Scale::new(origin, d, a, b, c);
+    let long = scale.long;
+    let signs = put_coordinates(&mut m, scale, origin, d, a, b, c);
+    put_determinants(&mut m, scale, signs);
+    put_sum(&mut m, long);
+    let (mut negative, mut positive) = (false, false);
+    let mut det = 0;
+    while det < 3 {
+        let base = DETERMINANTS + det * LONG;
+        let minus = settle(&mut m, base, long);
+        let some = is_some(&m, base, long);
+        let sign = if some { 1 - 2 * minus as i32 } else { sign_beside(&mut m, scale, signs, det) };
+        negative |= sign <= 0;
+        positive |= sign >= 0;
+        det += 1;
+    }
+    let crossed = negative != positive;
+    let volume = DETERMINANTS + 3 * LONG;
+    let (mut ahead, mut t) = (false, 0.0);
+    if crossed {
+        settle(&mut m, DIVISOR, long);
+        let minus = settle(&mut m, volume, long);
+        let behind = if is_some(&m, volume, long) { minus } else { sign_of_normal(&mut m, scale, signs) > 0 };
+        ahead = behind == negative;
+        let moved = justify(&mut m, DIVISOR, long);
+        let shift = scale.places.1 - scale.ways.1 + HEADING;
+        let q = quotient(&mut m, volume, long, moved, shift);
+        t = if ahead { q } else { -q };
+    }
+    let whole = is_whole(&mut m, scale.places.0);
+    Passage { crossed, leaving: positive, ahead, t, whole }
+}

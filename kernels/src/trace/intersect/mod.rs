@@ -2,7 +2,7 @@
 //!
 //! `strict` is what raykd uses, `exact` rounds nothing but its answer. The others are there to be compared
 //! with them: each in a file of its own, with the formulas and thresholds of its source, so that it fails
-//! where it is known to fail. Common to all are the rules of the contract: edges belong to triangles, ranges
+//! where it is known to fail. `perturbed` says what a ray crosses. Common to all are the rules of the contract: edges belong to triangles, ranges
 //! of `t` are inclusive, the lowest number wins.
 
 pub mod baldwin;
@@ -10,10 +10,27 @@ pub mod exact;
 pub mod integers;
 pub mod moeller;
 pub mod pair;
+pub mod perturbed;
 pub mod plane;
 pub mod strict;
 pub mod unit;
 pub mod woop;
+
+/// The kernels of triangle tests: with a stack, but for the default's, and of every triangle.
+#[cfg(not(target_arch = "spirv"))]
+pub const KERNELS: &[&crate::Kernel] = &[
+    &moeller::MOELLER,
+    &plane::PLANE,
+    &baldwin::BALDWIN,
+    &woop::WOOP,
+    &exact::EXACT,
+    &strict::brute_strict::BRUTE_STRICT,
+    &exact::brute_exact::BRUTE_EXACT,
+    &moeller::brute_moeller::BRUTE_MOELLER,
+    &plane::brute_plane::BRUTE_PLANE,
+    &baldwin::brute_baldwin::BRUTE_BALDWIN,
+    &woop::brute_woop::BRUTE_WOOP,
+];
 
 use super::frame::Frame;
 use crate::glam::{Vec3, Vec4};

@@ -92,3 +92,5 @@ impl Intersector for Moeller {
         true
     }
 }
+
+test!(MOELLER, brute_moeller::BRUTE_MOELLER = Moeller);

@@ -63,3 +63,5 @@ impl Intersector for Plane {
         true
     }
 }
+
+test!(PLANE, brute_plane::BRUTE_PLANE = Plane);

@@ -65,6 +65,27 @@ impl Sheared {
         !(negative & positive)
     }
 
+    /// Whether no coordinate is too small for [`product_difference`].
+    #[inline(always)]
+    pub(super) fn is_plain(&self) -> bool {
+        !(is_small(self.ax, PRODUCT_FLOOR)
+            | is_small(self.ay, PRODUCT_FLOOR)
+            | is_small(self.bx, PRODUCT_FLOOR)
+            | is_small(self.by, PRODUCT_FLOOR)
+            | is_small(self.cx, PRODUCT_FLOOR)
+            | is_small(self.cy, PRODUCT_FLOOR))
+    }
+
+    /// The three edge functions, if coordinates are plain: exact signs, sizes within `2^-22`.
+    #[inline(always)]
+    pub(super) fn edges(&self) -> (f32, f32, f32) {
+        (
+            product_difference(self.cx, self.by, self.cy, self.bx),
+            product_difference(self.ax, self.cy, self.ay, self.cx),
+            product_difference(self.bx, self.ay, self.by, self.ax),
+        )
+    }
+
     /// The depths' mean by the weights, which add up to 1 to 4, undivided.
     #[inline(always)]
     pub(super) fn depth(&self, ray: &Frame, u: f32, v: f32, w: f32) -> f32 {
@@ -85,26 +106,15 @@ pub fn may_hit(ray: &Frame, a: Vec3, b: Vec3, c: Vec3) -> bool {
 /// The three edge functions, up to a common power of two: exact signs, sizes within `2^-22`.
 #[inline(always)]
 fn edges(s: &Sheared) -> (f32, f32, f32) {
-    // Too small for [`product_difference`].
-    let small = is_small(s.ax, PRODUCT_FLOOR)
-        | is_small(s.ay, PRODUCT_FLOOR)
-        | is_small(s.bx, PRODUCT_FLOOR)
-        | is_small(s.by, PRODUCT_FLOOR)
-        | is_small(s.cx, PRODUCT_FLOOR)
-        | is_small(s.cy, PRODUCT_FLOOR);
-    if small {
+    if s.is_plain() {
+        s.edges()
+    } else {
         let (u, eu) = product_difference_wide(s.cx, s.by, s.cy, s.bx);
         let (v, ev) = product_difference_wide(s.ax, s.cy, s.ay, s.cx);
         let (w, ew) = product_difference_wide(s.bx, s.ay, s.by, s.ax);
         let top = if eu > ev { eu } else { ev };
         let top = if ew > top { ew } else { top };
         (lower(u, eu - top), lower(v, ev - top), lower(w, ew - top))
-    } else {
-        (
-            product_difference(s.cx, s.by, s.cy, s.bx),
-            product_difference(s.ax, s.cy, s.ay, s.cx),
-            product_difference(s.bx, s.ay, s.by, s.ax),
-        )
     }
 }
 
@@ -159,3 +169,5 @@ impl Intersector for Strict {
         true
     }
 }
+
+test!(brute_strict::BRUTE_STRICT = Strict);

@@ -68,3 +68,5 @@ impl Intersector for Woop {
         true
     }
 }
+
+test!(WOOP, brute_woop::BRUTE_WOOP = Woop);

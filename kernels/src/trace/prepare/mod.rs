@@ -6,3 +6,15 @@ pub mod corners;
 pub mod node_boxes;
 pub mod parents;
 pub mod rope_links;
+pub mod workgroups;
+
+/// The kernels that run before rays do.
+#[cfg(not(target_arch = "spirv"))]
+pub const KERNELS: &[&crate::Kernel] = &[
+    &workgroups::WORKGROUPS,
+    &corners::CORNERS,
+    &corners::transforms::TRANSFORMS,
+    &parents::PARENTS,
+    &node_boxes::NODE_BOXES,
+    &rope_links::ROPE_LINKS,
+];

@@ -99,3 +99,10 @@ pub fn walk(
     }
     best
 }
+
+query! {
+    /// Climbs by parents.
+    BACKTRACK counts = |_, ray, pairs, corners, any, _, steps|
+        walk(ray, pairs, corners, boxes, any, steps),
+    { 8 boxes: UVec4 }
+}

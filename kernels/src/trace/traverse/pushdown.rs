@@ -10,3 +10,9 @@ use super::restart;
 /// Bytes that a ray keeps between two leaves, beside its best hit: as for `restart`, and the node with its
 /// level and interval.
 pub const STATE: u32 = restart::STATE + 20;
+
+query! {
+    /// Restarts at the push-down node.
+    PUSHDOWN counts = |_, ray, pairs, corners, any, _, steps|
+        restart::walk::<true>(ray, pairs, corners, any, steps)
+}

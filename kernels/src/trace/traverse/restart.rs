@@ -120,3 +120,9 @@ pub fn walk<const PUSHDOWN: bool>(
     }
     best
 }
+
+query! {
+    /// Restarts at the root.
+    RESTART counts = |_, ray, pairs, corners, any, _, steps|
+        walk::<false>(ray, pairs, corners, any, steps)
+}

@@ -156,3 +156,16 @@ pub fn walk<const OPTIMISED: bool>(
     }
     best
 }
+
+query! {
+    /// Follows ropes to the node beyond the whole plane.
+    ROPES counts = |_, ray, pairs, corners, any, _, steps|
+        walk::<false>(ray, pairs, corners, parents, links, any, steps),
+    { 8 parents: u32, 9 links: UVec4 }
+}
+query! {
+    /// Follows ropes to the smallest node beyond a side.
+    optimised_ropes::OPTIMISED_ROPES counts = |_, ray, pairs, corners, any, _, steps|
+        walk::<true>(ray, pairs, corners, parents, links, any, steps),
+    { 8 parents: u32, 9 links: UVec4 }
+}

@@ -100,3 +100,9 @@ pub fn walk(ray: &Frame, pairs: &Buf<UVec4>, corners: &Buf<Vec4>, any: bool, ste
     }
     best
 }
+
+query! {
+    /// Locates every leaf from the root.
+    SEQUENTIAL counts = |_, ray, pairs, corners, any, _, steps|
+        walk(ray, pairs, corners, any, steps)
+}

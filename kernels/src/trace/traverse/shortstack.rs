@@ -127,3 +127,24 @@ pub fn walk<const ENTRIES: usize>(
     }
     best
 }
+
+query! {
+    /// A stack of one entry.
+    shortstack1::SHORTSTACK1 counts = |_, ray, pairs, corners, any, _, steps|
+        walk::<1>(ray, pairs, corners, any, steps)
+}
+query! {
+    /// A stack of two entries.
+    shortstack2::SHORTSTACK2 counts = |_, ray, pairs, corners, any, _, steps|
+        walk::<2>(ray, pairs, corners, any, steps)
+}
+query! {
+    /// A stack of four entries.
+    shortstack4::SHORTSTACK4 counts = |_, ray, pairs, corners, any, _, steps|
+        walk::<4>(ray, pairs, corners, any, steps)
+}
+query! {
+    /// A stack of eight entries.
+    shortstack8::SHORTSTACK8 counts = |_, ray, pairs, corners, any, _, steps|
+        walk::<8>(ray, pairs, corners, any, steps)
+}

@@ -8,7 +8,7 @@
 
 use super::{
     Steps,
-    leaf::{self, Filter},
+    leaf::{self, Choice, Filter},
 };
 use crate::{
     ON_GPU,
@@ -146,13 +146,14 @@ const U: u32 = 4;
 const V: u32 = 5;
 const DET: u32 = 6;
 
-/// A filter that lays the weights of hits aside.
-struct Apart<'a, F, A> {
-    filter: F,
+/// Lays the weights of hits aside.
+struct Apart<'a, C, A, K> {
+    choice: C,
     aside: &'a mut A,
+    kept: &'a mut K,
 }
 
-impl<F: Filter + Copy, A: Slots<u32>> Filter for Apart<'_, F, A> {
+impl<C: Choice, A: Slots<u32>, K: Slots<u32>> Filter for Apart<'_, C, A, K> {
     #[inline(always)]
     fn test<I: Intersector>(
         &mut self,
@@ -163,8 +164,7 @@ impl<F: Filter + Copy, A: Slots<u32>> Filter for Apart<'_, F, A> {
         best: &mut Best,
     ) -> bool {
         let mut hit = Best { t: best.t, triangle: best.triangle, ..Best::NOTHING };
-        let mut filter = self.filter;
-        let whole = filter.test(by, ray, id, corners, &mut hit);
+        let whole = self.choice.test(by, ray, id, corners, &mut hit, self.kept);
         if hit.triangle != best.triangle {
             best.t = hit.t;
             best.triangle = hit.triangle;
@@ -177,15 +177,31 @@ impl<F: Filter + Copy, A: Slots<u32>> Filter for Apart<'_, F, A> {
 }
 
 /// Finds the closest hit of a ray by one triangle test, or if `any` will do the best one in the first leaf
-/// that has one, among those that `filter` lets through. With `COUNT`, says what it did.
+/// that has one, among those that `choice` lets through. With `COUNT`, says what it did.
 #[inline(always)]
-pub fn walk<I: Intersector, F: Filter + Copy, const COUNT: bool>(
+pub fn walk<I: Intersector, C: Choice, const COUNT: bool>(
     ray: &mut Frame,
     pairs: &Buf<UVec4>,
     corners: &Buf<Vec4>,
-    filter: F,
+    choice: C,
     any: bool,
     aside: &mut impl Slots<u32>,
+    steps: &mut Steps,
+) -> Best {
+    walk_keeping::<I, C, COUNT>(ray, pairs, corners, choice, any, aside, &mut [0; 0], steps)
+}
+
+/// The same with memory that `choice` keeps something in.
+#[inline(always)]
+#[allow(clippy::too_many_arguments, reason = "as many as a traversal takes, and one")]
+pub fn walk_keeping<I: Intersector, C: Choice, const COUNT: bool>(
+    ray: &mut Frame,
+    pairs: &Buf<UVec4>,
+    corners: &Buf<Vec4>,
+    choice: C,
+    any: bool,
+    aside: &mut impl Slots<u32>,
+    kept: &mut impl Slots<u32>,
     steps: &mut Steps,
 ) -> Best {
     let by = I::new(ray);
@@ -194,7 +210,7 @@ pub fn walk<I: Intersector, F: Filter + Copy, const COUNT: bool>(
     aside.put(SHEAR_Y, ray.shear_y.to_bits());
     aside.put(T_MIN, ray.t_min.to_bits());
     aside.put(STRETCH, ray.stretch as u32);
-    let mut filter = Apart { filter, aside };
+    let mut filter = Apart { choice, aside, kept };
     // A hit as far as the ray goes is taken, and none beyond: the same as if the best one were there.
     let mut best = Best { t: ray.t_max, ..Best::NOTHING };
     let mut running = ray.valid && ray.enter <= ray.exit;

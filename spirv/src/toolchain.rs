@@ -1,14 +1,14 @@
 //! Where the compiler for SPIR-V comes from.
 
-use anyhow::{Context as _, Result, bail, ensure};
+use crate::Error;
 use std::{
-    env, fs,
+    env, fs, io,
     path::{Path, PathBuf},
     process::{Command, Stdio},
 };
 
-/// Version of rust-gpu; spirv-std in kernels/Cargo.toml must be the same.
-pub(crate) const RUST_GPU: &str = "0.10.0";
+/// Version of rust-gpu; a shader crate's spirv-std must be the same.
+pub const RUST_GPU: &str = "0.10.0";
 /// The only toolchain this version builds with, unless its sources are patched.
 const NIGHTLY: &str = "nightly-2026-07-03";
 const COMPONENTS: [&str; 3] = ["rust-src", "rustc-dev", "llvm-tools"];
@@ -25,35 +25,31 @@ pub(crate) struct Toolchain {
 
 /// The toolchain named by the environment, or the pinned nightly, installed and built below `cache` if it is
 /// not yet.
-pub(crate) fn find(cache: &Path) -> Result<Toolchain> {
+pub(crate) fn find(cache: &Path) -> Result<Toolchain, Error> {
     let (name, backend) = match (env::var("RUST_GPU_TOOLCHAIN"), env::var_os("RUSTC_CODEGEN_SPIRV")) {
         (Ok(name), Some(backend)) => {
             let backend = PathBuf::from(backend);
-            ensure!(backend.is_file(), "RUSTC_CODEGEN_SPIRV: there is no file {}", backend.display());
+            if !backend.is_file() {
+                return Err(Error::NoBackend(backend));
+            }
             (name, backend)
         }
-        (Err(_), None) => (NIGHTLY.to_owned(), install(cache).with_context(hint)?),
-        _ => bail!("set both of RUST_GPU_TOOLCHAIN and RUSTC_CODEGEN_SPIRV, or neither"),
+        (Err(_), None) => (NIGHTLY.to_owned(), install(cache)?),
+        _ => return Err(Error::HalfSet),
     };
     let rustc = rustup()
         .args(["run", &name, "rustc", "--version"])
         .output()
-        .context("running rustup, which must be in PATH")?;
-    ensure!(rustc.status.success(), "rustup has no toolchain {name} (from RUST_GPU_TOOLCHAIN)");
+        .map_err(|e| Error::Program("rustup", e))?;
+    if !rustc.status.success() {
+        return Err(Error::NoToolchain(name));
+    }
     let rustc = String::from_utf8_lossy(&rustc.stdout).trim().to_owned();
     Ok(Toolchain { name, backend, rustc })
 }
 
-fn hint() -> String {
-    format!(
-        "kernels are compiled by rust-gpu {RUST_GPU}, which could not be installed. It needs rustup, a network \
-         and a C++ compiler. If you have it built already, set RUST_GPU_TOOLCHAIN to the name of its toolchain \
-         in rustup and RUSTC_CODEGEN_SPIRV to the path of its librustc_codegen_spirv.so"
-    )
-}
-
 /// Installs the pinned nightly and builds the code generator with it.
-fn install(cache: &Path) -> Result<PathBuf> {
+fn install(cache: &Path) -> Result<PathBuf, Error> {
     let dir = cache.join(format!("rust-gpu-{RUST_GPU}-{NIGHTLY}"));
     let done = dir.join("backend");
     if let Ok(path) = fs::read_to_string(&done)
@@ -67,24 +63,20 @@ fn install(cache: &Path) -> Result<PathBuf> {
     for component in COMPONENTS {
         toolchain.args(["--component", component]);
     }
-    succeed(&mut toolchain)?;
-
-    // A crate of its own that does nothing but depend on the code generator.
-    fs::create_dir_all(dir.join("src"))?;
-    fs::write(dir.join("src/lib.rs"), "")?;
-    fs::write(
-        dir.join("Cargo.toml"),
-        format!(
-            "[package]\nname = \"backend\"\nedition = \"2024\"\n\n[workspace]\n\n\
-             [dependencies]\nrustc_codegen_spirv = \"={RUST_GPU}\"\n"
-        ),
-    )?;
+    let status = toolchain.status().map_err(|e| Error::Program("rustup", e))?;
+    if !status.success() {
+        return Err(Error::Install(format!("rustup could not install {NIGHTLY}")));
+    }
+    write_crate(&dir).map_err(|e| Error::File(dir.clone(), e))?;
     let build = rustup()
         .args(["run", NIGHTLY, "cargo", "build", "--release", "--message-format", "json-render-diagnostics"])
         .current_dir(&dir)
         .stderr(Stdio::inherit())
-        .output()?;
-    ensure!(build.status.success(), "building rustc_codegen_spirv {RUST_GPU} failed");
+        .output()
+        .map_err(|e| Error::Program("rustup", e))?;
+    if !build.status.success() {
+        return Err(Error::Install("building rustc_codegen_spirv failed".to_owned()));
+    }
     let backend = String::from_utf8_lossy(&build.stdout)
         .lines()
         .filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok())
@@ -93,9 +85,22 @@ fn install(cache: &Path) -> Result<PathBuf> {
         .flatten()
         .filter_map(|file| file.as_str().map(str::to_owned))
         .find(|file| file.ends_with(env::consts::DLL_SUFFIX))
-        .context("cargo built no rustc_codegen_spirv library")?;
-    fs::write(done, &backend)?;
+        .ok_or_else(|| Error::Install("cargo built no rustc_codegen_spirv library".to_owned()))?;
+    fs::write(&done, &backend).map_err(|e| Error::File(done, e))?;
     Ok(backend.into())
+}
+
+/// Writes a crate of its own that does nothing but depend on the code generator.
+fn write_crate(dir: &Path) -> io::Result<()> {
+    fs::create_dir_all(dir.join("src"))?;
+    fs::write(dir.join("src/lib.rs"), "")?;
+    fs::write(
+        dir.join("Cargo.toml"),
+        format!(
+            "[package]\nname = \"backend\"\nedition = \"2024\"\n\n[workspace]\n\n\
+             [dependencies]\nrustc_codegen_spirv = \"={RUST_GPU}\"\n"
+        ),
+    )
 }
 
 /// rustup without what `cargo run` of another toolchain left in the environment.
@@ -107,10 +112,4 @@ fn rustup() -> Command {
         command.env_remove(name);
     }
     command
-}
-
-fn succeed(command: &mut Command) -> Result<()> {
-    let status = command.status().with_context(|| format!("running {:?}", command.get_program()))?;
-    ensure!(status.success(), "{command:?} failed");
-    Ok(())
 }

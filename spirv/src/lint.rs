@@ -11,13 +11,14 @@ use std::{
 
 /// One instruction that must not be in a kernel.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) struct Finding {
+#[non_exhaustive]
+pub struct Finding {
     /// Entry point that reaches it, or nothing if it stands outside of functions.
-    pub(crate) entry: Option<String>,
+    pub entry: Option<String>,
     /// The instruction, as SPIR-V calls it.
-    pub(crate) instruction: String,
+    pub instruction: String,
     /// Why it is refused and what to write instead.
-    pub(crate) reason: &'static str,
+    pub reason: &'static str,
 }
 
 impl fmt::Display for Finding {
@@ -27,10 +28,11 @@ impl fmt::Display for Finding {
     }
 }
 
-const DIVISION: &str = "Vulkan allows an error of 2.5 ULP; use math::div or cross-multiply";
+const DIVISION: &str = "Vulkan allows an error of 2.5 ULP; use raykd_kernels::math::div, cross-multiply, or divide \
+                        constants in a `const`";
 const ORDER: &str = "Vulkan leaves order or rounding to the device; write it with + - *";
 const INEXACT: &str = "its precision is up to the device; write it with + - * or in integers";
-const MIN_MAX: &str = "Vulkan leaves open which zero or NaN wins; use math::low and math::high";
+const MIN_MAX: &str = "Vulkan leaves open which zero or NaN wins; use raykd_kernels::math::low and high";
 const WIDTH: &str = "only f32 is supported on every device";
 const MATRIX: &str = "matrix operations may be evaluated in any order; use vectors";
 const CHOSEN: &str = "Vulkan has no choice between buffers, which spirv-val overlooks and drivers crash on; choose \

@@ -1,6 +1,6 @@
 //! What rust-gpu leaves undone for results that agree to the bit: see [`run`].
 
-use anyhow::{Context as _, Result};
+use crate::Error;
 use rspirv::{
     dr::{Instruction, Module, Operand},
     spirv::{
@@ -9,16 +9,11 @@ use rspirv::{
 };
 use std::collections::{BTreeMap, HashMap, HashSet};
 
-/// Makes a module compiled by rust-gpu exact, portable and reproducible:
-///
-/// * every float operation is decorated `NoContraction`, so that drivers neither fuse nor rearrange it;
-/// * every entry point keeps signed zeros, infinities and NaNs and rounds to nearest even;
-/// * the memory model becomes GLSL450, under which barriers order memory as kernels expect (rust-gpu
-///   declares the Vulkan model but none of the availability operations that model needs);
-/// * names, lines and sources go, and ids are numbered in the order in which they appear.
+/// Does to a module what [`finish`](crate::finish) says. rust-gpu declares the Vulkan memory model, but none of the
+/// availability operations which that needs.
 ///
 /// Returns how many operations were decorated.
-pub(crate) fn run(module: &mut Module) -> Result<usize> {
+pub(crate) fn run(module: &mut Module) -> Result<usize, Error> {
     strip(module);
     memory_model(module)?;
     float_controls(module);
@@ -108,8 +103,12 @@ fn has_capability(module: &Module, capability: Capability) -> bool {
     module.capabilities.iter().any(|i| i.operands[0] == Operand::Capability(capability))
 }
 
+fn no_header() -> Error {
+    Error::Damaged("it has no header".to_owned())
+}
+
 /// To GLSL450; scopes and semantics that only the Vulkan model knows are replaced.
-fn memory_model(module: &mut Module) -> Result<()> {
+fn memory_model(module: &mut Module) -> Result<(), Error> {
     use Capability::{VulkanMemoryModel, VulkanMemoryModelDeviceScope};
     module.capabilities.retain(|i| {
         ![VulkanMemoryModel, VulkanMemoryModelDeviceScope].map(Operand::Capability).contains(&i.operands[0])
@@ -137,7 +136,7 @@ fn memory_model(module: &mut Module) -> Result<()> {
         | MemorySemantics::MAKE_AVAILABLE
         | MemorySemantics::MAKE_VISIBLE
         | MemorySemantics::VOLATILE;
-    let mut next = module.header.as_ref().context("the module has no header")?.bound;
+    let mut next = module.header.as_ref().ok_or_else(no_header)?.bound;
     let mut added: BTreeMap<(Word, u32), Word> = BTreeMap::new();
     for operand in
         module.functions.iter_mut().flat_map(|f| f.all_inst_iter_mut()).flat_map(|i| &mut i.operands)
@@ -147,7 +146,9 @@ fn memory_model(module: &mut Module) -> Result<()> {
             Operand::IdMemorySemantics(id) => (id, false),
             _ => continue,
         };
-        let &(of_type, value) = constants.get(id).context("a scope or its semantics is not a constant")?;
+        let &(of_type, value) = constants
+            .get(id)
+            .ok_or_else(|| Error::Damaged("a scope or its semantics is not a constant".to_owned()))?;
         let wanted = if !is_scope {
             value & !only_vulkan.bits()
         } else if value == Scope::QueueFamily as u32 {
@@ -167,7 +168,7 @@ fn memory_model(module: &mut Module) -> Result<()> {
         let operands = vec![Operand::LiteralBit32(value)];
         module.types_global_values.push(Instruction::new(Op::Constant, Some(of_type), Some(id), operands));
     }
-    module.header.as_mut().context("the module has no header")?.bound = next;
+    module.header.as_mut().ok_or_else(no_header)?.bound = next;
     Ok(())
 }
 
@@ -188,7 +189,7 @@ fn renumber(module: &mut Module) {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use rspirv::{
         binary::Assemble as _,
@@ -197,7 +198,7 @@ mod tests {
     };
 
     /// Two float operations, one integer operation, a barrier and an atomic, the Vulkan memory model.
-    fn module() -> Module {
+    pub(crate) fn module() -> Module {
         let mut b = Builder::new();
         b.set_version(1, 5);
         b.capability(Capability::Shader);

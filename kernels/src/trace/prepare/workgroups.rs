@@ -1,9 +1,9 @@
 //! Rays whose number stands in a buffer: how many workgroups trace them.
 
-use super::job::{JOB_RAYS, THREADS};
 use crate::{
     build::alloc::put_groups,
     mem::{Buf, Slots},
+    trace::job::{JOB_RAYS, THREADS},
 };
 
 /// Lowers the number of rays of a job, at first what the buffers have room for, to the number in `count`, and writes the

@@ -1,0 +1,131 @@
+//! `raykd check`: whether a mesh is closed, and what is wrong with it.
+
+use crate::{
+    args::ReadArgs,
+    files::Files,
+    input::{Input, RepairCounts},
+    notes::Notes,
+    report::{count, write_json},
+    task::{On, Task},
+};
+use clap::Parser;
+use raykd::{Mesh, mesh::EdgeCount};
+use std::{
+    ffi::OsString,
+    io::{StdoutLock, Write as _},
+    process::ExitCode,
+};
+
+const EXAMPLES: &str = "\
+Vertices at one place are one vertex. A mesh is closed if along every edge as many triangles go one
+way as the other: then every point is inside or outside, and raykd inside is right everywhere.
+
+  border    edges of a single triangle
+  turned    edges of two triangles of which one shows its other side
+  crowded   edges of more than two triangles; a closed mesh may have some
+
+Exit code: 0 closed, 1 not closed or an error.
+
+Examples:
+  raykd check mesh.ply
+  raykd check mesh.ply --json | jq .closed";
+
+/// Tell whether a mesh is closed, and where it is not.
+#[derive(Debug, Parser)]
+#[command(after_help = EXAMPLES)]
+pub(crate) struct CheckArgs {
+    /// Scene name or mesh file
+    pub mesh: OsString,
+    #[command(flatten)]
+    pub read: ReadArgs,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Edges of one kind.
+#[derive(Debug, serde::Serialize)]
+struct Kind {
+    count: u64,
+    /// Ends of the first.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    first: Option<[[f64; 3]; 2]>,
+}
+
+impl Kind {
+    fn new(edges: EdgeCount, mesh: &Mesh, translation: [f64; 3]) -> Self {
+        let place = |vertex: u32| {
+            let local = mesh.vertex(vertex);
+            [0, 1, 2].map(|axis| local[axis] + translation[axis])
+        };
+        Self { count: edges.count, first: edges.first.map(|ends| ends.map(place)) }
+    }
+
+    fn told(&self, what: &str) -> String {
+        let at = self.first.map(|[[a, b, c], [d, e, f]]| format!(" (first: {a},{b},{c} to {d},{e},{f})"));
+        format!("{} {what}{}", count(self.count), at.unwrap_or_default())
+    }
+}
+
+/// What is told of a mesh.
+#[derive(Debug, serde::Serialize)]
+struct Told {
+    scene: String,
+    triangles: usize,
+    closed: bool,
+    edges: u64,
+    border: Kind,
+    turned: Kind,
+    crowded: Kind,
+    repairs: RepairCounts,
+}
+
+impl Task for CheckArgs {
+    fn on(&self) -> Option<On<'_>> {
+        None
+    }
+
+    fn files(&self) -> Files {
+        Files::of_scenes(std::slice::from_ref(&self.mesh))
+    }
+
+    fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
+        let notes = Notes::new(self.json);
+        let input = Input::load(&self.mesh, self.read, &notes)?;
+        notes.stage(format_args!("{}: checking", input.name));
+        let edges = input.mesh.edges();
+        let kind = |edges| Kind::new(edges, &input.mesh, input.translation);
+        let told = Told {
+            scene: input.name.clone(),
+            triangles: input.mesh.triangles().len(),
+            closed: edges.are_closed(),
+            edges: edges.count,
+            border: kind(edges.border),
+            turned: kind(edges.turned),
+            crowded: kind(edges.crowded),
+            repairs: RepairCounts::from(&input),
+        };
+        notes.clear();
+        if self.json { write_json(out, &told) } else { print(&told, out) }?;
+        Ok(if told.closed { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+    }
+}
+
+fn print(t: &Told, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
+    let mut line = |name: &str, what: String| writeln!(out, "{name:<7} {what}");
+    line("scene", format!("{}, {} triangles, {} edges", t.scene, count(t.triangles as u64), count(t.edges)))?;
+    line("closed", if t.closed { "yes" } else { "no" }.to_owned())?;
+    for (name, kind, what) in [
+        ("border", &t.border, "edges of a single triangle"),
+        ("turned", &t.turned, "edges of two triangles that show different sides"),
+        ("crowded", &t.crowded, "edges of more than two triangles"),
+    ] {
+        if kind.count > 0 {
+            line(name, kind.told(what))?;
+        }
+    }
+    if let Some(told) = t.repairs.told() {
+        line("repairs", told)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,191 @@
+//! Files of points.
+
+use anyhow::{Context as _, bail, ensure};
+use raykd::internals::{all_of, ply_vertices, quoted};
+use std::{
+    ffi::OsStr,
+    io::{self, Write},
+    path::Path,
+};
+
+/// The points of a file, in the mesh's own coordinates, and what is needed to write them again.
+pub(super) struct Points {
+    pub points: Vec<[f64; 3]>,
+    format: Format,
+}
+
+/// What the file was.
+enum Format {
+    /// Fields of every line, and of a first line that names them.
+    Csv {
+        head: Option<csv::StringRecord>,
+        lines: Vec<csv::StringRecord>,
+    },
+    Npy,
+    Ply,
+}
+
+impl Points {
+    /// Reads a file whose name ends in `.npy` or `.ply`, or else lines of three numbers with commas between.
+    pub(super) fn read(path: &Path, max_bytes: u64) -> anyhow::Result<Self> {
+        let bytes = all_of(path, max_bytes)?;
+        let extension = path.extension().and_then(OsStr::to_str).unwrap_or_default().to_ascii_lowercase();
+        let found = match extension.as_str() {
+            "npy" => npy(&bytes),
+            "ply" => {
+                ply_vertices(&bytes).map_err(Into::into).map(|points| Self { points, format: Format::Ply })
+            }
+            _ => text(&bytes),
+        };
+        found.with_context(|| quoted(path.display()))
+    }
+
+    /// Writes the points with a fourth number: an NPY file as an NPY file of `f64`, all others as lines of text.
+    pub(super) fn write(&self, file: &mut dyn Write, numbers: &[i32]) -> io::Result<()> {
+        match &self.format {
+            Format::Npy => {
+                use npyz::WriterBuilder as _;
+                let shape = [self.points.len() as u64, 4];
+                let mut array =
+                    npyz::WriteOptions::new().default_dtype().shape(&shape).writer(file).begin_nd()?;
+                for (&[x, y, z], &number) in self.points.iter().zip(numbers) {
+                    array.extend([x, y, z, f64::from(number)])?;
+                }
+                array.finish()
+            }
+            Format::Ply => {
+                for ([x, y, z], number) in self.points.iter().zip(numbers) {
+                    writeln!(file, "{x},{y},{z},{number}")?;
+                }
+                Ok(())
+            }
+            Format::Csv { head, lines } => {
+                let mut writer = csv::WriterBuilder::new().flexible(true).from_writer(file);
+                if let Some(head) = head {
+                    writer.write_record(head.iter().chain(["winding"]))?;
+                }
+                for (line, number) in lines.iter().zip(numbers) {
+                    writer.write_record(line.iter().chain([number.to_string().as_str()]))?;
+                }
+                writer.flush()
+            }
+        }
+    }
+}
+
+fn npy(bytes: &[u8]) -> anyhow::Result<Points> {
+    let file = npyz::NpyFile::new(bytes)?;
+    let shape = file.shape().to_vec();
+    ensure!(
+        shape.len() == 2 && shape[1] == 3,
+        "its shape is {shape:?}; points are an array of N x 3 numbers"
+    );
+    let by_column = file.order() == npyz::Order::Fortran;
+    // Only a number type can tell whether it is the one; trying costs nothing.
+    let numbers: Vec<f64> = match (file.try_data::<f64>(), npyz::NpyFile::new(bytes)?.try_data::<f32>()) {
+        (Ok(data), _) => data.collect::<Result<_, _>>()?,
+        (_, Ok(data)) => data.map(|x| x.map(f64::from)).collect::<Result<_, _>>()?,
+        _ => bail!("its numbers are neither f32 nor f64; convert it, in numpy by points.astype(float)"),
+    };
+    let count = numbers.len() / 3;
+    let at = |point: usize, axis: usize| if by_column { axis * count + point } else { 3 * point + axis };
+    let points = (0..count).map(|point| [0, 1, 2].map(|axis| numbers[at(point, axis)])).collect();
+    Ok(Points { points, format: Format::Npy })
+}
+
+fn text(bytes: &[u8]) -> anyhow::Result<Points> {
+    let mut reader = csv::ReaderBuilder::new()
+        .has_headers(false)
+        .flexible(true)
+        .comment(Some(b'#'))
+        .trim(csv::Trim::All)
+        .from_reader(bytes);
+    let (mut points, mut head, mut lines) = (Vec::new(), None, Vec::new());
+    for record in reader.records() {
+        let record = record?;
+        let number = |i: usize| record.get(i).and_then(|field| field.parse::<f64>().ok());
+        match (number(0), number(1), number(2)) {
+            (Some(x), Some(y), Some(z)) => {
+                points.push([x, y, z]);
+                lines.push(record);
+            }
+            // A first line that names the columns.
+            (None, None, None) if points.is_empty() && head.is_none() && record.len() >= 3 => {
+                head = Some(record)
+            }
+            _ => {
+                let line = record.position().map_or(0, csv::Position::line);
+                let text = quoted(record.iter().collect::<Vec<_>>().join(","));
+                bail!("line {line}: {text} does not begin with three numbers with commas between, x,y,z");
+            }
+        }
+    }
+    Ok(Points { points, format: Format::Csv { head, lines } })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(name: &str, bytes: &[u8]) -> anyhow::Result<Points> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        Points::read(&path, 1 << 20)
+    }
+
+    fn written(points: &Points, numbers: &[i32]) -> Vec<u8> {
+        let mut out = Vec::new();
+        points.write(&mut out, numbers).unwrap();
+        out
+    }
+
+    #[test]
+    fn lines_keep_their_text() {
+        let found = read("p.csv", b"# made by hand\nx,y,z,name\n1.0, 2,3,a\n-1e-3,0,nan,\"b,c\"\n").unwrap();
+        assert_eq!(found.points[0], [1.0, 2.0, 3.0]);
+        assert_eq!((found.points[1][0], found.points[1][2].is_nan()), (-1e-3, true));
+        let text = String::from_utf8(written(&found, &[1, 0])).unwrap();
+        assert_eq!(text, "x,y,z,name,winding\n1.0,2,3,a,1\n-1e-3,0,nan,\"b,c\",0\n");
+        assert!(read("p.csv", b"").unwrap().points.is_empty());
+    }
+
+    #[test]
+    fn wrong_lines_are_named() {
+        for (text, line) in [("1,2,3\n1,2\n", 2), ("a,b\n", 1), ("x,y,z\nx,y,z\n", 2), ("1 2 3\n", 1)] {
+            let error = format!("{:#}", read("p.csv", text.as_bytes()).err().unwrap());
+            assert!(error.contains(&format!("line {line}: ")), "{error}");
+        }
+    }
+
+    #[test]
+    fn arrays_of_both_widths_and_orders() {
+        let npy = |kind: &str, order: &str, shape: &str, data: &[u8]| {
+            let head = format!("{{'descr': '{kind}', 'fortran_order': {order}, 'shape': {shape}, }}");
+            let pad = " ".repeat(127 - 10 - head.len());
+            [b"\x93NUMPY\x01\x00\x76\x00".as_slice(), head.as_bytes(), pad.as_bytes(), b"\n", data].concat()
+        };
+        let narrow: Vec<u8> = (1..=6).flat_map(|x| (x as f32).to_le_bytes()).collect();
+        let wide: Vec<u8> = [1, 4, 2, 5, 3, 6].iter().flat_map(|&x| f64::from(x).to_le_bytes()).collect();
+        let wanted = [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]];
+        let rows = read("p.npy", &npy("<f4", "False", "(2, 3)", &narrow)).unwrap();
+        assert_eq!(rows.points, wanted);
+        assert_eq!(read("p.npy", &npy("<f8", "True", "(2, 3)", &wide)).unwrap().points, wanted);
+        let back = written(&rows, &[7, -1]);
+        let array: Vec<f64> = npyz::NpyFile::new(&back[..]).unwrap().into_vec().unwrap();
+        assert_eq!(array, [1.0, 2.0, 3.0, 7.0, 4.0, 5.0, 6.0, -1.0]);
+        for (kind, shape) in [("<i4", "(2, 3)"), ("<f4", "(6,)"), ("<f4", "(3, 2)")] {
+            assert!(read("p.npy", &npy(kind, "False", shape, &narrow)).is_err(), "{kind} {shape}");
+        }
+    }
+
+    #[test]
+    fn vertices_without_faces() {
+        let head = "ply\nformat ascii 1.0\nelement vertex 2\n";
+        let text =
+            format!("{head}property float x\nproperty float y\nproperty float z\nend_header\n1 2 3\n4 5 6\n");
+        let found = read("p.ply", text.as_bytes()).unwrap();
+        assert_eq!(found.points, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
+        assert_eq!(written(&found, &[0, 1]), b"1,2,3,0\n4,5,6,1\n");
+    }
+}

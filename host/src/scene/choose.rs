@@ -1,0 +1,58 @@
+//! Choosing how rays are traced, and making what that needs beside the tree.
+
+use super::Scene;
+use crate::{
+    Error, Intersector, Traversal,
+    exec::{Buffer, Launch},
+};
+use raykd_kernels::{glam::Vec4, trace::prepare::corners::transforms};
+
+impl Scene {
+    /// Chooses how rays find their way through the tree from now on, except for [`Scene::all`]; the hits stay the
+    /// same. Makes what the traversal needs beside the tree, once.
+    ///
+    /// # Errors
+    /// It does not go with the scene's triangle test, see [`Intersector::check`]; what it needs does not fit
+    /// the device, or the device failed.
+    pub fn traverse_by(&mut self, traversal: Traversal) -> Result<(), Error> {
+        self.intersector.check(traversal)?;
+        self.extras.make(traversal, &self.device, (&self.header_buffer, &self.nodes, self.header.nodes))?;
+        self.traversal = traversal;
+        Ok(())
+    }
+
+    /// Chooses how it is told from now on whether a ray hits a triangle, by the closest and any hits of
+    /// `stack` and `brute`. Makes what the test needs beside the tree, once. Only the default keeps what
+    /// [`Scene::closest`] promises.
+    ///
+    /// # Errors
+    /// It does not go with the scene's traversal, see [`Intersector::check`]; what it needs does not fit the device, or
+    /// the device failed.
+    pub fn intersect_by(&mut self, intersector: Intersector) -> Result<(), Error> {
+        intersector.check(self.traversal)?;
+        if intersector == Intersector::Baldwin && self.transforms.is_none() {
+            let made = self.device.alloc("transforms", 3 * u64::from(self.header.refs))?;
+            let transforms = transforms::Buffers {
+                header: &self.header_buffer,
+                positions: &self.mesh.positions,
+                indices: &self.mesh.indices,
+                refs: &self.refs,
+                corners: made.out(),
+            };
+            self.device.dispatch(&[transforms.over(self.header.refs)], false)?;
+            self.transforms = Some(made);
+        }
+        self.intersector = intersector;
+        Ok(())
+    }
+
+    /// What leaves keep instead of corners for the scene's triangle test.
+    pub(super) fn own_transforms(&self) -> Option<&Buffer<Vec4>> {
+        self.transforms.as_ref().filter(|_| self.intersector == Intersector::Baldwin)
+    }
+
+    /// The triangles of the leaves as the scene's test wants them.
+    pub(super) fn leaf_triangles(&self) -> &Buffer<Vec4> {
+        self.own_transforms().unwrap_or(&self.corners)
+    }
+}

@@ -1,0 +1,207 @@
+//! Which triangles a ray crosses, and from which side: each crossing of a surface counts once, also at an edge or a
+//! vertex.
+//!
+//! The rule is a simulation of simplicity (Edelsbrunner & Mücke 1990): the ray is taken to start not at its origin `o` but
+//! at `o + s`, `s = (e, e^2, e^3)`, for a positive `e` smaller than any that would change an answer. Seen from there:
+//!
+//! * A corner pair's volume `d . (p x q)` becomes `d . (p x q) + s . ((p - q) x d)`. Where it is 0, the first component of
+//!   `(p - q) x d` that is not 0 has its sign. All are 0 only if the edge is parallel to the ray; then so is the
+//!   triangle, and is not crossed.
+//! * The volume `a . (b x c)`, which is 0 where the origin lies in the triangle's plane, becomes that less `s . n`, `n` being
+//!   the normal. Where it is 0, the first component of `n` that is not 0 decides on which side of the origin the plane
+//!   is met.
+//!
+//! Polynomials in `e` that are not 0 everywhere have no root in some `0 < e < e_0`. For all those `e` the ray from `o + s`
+//! meets no edge and no vertex, and starts in no triangle's plane, so whether it crosses a triangle is the same for all
+//! of them, and is what the signs say. A closed surface is then crossed as often as in general position, and the signed
+//! crossings, leaving less entering, are the winding number of `o + s`: a number of the point, not of the
+//! direction, since `s` does not depend on `d`.
+//!
+//! Signs are exact: floats with bounds of their errors tell nearly all, then come the stages of [`exact`](super::exact).
+//! The `t` of what floats tell is that of [`strict`](super::strict), else it is exact too; a triangle's comes by the same way
+//! whenever a ray meets it, so hits keep their order. Where `t` is 0, or rounds to it, it is [`AT_ORIGIN`] or the negative of
+//! that, by the second rule.
+
+use super::{
+    Best, Intersector,
+    exact::{self, Edge, Exact},
+    integers,
+    pair::Pair,
+    strict::shear,
+};
+use crate::{
+    glam::{Vec3, Vec4},
+    math::{abs, component, div, exp2, exponent, high, low, product_difference_wide},
+    trace::frame::Frame,
+};
+
+/// The `t` of crossings next to the origin: smaller in size than any other that is not 0.
+pub const AT_ORIGIN: f32 = exp2(-126);
+
+/// The test. Of a hit `det` is 1 if the ray leaves by the triangle, that is along its normal, and -1 if it enters; `u` and
+/// `v` are not found.
+#[derive(Clone, Copy, Debug)]
+pub struct Perturbed;
+
+/// `p - q`, and whether that is exact.
+#[inline(always)]
+fn difference(p: Vec3, q: Vec3) -> (Vec3, bool) {
+    let (x, y, z) = (Pair::sum(p.x, -q.x), Pair::sum(p.y, -q.y), Pair::sum(p.z, -q.z));
+    (Vec3::new(x.hi, y.hi, z.hi), (x.lo == 0.0) & (y.lo == 0.0) & (z.lo == 0.0))
+}
+
+/// The signs of the components of `v x w`.
+#[inline(always)]
+fn signs(v: Vec3, w: Vec3) -> (i32, i32, i32) {
+    let sign = |a: f32, b: f32, c: f32, d: f32| {
+        let (size, _) = product_difference_wide(a, b, c, d);
+        (size > 0.0) as i32 - (size < 0.0) as i32
+    };
+    (sign(v.y, w.z, v.z, w.y), sign(v.z, w.x, v.x, w.z), sign(v.x, w.y, v.y, w.x))
+}
+
+/// The first that is not 0.
+#[inline(always)]
+fn first((x, y, z): (i32, i32, i32)) -> i32 {
+    if x != 0 {
+        x
+    } else if y != 0 {
+        y
+    } else {
+        z
+    }
+}
+
+/// The sign of `d . (p x q)` from the perturbed origin, `edge` being that of `q` and `p`; 0 if that is not certain.
+#[inline(always)]
+fn sign(edge: Edge, turned: bool, p: Vec3, q: Vec3, d: Vec3) -> i32 {
+    if !edge.certain {
+        0
+    } else if edge.positive | edge.negative {
+        (edge.negative != turned) as i32 - (edge.positive != turned) as i32
+    } else {
+        let (v, exact) = difference(p, q);
+        if exact { first(signs(v, d)) } else { 0 }
+    }
+}
+
+/// Where the origin lies in the triangle's plane, seen by floats: the sign of the first component of the normal that is not
+/// 0; else 0.
+#[inline(always)]
+fn in_plane(origin: Vec3, (a, b, c): (Vec3, Vec3, Vec3)) -> i32 {
+    let ((v, one), (w, two)) = (difference(b, a), difference(c, a));
+    let (x, y, z) = signs(v, w);
+    // Every term of the volume is 0, for one corner or another.
+    let level = |p: Vec3| {
+        ((x == 0) | (p.x == origin.x)) & ((y == 0) | (p.y == origin.y)) & ((z == 0) | (p.z == origin.z))
+    };
+    if one & two & (level(a) | level(b) | level(c)) { first((x, y, z)) } else { 0 }
+}
+
+/// What is known of a triangle.
+struct Verdict {
+    certain: bool,
+    crossed: bool,
+    leaving: bool,
+    t: f32,
+}
+
+/// What floats tell. A sheared corner is off by at most a quarter of the pad, see [`Exact::may_hit`], and so are edge
+/// functions by the half of what is compared here; `t` hangs on them by how far the corners' depths are apart.
+#[inline(always)]
+fn by_floats(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> Verdict {
+    let s = shear(ray, a, b, c);
+    let half = 0.5 * ray.pad;
+    let (x, y, z) = (abs(s.ax) + abs(s.ay), abs(s.bx) + abs(s.by), abs(s.cx) + abs(s.cy));
+    let (eu, ev, ew) = (ray.pad * (y + z + half), ray.pad * (z + x + half), ray.pad * (x + y + half));
+    let (u, v, w) = s.edges();
+    let positive = (u > eu) & (v > ev) & (w > ew);
+    let negative = (u < -eu) & (v < -ev) & (w < -ew);
+    let unit = exp2(-exponent(u + v + w));
+    let (u, v, w) = (u * unit, v * unit, w * unit);
+    let inverse = div(1.0, u + v + w);
+    let t = s.depth(ray, u, v, w) * inverse;
+    let along = component(ray.inverse, ray.main);
+    let spread = abs(along) * (high(s.az, high(s.bz, s.cz)) - low(s.az, low(s.bz, s.cz)));
+    let off = (eu + ev + ew) * unit * abs(inverse) * spread + ray.pad;
+    let certain = s.is_plain() & (positive | negative) & (t - off > ray.t_min) & (t + off < ray.exit);
+    // With the main component of the direction positive, edge functions and volumes have opposite signs.
+    Verdict { certain, crossed: true, leaving: positive == (along < 0.0), t }
+}
+
+#[inline(always)]
+fn by_pairs(ray: &Frame, id: u32, (a, b, c): (Vec3, Vec3, Vec3), best: &Best) -> Verdict {
+    let nothing = Verdict { certain: true, crossed: false, leaving: false, t: 0.0 };
+    let looked = exact::look(ray, (a, b, c));
+    if looked.missed {
+        return nothing;
+    }
+    let turned = looked.dz < 0.0;
+    let (u, v, w) = looked.edges;
+    let d = ray.heading;
+    let (u, v, w) = (sign(u, turned, b, c, d), sign(v, turned, c, a, d), sign(w, turned, a, b, d));
+    if u * v < 0 || v * w < 0 || w * u < 0 {
+        return nothing;
+    }
+    let met = looked.meet(ray);
+    if u * v * w == 0 || !met.told {
+        return Verdict { certain: false, ..nothing };
+    }
+    let (mut near, mut later) = (met.near, met.later);
+    let mut certain = met.sure();
+    if !certain && near <= 0.0 && later >= 0.0 {
+        // The perturbed volume has the other sign.
+        let normal = in_plane(ray.origin, (a, b, c));
+        certain = normal != 0;
+        near = if !certain {
+            near
+        } else if (normal > 0) == (u > 0) {
+            -AT_ORIGIN
+        } else {
+            AT_ORIGIN
+        };
+        later = if certain { near } else { later };
+    }
+    let behind = near > best.t || (near == later && near == best.t && id > best.triangle);
+    if behind || near > ray.t_max || later < ray.t_min {
+        return nothing;
+    }
+    Verdict { certain, crossed: true, leaving: u > 0, t: near }
+}
+
+impl Intersector for Perturbed {
+    const LOOPS: bool = true;
+    const WHOLE: bool = true;
+
+    #[inline(always)]
+    fn new(_ray: &Frame) -> Self {
+        Self
+    }
+
+    #[inline(always)]
+    fn may_hit(self, ray: &Frame, a: Vec4, b: Vec4, c: Vec4) -> bool {
+        Exact.may_hit(ray, a, b, c)
+    }
+
+    #[inline(always)]
+    fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool {
+        let (a, b, c) = (a.truncate(), b.truncate(), c.truncate());
+        let mut found = by_floats(ray, (a, b, c));
+        let mut whole = true;
+        if !found.certain {
+            found = by_pairs(ray, id, (a, b, c), best);
+        }
+        if !found.certain {
+            let passed = integers::pass(ray.origin, ray.heading, a, b, c);
+            let near = if passed.ahead { AT_ORIGIN } else { -AT_ORIGIN };
+            let t = if passed.t == 0.0 { near } else { passed.t };
+            found = Verdict { certain: true, crossed: passed.crossed, leaving: passed.leaving, t };
+            whole = passed.whole;
+        }
+        if found.crossed {
+            let det = if found.leaving { 1.0 } else { -1.0 };
+            best.offer(ray, Best { t: found.t, triangle: id, u: 0.0, v: 0.0, det });
+        }
+        whole
+    }
+}

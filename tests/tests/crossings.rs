@@ -1,0 +1,259 @@
+//! Crossings are those of a ray that starts a little off, in rational arithmetic, on every device; and which points are
+//! inside hangs on no direction.
+
+use proptest::prelude::*;
+use raykd::{
+    BuildOptions, Builder, Crossings, Mesh, Ray, Scene,
+    rays::{Random, Ray64},
+    stress::shapes::{Point, Welded, cubes, icosphere, loose},
+};
+use raykd_oracle::Passage;
+use raykd_tests::{Failure, cases, devices, same, unless_cut};
+
+/// Triangles counterclockwise seen from outside, of a shape round the origin.
+fn outward(mesh: &Mesh) -> Vec<[Point; 3]> {
+    let corners = |t: &[u32; 3]| t.map(|v| mesh.positions()[v as usize]);
+    let turned = |[a, b, c]: [Point; 3]| {
+        let [x, y, z] = [a, b, c].map(|p| p.map(f64::from));
+        let volume = x[0] * (y[1] * z[2] - y[2] * z[1])
+            + x[1] * (y[2] * z[0] - y[0] * z[2])
+            + x[2] * (y[0] * z[1] - y[1] * z[0]);
+        if volume < 0.0 { [a, c, b] } else { [a, b, c] }
+    };
+    mesh.triangles().iter().map(corners).map(turned).collect()
+}
+
+/// Two cones of so many triangles each with a rim between: all of them meet at two vertices.
+fn fan(rim: u32) -> Vec<[Point; 3]> {
+    let on = |i: u32| {
+        let turn = f64::from(i % rim) / f64::from(rim) * std::f64::consts::TAU;
+        [(4.0 * turn.cos()) as f32, (4.0 * turn.sin()) as f32, 0.0]
+    };
+    let cones = |i| [[on(i), on(i + 1), [0.0, 0.0, 3.0]], [on(i + 1), on(i), [0.0, 0.0, -2.0]]];
+    (0..rim).flat_map(cones).collect()
+}
+
+/// A closed mesh of small whole numbers, or a sphere: what rays meet at edges and vertices.
+fn closed(kind: u32, random: &mut Random) -> Vec<[Point; 3]> {
+    let listed = |mesh: Welded| {
+        let mesh = mesh.mesh();
+        mesh.triangles().iter().map(|t| t.map(|v| mesh.positions()[v as usize])).collect::<Vec<_>>()
+    };
+    match kind {
+        0 => listed(cubes(12, random)),
+        1 => fan(3 + random.below(40) as u32),
+        2 => outward(&icosphere(1)),
+        // The same cube many times: more crossings than are kept at once, all at two places.
+        3 => {
+            let mut stack = Welded::default();
+            (0..5 + random.below(30)).for_each(|_| stack.cube([0.0; 3]));
+            listed(stack)
+        }
+        // Boxes through each other, and triangles without area.
+        _ => {
+            let mut all = Vec::new();
+            for _ in 0..8 {
+                let corner = [(); 3].map(|()| random.below(4) as f32);
+                let size = [(); 3].map(|()| 1.0 + random.below(3) as f32);
+                let mut one = Welded::default();
+                one.cube([0.0; 3]);
+                let stretched = |p: Point| [0, 1, 2].map(|i| corner[i] + p[i] * size[i]);
+                all.extend(listed(one).into_iter().map(|t| t.map(stretched)));
+            }
+            all.push([[0.0; 3], [1.0, 1.0, 1.0], [2.0, 2.0, 2.0]]);
+            all
+        }
+    }
+}
+
+/// A place that a mesh has something at, or beside it.
+fn place(triangles: &[[Point; 3]], random: &mut Random) -> Point {
+    let [a, b, c] = triangles[random.below(triangles.len())];
+    let mean = |p: Point, q: Point| [0, 1, 2].map(|i| 0.5 * (p[i] + q[i]));
+    match random.below(7) {
+        0 => a,
+        1 => mean(b, c),
+        2 => mean(a, mean(b, c)),
+        3 => a.map(f32::round),
+        4 => mean(a, c).map(|x| x - 1.0),
+        5 => [a[0], b[1], c[2]],
+        _ => random.point().map(|x| 3.0 * x),
+    }
+}
+
+/// A direction along an axis, an edge, a diagonal, to a corner, or any.
+fn way(triangles: &[[Point; 3]], from: Point, random: &mut Random) -> Point {
+    let [a, b, _] = triangles[random.below(triangles.len())];
+    let found = match random.below(5) {
+        0 => [0, 1, 2].map(|i| b[i] - a[i]),
+        1 => [0, 1, 2].map(|i| a[i] - from[i]),
+        2 => [(); 3].map(|()| random.below(3) as f32 - 1.0),
+        3 => {
+            let mut axis = [0.0; 3];
+            axis[random.below(3)] = if random.below(2) == 0 { 1.0 } else { -1.0 };
+            axis
+        }
+        _ => random.point(),
+    };
+    if found == [0.0; 3] { [0.0, 0.0, -1.0] } else { found }
+}
+
+/// What the rule gives, triangle by triangle.
+fn expected(triangles: &[[Point; 3]], ray: &Ray) -> Crossings {
+    let mut found = Crossings::default();
+    for corners in triangles {
+        if let Some(passage) = Passage::new(ray, corners).filter(|passage| passage.is_in_range(ray, corners))
+        {
+            found.leaving += u32::from(passage.leaving);
+            found.entering += u32::from(!passage.leaving);
+        }
+    }
+    found
+}
+
+fn check(kind: u32, seed: u64, count: usize) -> Result<(), Failure> {
+    let mut random = Random::new(seed);
+    let triangles = closed(kind, &mut random);
+    let mesh = loose(&triangles);
+    let rays: Vec<Ray> = (0..count)
+        .map(|_| {
+            let from = place(&triangles, &mut random);
+            let ray = Ray::new(from, way(&triangles, from, &mut random));
+            let range = [(0.0, f32::INFINITY), (f32::NEG_INFINITY, 0.0), (-1.0, 1.0), (0.0, 0.0), (0.5, 2.0)];
+            let (t_min, t_max) = range[random.below(8).saturating_sub(3)];
+            Ray { t_min, t_max, ..ray }
+        })
+        .collect();
+    let wanted: Vec<Crossings> = rays.iter().map(|ray| expected(&triangles, ray)).collect();
+    let builder = Builder::ALL[random.below(Builder::ALL.len())];
+    let options = BuildOptions { builder, ..BuildOptions::default() };
+    for named in devices() {
+        let scene = Scene::build(&named.device, &mesh, &options)?;
+        let Some(found) = unless_cut(scene.crossings(&rays))? else { continue };
+        if let Some(i) = wanted.iter().zip(&found.counts).position(|(a, b)| a != b) {
+            let (a, b) = (wanted[i], found.counts[i]);
+            return Err(Failure(format!(
+                "{}, {builder}: {:?} crosses {b:?}, not {a:?}",
+                named.name, rays[i]
+            )));
+        }
+        let tracer = scene.tracer()?;
+        let single: Vec<Crossings> = rays.iter().map(|ray| tracer.crossings(ray)).collect();
+        same("single rays", &wanted, &single)?;
+    }
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(cases(20))]
+
+    #[test]
+    fn crossings_are_those_of_a_moved_origin(kind in 0..5u32, seed: u64) {
+        check(kind, seed, 150)?;
+    }
+
+    #[test]
+    fn every_direction_finds_the_same_points_inside(kind in 0..5u32, seed: u64) {
+        let mut random = Random::new(seed);
+        let triangles = closed(kind, &mut random);
+        let mesh = loose(&triangles);
+        let points: Vec<Point> = (0..40).map(|_| place(&triangles, &mut random)).collect();
+        for named in devices() {
+            let scene = Scene::build(&named.device, &mesh, &BuildOptions::default())?;
+            let Some(inside) = unless_cut(scene.winding(&points))? else { continue };
+            let mut rays = Vec::new();
+            for &point in &points {
+                rays.extend((0..100).map(|_| Ray::new(point, way(&triangles, point, &mut random))));
+            }
+            let Some(found) = unless_cut(scene.crossings(&rays))? else { continue };
+            for (i, (crossings, ray)) in found.counts.iter().zip(&rays).enumerate() {
+                prop_assert_eq!(crossings.winding(), inside.counts[i / 100], "{}: {:?}", named.name, ray);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_thousand_triangles_round_a_vertex_are_crossed_once() {
+    for (rim, may_stop) in [(100, false), (1000, true)] {
+        let triangles = fan(rim);
+        let mesh = loose(&triangles);
+        // Through both vertices that all triangles share, along an edge of the rim, and in the rim's plane.
+        let rays = [
+            Ray::new([0.0, 0.0, 9.0], [0.0, 0.0, -1.0]),
+            Ray::new([0.0, 0.0, 3.0], [0.0, 0.0, -1.0]),
+            Ray::new([9.0, 0.0, 0.0], [-1.0, 0.0, 0.0]),
+            Ray::new([4.0, 0.0, -9.0], [0.0, 0.0, 1.0]),
+        ];
+        let wanted: Vec<_> = rays.iter().map(|ray| expected(&triangles, ray)).collect();
+        let through = Crossings { leaving: 1, entering: 1 };
+        assert_eq!([wanted[0], wanted[2]], [through; 2]);
+        for named in devices() {
+            let scene = Scene::build(&named.device, &mesh, &BuildOptions::default()).unwrap();
+            let found = scene.crossings(&rays);
+            // A software rasteriser runs every loop of the exact test once for every triangle, needed or not.
+            let found = if may_stop { unless_cut(found).unwrap() } else { Some(found.unwrap()) };
+            if let Some(found) = found {
+                same(named.name, &wanted, &found.counts).unwrap();
+            }
+        }
+    }
+}
+
+#[test]
+fn points_of_meshes_far_off_and_points_that_are_none() {
+    let mut cube = Welded::default();
+    cube.cube([0.0; 3]);
+    let (positions, triangles) = cube.done();
+    let far = 4.5e6;
+    let wide: Vec<[f64; 3]> = positions.iter().map(|p| p.map(|x| f64::from(x) * 0.01 + far)).collect();
+    let mesh = Mesh::from_f64(wide, triangles).unwrap();
+    for named in devices() {
+        let scene = Scene::build(&named.device, &mesh, &BuildOptions::default()).unwrap();
+        let inside = far + 0.005;
+        let points = [[inside; 3], [inside, inside, far + 0.011], [far - 0.1; 3]];
+        // These triangles are clockwise seen from outside.
+        assert_eq!(scene.winding(&points).unwrap().counts, [-1, 0, 0], "{}", named.name);
+        let through = Ray64::new([inside, inside, far - 1.0], [0.0, 0.0, 1.0]);
+        let crossings = scene.crossings(&[through]).unwrap().counts;
+        assert_eq!(crossings, [Crossings { leaving: 1, entering: 1 }], "{}", named.name);
+        let none = scene.winding(&[[f64::NAN, 0.0, 0.0], [f64::INFINITY, 0.0, 0.0]]).unwrap();
+        assert_eq!((none.counts, none.invalid), (vec![0, 0], 2), "{}", named.name);
+    }
+}
+
+/// Speed of crossings against that of closest hits of the same rays, on the last device: run it with `--ignored --nocapture`.
+#[test]
+#[ignore = "measures, on fetched scenes"]
+fn speed_of_winding_numbers() {
+    for name in ["dragon_res3", "dragon", "sponza"] {
+        let mesh = raykd::mesh::scene(name).unwrap();
+        let scene = Scene::build(raykd_tests::gpu(), &mesh, &BuildOptions::default()).unwrap();
+        let (lo, hi) = mesh.bounds();
+        let mut random = Random::new(1);
+        let point = |random: &mut Random| [0, 1, 2].map(|a| lo[a] + (hi[a] - lo[a]) * random.unit() as f32);
+        let points: Vec<Point> = (0..1_000_000).map(|_| point(&mut random)).collect();
+        let shortest = |p: &Point| {
+            let sides = (0..3).flat_map(|a| [(p[a] - lo[a], a, -1.0), (hi[a] - p[a], a, 1.0)]);
+            let (_, axis, side) = sides.min_by(|x, y| x.0.total_cmp(&y.0)).unwrap();
+            let mut direction = [0.0; 3];
+            direction[axis] = side;
+            Ray::new(*p, direction)
+        };
+        let rays: Vec<Ray> = points.iter().map(shortest).collect();
+        let mut resident = scene.resident(&rays).unwrap();
+        let mut exact = scene.clone();
+        exact.intersect_by(raykd::Intersector::Exact).unwrap();
+        let mut by_exact = exact.resident(&rays).unwrap();
+        for _ in 0..6 {
+            let closest = resident.trace(raykd::Query::Closest).unwrap();
+            let exactly = by_exact.trace(raykd::Query::Closest).unwrap();
+            let winding = scene.winding(&points).unwrap();
+            let inside = winding.counts.iter().filter(|&&n| n != 0).count();
+            println!(
+                "{name}: closest {closest:?}, exact {exactly:?}, winding {:?} (up {:?} down {:?}), {inside} inside",
+                winding.trace, winding.upload, winding.download
+            );
+        }
+    }
+}
