@@ -6,6 +6,8 @@ mod choose;
 mod crossings;
 #[cfg(feature = "gpu")]
 mod encode;
+#[cfg(feature = "gpu")]
+mod on;
 mod trace;
 mod tracer;
 
@@ -18,14 +20,13 @@ pub use tracer::Tracer;
 
 use crate::{
     BuildTimes, Error, Intersector, KdTree,
-    build::MeshBuffers,
+    build::{Kept, MeshBuffers},
     exec::{Buffer, Device},
     mesh::digest,
     traversal::{Extras, Traversal},
 };
 use raykd_kernels::glam::{UVec4, Vec4};
 use raykd_shared::TreeHeader;
-use std::sync::Arc;
 
 /// A mesh and its tree, resident on a device. Clones share all memory; each has a traversal and a triangle test of its own.
 #[derive(Clone, Debug)]
@@ -38,7 +39,7 @@ pub struct Scene {
     refs: Buffer<u32>,
     mesh: MeshBuffers,
     corners: Buffer<Vec4>,
-    kept: Arc<[u32]>,
+    kept: Kept,
     /// What rays lose of their origins, as the mesh did.
     translation: [f64; 3],
     times: BuildTimes,
@@ -75,7 +76,8 @@ impl Scene {
         let positions = self.device.read(&self.mesh.positions, 0, self.mesh.coordinates)?;
         let indices: Vec<[u32; 3]> =
             self.device.read(&self.mesh.indices.view(), 0, self.header.triangles as usize)?;
-        let mesh = self.device.install(|| digest(&positions, &indices, &self.kept));
+        let kept = self.kept.list(&self.device)?;
+        let mesh = self.device.install(|| digest(&positions, &indices, &kept));
         Ok(KdTree::sealed(self.header, nodes, refs, mesh))
     }
 

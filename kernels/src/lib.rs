@@ -109,8 +109,9 @@ const ON_GPU: bool = cfg!(target_arch = "spirv");
 /// Every kernel, in pipeline order.
 #[cfg(not(target_arch = "spirv"))]
 pub const KERNELS: &[&Kernel] = &{
-    const LISTS: [&[&Kernel]; 7] = [
+    const LISTS: [&[&Kernel]; 8] = [
         &[&probe::PROBE],
+        build::survey::KERNELS,
         build::KERNELS,
         build::sweep::KERNELS,
         trace::prepare::KERNELS,

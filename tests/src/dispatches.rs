@@ -1,6 +1,6 @@
 //! Every dispatch of a job, with what it left in the buffers it may write.
 
-use crate::{Failure, rays::rays, same};
+use crate::{Failure, built_from, rays::rays, same};
 use raykd::{
     BuildOptions, Builder, Device, Error, Intersector, Mesh, Query, Ray, Scene, Traversal,
     internals::{Buffer, Launch as _, Step, watch::watching},
@@ -52,6 +52,9 @@ fn number_rays(device: &Device, rays: u32) -> Result<(), Error> {
 
 impl Job<'_> {
     fn run(&self, device: &Device) -> Result<(), Error> {
+        // As if the mesh lay on the device. A leaf is enough: the builders follow.
+        let leaf = BuildOptions { max_depth: 0, ..self.options.clone() };
+        built_from(device, self.mesh.positions(), self.mesh.triangles(), &leaf)?;
         let mut scene = match self.options.builder {
             // The CPU's own way has no kernels.
             Builder::Exact => Scene::sweep_by_kernels(device, self.mesh, self.options, 5)?,

@@ -10,7 +10,7 @@ pub mod rays;
 pub mod trees;
 
 use proptest::prelude::*;
-use raykd::{BuildOptions, Builder, Device, internals::Cpu, kernels::Order};
+use raykd::{BuildOptions, Builder, Device, Error, Scene, internals::Cpu, kernels::Order};
 use std::{fmt, sync::LazyLock};
 
 /// A device and what it is called in messages.
@@ -50,6 +50,22 @@ pub fn cpu() -> &'static Device {
 /// The GPU of [`devices`].
 pub fn gpu() -> &'static Device {
     &devices()[devices().len() - 1].device
+}
+
+/// A scene of vertices and triangles that lie in buffers of a device.
+///
+/// # Errors
+/// They are no mesh, or the device failed.
+pub fn built_from(
+    device: &Device,
+    positions: &[[f32; 3]],
+    triangles: &[[u32; 3]],
+    options: &BuildOptions,
+) -> Result<Scene, Error> {
+    let words: Vec<u32> = positions.as_flattened().iter().map(|x| x.to_bits()).collect();
+    let vertices = device.upload("given vertices", &words)?;
+    let indices = device.upload("given triangles", triangles.as_flattened())?;
+    Scene::build_from(device, &vertices, &indices, [positions.len() as u32, triangles.len() as u32], options)
 }
 
 /// Options of all kinds for a builder.

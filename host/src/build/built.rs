@@ -1,13 +1,16 @@
 //! Meshes and trees on a device.
 
-use super::{options::BuildTimes, room::Arena};
+use super::{levels::Last, options::BuildTimes, room::Arena};
 use crate::{
     Error,
     exec::{Buffer, Device},
     mesh::Mesh,
 };
 use raykd_shared::{Node, TreeHeader};
-use std::time::Instant;
+use std::{
+    sync::Arc,
+    time::{Duration, Instant},
+};
 
 /// A tree on a device.
 #[derive(Debug)]
@@ -16,6 +19,16 @@ pub(crate) struct Built {
     pub nodes: Buffer<Node>,
     pub refs: Buffer<u32>,
     pub times: BuildTimes,
+    /// What has still to be run.
+    pub last: Option<Last>,
+}
+
+impl Built {
+    /// With what getting ready took.
+    pub(crate) fn after(mut self, upload: Duration) -> Self {
+        self.times.upload += upload;
+        self
+    }
 }
 
 /// What a try leaves of it.
@@ -27,6 +40,7 @@ pub(super) struct Grown {
     pub counts: [u32; 2],
     pub depth: u32,
     pub times: BuildTimes,
+    pub last: Option<Last>,
 }
 
 /// An indexed mesh on a device.
@@ -38,11 +52,100 @@ pub(crate) struct MeshBuffers {
     pub indices: Buffer<u32>,
 }
 
+/// What a build has to know of a mesh.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Facts {
+    pub triangles: u32,
+    /// How many of them take part.
+    pub kept: u32,
+    /// The box around those, scaled.
+    pub bounds: ([f32; 3], [f32; 3]),
+    pub scale: f32,
+}
+
+impl From<&Mesh> for Facts {
+    fn from(mesh: &Mesh) -> Self {
+        Self {
+            triangles: mesh.triangles().len() as u32,
+            kept: mesh.kept().len() as u32,
+            bounds: mesh.scaled_bounds(),
+            scale: mesh.scale(),
+        }
+    }
+}
+
+/// Where the numbers of the triangles that take part are, in ascending order.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum KeptIn<'a> {
+    /// The host has the mesh.
+    Host(&'a Mesh),
+    /// Only the device has it, and the list.
+    Device(&'a Buffer<u32>),
+}
+
+/// A mesh on a device, to be built from.
+#[derive(Debug)]
+pub(crate) struct Given<'a> {
+    pub facts: Facts,
+    pub on_device: MeshBuffers,
+    pub kept: KeptIn<'a>,
+}
+
+impl<'a> Given<'a> {
+    /// A mesh of the host, copied to the device.
+    pub(crate) fn of(device: &Device, mesh: &'a Mesh) -> Result<Self, Error> {
+        Ok(Self { facts: mesh.into(), on_device: upload(device, mesh)?, kept: KeptIn::Host(mesh) })
+    }
+
+    /// Bytes of its buffers.
+    pub(super) fn bytes(&self) -> u64 {
+        let MeshBuffers { positions, indices, .. } = &self.on_device;
+        let kept = match self.kept {
+            KeptIn::Host(_) => 0,
+            KeptIn::Device(kept) => kept.bytes(),
+        };
+        positions.bytes() + indices.bytes() + kept
+    }
+}
+
+/// The triangles that take part, as a scene keeps them.
+#[derive(Clone, Debug)]
+pub(crate) enum Kept {
+    Host(Arc<[u32]>),
+    Device { list: Buffer<u32>, count: u32 },
+}
+
+impl Kept {
+    /// How many there are.
+    pub(crate) fn count(&self) -> u32 {
+        match self {
+            Self::Host(list) => list.len() as u32,
+            Self::Device { count, .. } => *count,
+        }
+    }
+
+    /// The list, on the device.
+    pub(crate) fn on(&self, device: &Device) -> Result<Buffer<u32>, Error> {
+        match self {
+            Self::Host(list) => device.upload("kept", list),
+            Self::Device { list, .. } => Ok(list.clone()),
+        }
+    }
+
+    /// The list, on the host.
+    pub(crate) fn list(&self, device: &Device) -> Result<Arc<[u32]>, Error> {
+        match self {
+            Self::Host(list) => Ok(list.clone()),
+            Self::Device { list, count } => Ok(device.read(list, 0, *count as usize)?.into()),
+        }
+    }
+}
+
 /// Copies the mesh to the device.
 pub(crate) fn upload(device: &Device, mesh: &Mesh) -> Result<MeshBuffers, Error> {
     let coordinates = mesh.scaled_positions();
-    let positions = device.upload("positions", &coordinates)?;
-    let indices = device.upload("indices", mesh.triangles().as_flattened())?;
+    let positions = device.put("positions", &coordinates)?;
+    let indices = device.put("indices", mesh.triangles().as_flattened())?;
     Ok(MeshBuffers { positions, coordinates: coordinates.len(), indices })
 }
 
@@ -58,6 +161,13 @@ impl Grown {
         let counts = [nodes.len() as u32, refs.len() as u32];
         let begin = Instant::now();
         let (nodes, refs) = (arena.upload("nodes", nodes)?, arena.upload("refs", refs)?);
-        Ok(Self { nodes, refs, counts, depth, times: BuildTimes { upload: begin.elapsed(), ..times } })
+        Ok(Self {
+            nodes,
+            refs,
+            counts,
+            depth,
+            times: BuildTimes { upload: begin.elapsed(), ..times },
+            last: None,
+        })
     }
 }

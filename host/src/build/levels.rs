@@ -1,7 +1,7 @@
 //! The level loop: which kernels run, over which buffers.
 
 use super::{
-    built::{Grown, MeshBuffers},
+    built::{Given, Grown, KeptIn, MeshBuffers},
     options::BuildTimes,
     retry::Stop,
     room::{Arena, growth},
@@ -9,7 +9,6 @@ use super::{
 use crate::{
     Error,
     exec::{Buffer, Device, Launch, Step},
-    mesh::Mesh,
 };
 use raykd_kernels::{
     build::{
@@ -31,9 +30,10 @@ use raykd_shared::{BuildParams, Node, limits::CHUNK, status};
 use std::time::Instant;
 
 /// The buffers of one try, in pairs where a level is made from the one above.
-struct Lists<'a> {
-    given: &'a BuildParams,
-    mesh: &'a MeshBuffers,
+#[derive(Debug)]
+struct Lists {
+    given: BuildParams,
+    mesh: MeshBuffers,
     params: Buffer<BuildParams>,
     state: Buffer<u32>,
     levels: [Buffer<u32>; 2],
@@ -41,8 +41,8 @@ struct Lists<'a> {
     active: [Buffer<UVec4>; 2],
     chunks: [Buffer<u32>; 2],
     refs: [Buffer<UVec4>; 2],
-    /// The triangles that take part: the memory of the second list of references, which is free until the
-    /// first is moved.
+    /// The triangles that take part. If the host has listed them, the memory of the second list of references, which
+    /// is free until the first is moved.
     kept: Buffer<u32>,
     hists: Buffer<u32>,
     /// What treelets keep: the memory of the histograms, which are done with by then.
@@ -65,23 +65,21 @@ struct Lists<'a> {
 /// Builds a tree with so many levels above its treelets at most.
 pub(super) fn build(
     arena: &mut Arena<'_>,
-    mesh: &Mesh,
-    on_device: &MeshBuffers,
+    from: &Given<'_>,
     params: &BuildParams,
     levels: u32,
     profile: bool,
 ) -> Result<Grown, Stop> {
     let device = arena.device;
-    let lists = Lists::new(arena, params, on_device)?;
+    let lists = Lists::new(arena, params, from)?;
     let begin = Instant::now();
-    lists.write(device, mesh)?;
+    lists.write(device, &from.kept)?;
     let mut times = BuildTimes { upload: begin.elapsed(), ..BuildTimes::default() };
     let levels = if lists.root_is_large() { levels.min(params.max_depth + 1) } else { 0 };
     let steps = lists.steps(levels as usize);
-    times.add(&steps, &device.dispatch(&steps, profile)?);
-
     // The one look at the device: how large is the tree?
-    let state: State = device.read(&lists.state.view(), 0, 1)?[0];
+    let (timing, state): (_, State) = device.dispatch_and_read(&steps, profile, &lists.state.view())?;
+    times.add(&steps, &timing);
     if state.status & status::CAPACITY != 0 {
         return Err(Stop::Room);
     }
@@ -94,28 +92,58 @@ pub(super) fn build(
     let counts = [state.nodes, state.refs];
     let nodes = arena.alloc("nodes", counts[0], 1)?;
     let refs = arena.alloc("refs", counts[1], 1)?;
-    let steps = lists.last_steps(&state, &nodes, &refs);
+    let last = Last { lists, state };
+    let grown = |last, times| Grown {
+        nodes: nodes.view(),
+        refs: refs.clone(),
+        counts,
+        depth: state.depth,
+        times,
+        last,
+    };
+    if device.recycles() && !profile {
+        return Ok(grown(Some(last), times));
+    }
+    // The lists' memory is given back before more is taken.
+    let steps = last.steps(&nodes, &refs);
     times.add(&steps, &device.dispatch(&steps, profile)?);
-    Ok(Grown { nodes: nodes.view(), refs, counts, depth: state.depth, times })
+    Ok(grown(None, times))
 }
 
-impl<'a> Lists<'a> {
-    fn new(arena: &mut Arena<'_>, given: &'a BuildParams, mesh: &'a MeshBuffers) -> Result<Self, Error> {
+/// What writes a tree out that has been found.
+#[derive(Debug)]
+pub(crate) struct Last {
+    lists: Lists,
+    state: State,
+}
+
+impl Last {
+    /// To be run before anything else is done with the tree.
+    pub(crate) fn steps<'a>(&'a self, nodes: &'a Buffer<UVec2>, refs: &'a Buffer<u32>) -> [Step<'a>; 2] {
+        self.lists.last_steps(&self.state, nodes, refs)
+    }
+}
+
+impl Lists {
+    fn new(arena: &mut Arena<'_>, given: &BuildParams, from: &Given<'_>) -> Result<Self, Error> {
         let scratch = 2 * u64::from(scratch_base(given.treelet_refs, given.treelets));
         let words = (u64::from(given.active) * u64::from(HIST_WORDS)).max(scratch);
         let hists: Buffer<u32> = arena.alloc("histograms", words.div_ceil(4) as u32, 4)?;
         let sizes: Buffer<UVec2> = arena.alloc("sizes", given.active, 1)?;
         let refs: [Buffer<UVec4>; 2] = arena.pair("level refs", given.level_refs, Reference::ELEMENTS)?;
         Ok(Self {
-            given,
-            mesh,
+            given: *given,
+            mesh: from.on_device.clone(),
             params: arena.upload("params", std::slice::from_ref(given))?,
             state: arena.alloc::<State>("state", 1, 1)?.view(),
             levels: arena.pair::<Level>("level", 1, 1)?.map(|level| level.view()),
             args: arena.pair("args", 1, ARGS_WORDS)?,
             active: arena.pair("active", given.active, Item::ELEMENTS)?,
             chunks: arena.pair("chunks", given.active, 1)?,
-            kept: refs[1].view(),
+            kept: match from.kept {
+                KeptIn::Host(_) => refs[1].view(),
+                KeptIn::Device(kept) => kept.clone(),
+            },
             refs,
             scratch: hists.view(),
             hists,
@@ -140,8 +168,8 @@ impl<'a> Lists<'a> {
     }
 
     /// Writes what the kernels start from.
-    fn write(&self, device: &Device, mesh: &Mesh) -> Result<(), Error> {
-        let given = self.given;
+    fn write(&self, device: &Device, kept: &KeptIn<'_>) -> Result<(), Error> {
+        let given = &self.given;
         let [lo, hi] = [given.lo, given.hi].map(Vec3::from);
         let growth = growth(given.references).to_bits();
         let root = [UVec4::new(0, 0, given.references, 0), to_bits(lo, growth), to_bits(hi, 0)];
@@ -173,7 +201,9 @@ impl<'a> Lists<'a> {
         device.write(&self.levels[0].view(), 0, &[level])?;
         device.write(&self.args[0], 0, &args)?;
         device.write(&self.treelet_blocks, 0, &vec![0; self.treelet_blocks.elements()])?;
-        device.write(&self.kept, 0, mesh.kept())?;
+        if let KeptIn::Host(mesh) = kept {
+            device.write(&self.kept, 0, mesh.kept())?;
+        }
         device.write(&self.state.view(), 0, &[state])
     }
 

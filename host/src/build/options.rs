@@ -1,10 +1,10 @@
 //! What a build may be told, and what it tells.
 
+use super::built::Facts;
 use crate::{
     Error,
     choices::choices,
     exec::{Step, Timing},
-    mesh::Mesh,
 };
 use raykd_shared::{
     limits::{MAX_DEPTH, TREELET},
@@ -97,7 +97,7 @@ impl BuildOptions {
     pub const MOST: f32 = 1e9;
 
     /// Refuses numbers that costs cannot be weighed by.
-    pub(super) fn check(&self) -> Result<(), Error> {
+    pub(crate) fn check(&self) -> Result<(), Error> {
         let numbers = [
             ("cost_step", self.cost_step, 0.0, Self::MOST),
             ("cost_test", self.cost_test, 0.0, Self::MOST),
@@ -112,11 +112,11 @@ impl BuildOptions {
     }
 
     /// [`BuildParams::price`] in the scaled mesh.
-    pub(super) fn price(&self, mesh: &Mesh) -> f32 {
-        let (lo, hi) = mesh.scaled_bounds();
+    pub(super) fn price(&self, facts: &Facts) -> f32 {
+        let (lo, hi) = facts.bounds;
         let d: [f32; 3] = std::array::from_fn(|i| hi[i] - lo[i]);
         let area = d[0] * d[1] + d[1] * d[2] + d[2] * d[0];
-        self.price * self.cost_test * area / mesh.kept().len().max(1) as f32
+        self.price * self.cost_test * area / facts.kept.max(1) as f32
     }
 }
 

@@ -2,10 +2,11 @@
 //! build goes on.
 
 use super::{
+    built::{Facts, Given, KeptIn},
     options::{BuildOptions, Builder},
     room::{Need, Room},
 };
-use crate::{Error, mesh::Mesh};
+use crate::Error;
 use raykd_shared::{
     BuildParams,
     limits::MAX_DEPTH,
@@ -51,8 +52,10 @@ impl From<Error> for Stop {
 
 /// What a try is made with.
 #[derive(Debug)]
-pub(super) struct Setting<'a> {
-    mesh: &'a Mesh,
+pub(super) struct Setting {
+    facts: Facts,
+    /// Whether the host has the mesh, and may build the tree.
+    host: bool,
     /// As asked for, but that `price` and `long` rise.
     options: BuildOptions,
     first_way: Way,
@@ -63,16 +66,20 @@ pub(super) struct Setting<'a> {
     before: u32,
 }
 
-impl<'a> Setting<'a> {
+impl Setting {
     /// That of the first try.
-    pub(super) fn first(mesh: &'a Mesh, options: &BuildOptions, way: Way) -> Self {
-        let references = mesh.kept().len() as u32;
+    pub(super) fn first(from: &Given<'_>, options: &BuildOptions, way: Way) -> Self {
+        Self::of(from.facts, matches!(from.kept, KeptIn::Host(_)), options, way)
+    }
+
+    fn of(facts: Facts, host: bool, options: &BuildOptions, way: Way) -> Self {
+        let references = facts.kept;
         let room = match way {
             Way::Levels => Room::of_levels(references, options.builder.small()),
             _ => Room::of_sweep(references),
         };
         let max_depth = options.max_depth.min(MAX_DEPTH);
-        Self { mesh, options: options.clone(), first_way: way, way, room, max_depth, before: u32::MAX }
+        Self { facts, host, options: options.clone(), first_way: way, way, room, max_depth, before: u32::MAX }
     }
 
     /// Levels that the level loop takes.
@@ -81,13 +88,13 @@ impl<'a> Setting<'a> {
     }
 
     pub(super) fn params(&self) -> BuildParams {
-        let Self { mesh, options, room, max_depth, .. } = self;
-        let (lo, hi) = mesh.scaled_bounds();
+        let Self { facts, options, room, max_depth, .. } = self;
+        let (lo, hi) = facts.bounds;
         BuildParams {
             lo,
-            triangles: mesh.triangles().len() as u32,
+            triangles: facts.triangles,
             hi,
-            references: mesh.kept().len() as u32,
+            references: facts.kept,
             cost_step: options.cost_step,
             cost_test: options.cost_test,
             max_depth: *max_depth,
@@ -101,14 +108,14 @@ impl<'a> Setting<'a> {
                 Way::SweepByKernels { small } => small,
                 _ => options.builder.small(),
             },
-            price: options.price(mesh),
+            price: options.price(facts),
             empty: options.empty,
         }
     }
 
     /// Refuses a tree of more references than were asked for, if a higher price can save some.
     pub(super) fn check_budget(&self, refs: u32) -> Result<(), Stop> {
-        let (options, triangles) = (&self.options, self.mesh.kept().len() as f32);
+        let (options, triangles) = (&self.options, self.facts.kept as f32);
         let most = options.budget.map_or(u32::MAX, |b| (b.max(1.0) * triangles) as u32);
         // Planes that are not chosen by cost stay where they are; no other saves so much.
         let settled =
@@ -122,7 +129,7 @@ impl<'a> Setting<'a> {
     /// # Errors
     /// There is none.
     pub(super) fn change(&mut self, stop: Stop) -> Result<(), Error> {
-        let references = self.mesh.kept().len() as u32;
+        let references = self.facts.kept;
         match stop {
             Stop::Room => self.enlarge(self.room.doubled(references, self.options.builder.small())),
             Stop::Needs(need) => self.enlarge(self.room.holding(&need, references)),
@@ -137,12 +144,12 @@ impl<'a> Setting<'a> {
                 let price = (2.0 * self.options.price).max(0.25);
                 let long = self.options.long.max(1).saturating_mul(2);
                 let options = BuildOptions { price, long, ..self.options.clone() };
-                *self = Self { before: refs, ..Self::first(self.mesh, &options, self.first_way) };
+                *self = Self { before: refs, ..Self::of(self.facts, self.host, &options, self.first_way) };
                 Ok(())
             }
             // The host builds the same tree, more slowly.
             Stop::Failed(Error::TooLarge { .. } | Error::OutOfMemory { .. })
-                if matches!(self.way, Way::SweepByKernels { .. }) =>
+                if self.host && matches!(self.way, Way::SweepByKernels { .. }) =>
             {
                 self.way = Way::SweepByHost;
                 Ok(())

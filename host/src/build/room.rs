@@ -44,7 +44,7 @@ impl Arena<'_> {
         records: u32,
         elements: u32,
     ) -> Result<Buffer<T>, Error> {
-        let buffer = self.device.alloc(name, u64::from(records) * u64::from(elements))?;
+        let buffer = self.device.room(name, u64::from(records) * u64::from(elements))?;
         self.bytes += buffer.bytes();
         Ok(buffer)
     }
@@ -61,7 +61,7 @@ impl Arena<'_> {
 
     /// A buffer of these elements.
     pub(super) fn upload<T: Pod>(&mut self, name: &'static str, data: &[T]) -> Result<Buffer<T>, Error> {
-        let buffer = self.device.upload(name, data)?;
+        let buffer = self.device.put(name, data)?;
         self.bytes += buffer.bytes();
         Ok(buffer)
     }

@@ -153,7 +153,7 @@ unsafe impl Send for Shared {}
 // SAFETY: as above.
 unsafe impl Sync for Shared {}
 
-fn memory(buffer: &AnyBuffer) -> &Memory {
+pub(super) fn memory(buffer: &AnyBuffer) -> &Memory {
     match &buffer.memory {
         super::Memory::Cpu(memory) => memory,
         #[cfg(feature = "gpu")]

@@ -21,12 +21,22 @@ use rayon::prelude::*;
 use staging::{CHUNK, Slot};
 use std::{
     collections::{HashMap, HashSet},
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
-    time::Instant,
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicU64, Ordering::Relaxed},
+    },
+    time::{Duration, Instant},
 };
 
 /// Writes of at most this many bytes ride along with the next submission.
 const RIDES_ALONG: usize = 64 << 10;
+
+/// After how many steps commands are handed over early: about a level of a build, and some levels.
+const EARLY: [usize; 2] = [8, 48];
+
+/// Ways across the bus.
+const TO: usize = 0;
+const BACK: usize = 1;
 
 /// A Vulkan device.
 #[derive(Debug)]
@@ -40,6 +50,10 @@ pub struct Gpu {
     /// Staging buffers; taken while in use, and not put back after an error.
     uploads: Mutex<Option<[Slot; 2]>>,
     downloads: Mutex<Option<[Slot; 2]>>,
+    /// Bytes that went to the device, and that came back.
+    crossed: [AtomicU64; 2],
+    /// How many buffers were allocated.
+    allocated: AtomicU64,
     /// None where the device has no timestamps.
     clock: Option<Mutex<Option<Clock>>>,
 }
@@ -87,7 +101,7 @@ impl Gpu {
     }
 
     /// The device and its queue.
-    pub(super) fn parts(&self) -> (&wgpu::Device, &wgpu::Queue) {
+    pub(crate) fn parts(&self) -> (&wgpu::Device, &wgpu::Queue) {
         (&self.link.device, &self.link.queue)
     }
 
@@ -169,6 +183,8 @@ impl Gpu {
             pipelines: Mutex::default(),
             uploads: Mutex::default(),
             downloads: Mutex::default(),
+            crossed: Default::default(),
+            allocated: AtomicU64::default(),
             clock: timed.then(Mutex::default),
             link,
         })
@@ -178,7 +194,7 @@ impl Gpu {
     fn probed(self) -> Result<(Self, Verdict), Error> {
         let device = Device::from(self);
         let verdict = probe::check(&device)?;
-        match Arc::into_inner(device.0) {
+        match Arc::into_inner(device.machine) {
             Some(Machine::Gpu(gpu)) => Ok((*gpu, verdict)),
             _ => unreachable!("made above, and nobody keeps a device"),
         }
@@ -187,6 +203,20 @@ impl Gpu {
     /// Whether it is a rasteriser in software, with no GPU behind it.
     pub fn is_software(&self) -> bool {
         self.link.device.adapter_info().device_type == wgpu::DeviceType::Cpu
+    }
+
+    /// Bytes that went to the device until now, and bytes that came back: buffers, and timestamps.
+    pub fn crossed(&self) -> [u64; 2] {
+        [0, 1].map(|way| self.crossed[way].load(Relaxed))
+    }
+
+    /// How many buffers were allocated until now, but for those of [`Self::filled`] and for transfers.
+    pub fn allocated(&self) -> u64 {
+        self.allocated.load(Relaxed)
+    }
+
+    fn count(&self, way: usize, bytes: usize) {
+        self.crossed[way].fetch_add(bytes as u64, Relaxed);
     }
 
     /// Loses the device, as a driver might.
@@ -205,6 +235,7 @@ impl Gpu {
 
     pub(super) fn alloc(&self, name: &'static str, bytes: u64) -> Result<wgpu::Buffer, Error> {
         use wgpu::BufferUsages as Use;
+        self.allocated.fetch_add(1, Relaxed);
         self.link.buffer(name, bytes, Use::STORAGE | Use::COPY_SRC | Use::COPY_DST | Use::INDIRECT)
     }
 
@@ -212,6 +243,7 @@ impl Gpu {
     /// whatever is run or read next.
     pub(super) fn write(&self, buffer: &wgpu::Buffer, offset: u64, data: &[u8]) -> Result<(), Error> {
         self.link.check()?;
+        self.count(TO, data.len());
         if data.len() <= RIDES_ALONG {
             return self.link.guard("writing", || self.link.queue.write_buffer(buffer, offset, data));
         }
@@ -222,21 +254,42 @@ impl Gpu {
 
     pub(super) fn read(&self, buffer: &wgpu::Buffer, offset: u64, out: &mut [u8]) -> Result<(), Error> {
         self.link.check()?;
+        self.count(BACK, out.len());
         let create = || Slot::download(&self.link, CHUNK as u64);
         let transfer = |slots: &mut _| staging::download(&self.link, slots, buffer, offset, out);
         with(&self.downloads, || Ok([create()?, create()?]), transfer)
     }
 
-    pub(super) fn run(&self, steps: &[Step<'_>], profile: bool) -> Result<Timing, Error> {
+    /// Runs, and reads the start of a buffer after that. With `early` the first steps begin while the host still encodes
+    /// the rest.
+    pub(super) fn run(
+        &self,
+        steps: &[Step<'_>],
+        profile: bool,
+        early: bool,
+        beside: Option<(&wgpu::Buffer, &mut [u8])>,
+    ) -> Result<Timing, Error> {
         self.link.check()?;
-        if steps.is_empty() {
-            return Ok(Timing::default());
-        }
         self.prepare(&steps.iter().map(|step| step.kernel).collect::<Vec<_>>())?;
-        match &self.clock {
-            Some(clock) => self.run_timed(clock, steps, profile),
-            None => self.run_by_wall_clock(steps, profile),
-        }
+        let timing = match &self.clock {
+            _ if steps.is_empty() => Timing::default(),
+            Some(clock) => return self.run_timed(clock, steps, profile, early, beside),
+            None => self.run_by_wall_clock(steps, profile)?,
+        };
+        beside.map_or(Ok(()), |(buffer, out)| self.read(buffer, 0, out))?;
+        Ok(timing)
+    }
+
+    /// Runs, without waiting for the end.
+    pub(super) fn begin(&self, steps: &[Step<'_>]) -> Result<(), Error> {
+        self.link.check()?;
+        self.prepare(&steps.iter().map(|step| step.kernel).collect::<Vec<_>>())?;
+        let commands = self.link.guard("encoding kernels", || {
+            let mut commands = self.link.encoder();
+            self.encode(&mut commands, &mut Bindings::new(), steps, None, None);
+            commands
+        })?;
+        self.link.submit(commands).map(|_| ())
     }
 
     /// Runs in as many passes as there are timestamps for: one, unless very many steps are timed each.
@@ -245,6 +298,8 @@ impl Gpu {
         clock: &Mutex<Option<Clock>>,
         steps: &[Step<'_>],
         profile: bool,
+        early: bool,
+        beside: Option<(&wgpu::Buffer, &mut [u8])>,
     ) -> Result<Timing, Error> {
         let per_pass = if profile { clock::STEPS_PER_PASS } else { steps.len() };
         let passes = steps.len().div_ceil(per_pass);
@@ -252,6 +307,12 @@ impl Gpu {
         with(clock, create, |clock| {
             if clock.sets.len() < passes {
                 *clock = create()?;
+            }
+            let back = beside.as_ref().map_or(0, |(_, out)| out.len());
+            if early && !profile {
+                let commands = self.start_early(steps, &clock.sets[0])?;
+                self.count(BACK, 2 * wgpu::QUERY_SIZE as usize + back);
+                return clock.finish(&self.link, commands, &[2], false, beside);
             }
             let mut stamps = Vec::with_capacity(passes);
             let commands = self.link.guard("encoding kernels", || {
@@ -270,8 +331,63 @@ impl Gpu {
                 }
                 commands
             })?;
-            clock.finish(&self.link, commands, &stamps, profile)
+            self.count(BACK, stamps.iter().sum::<u32>() as usize * wgpu::QUERY_SIZE as usize + back);
+            clock.finish(&self.link, commands, &stamps, profile, beside)
         })
+    }
+
+    /// Runs some steps, then others, and says how long either took. None, and nothing is run, without timestamps.
+    pub(super) fn run_both(
+        &self,
+        first: &[Step<'_>],
+        then: &[Step<'_>],
+    ) -> Result<Option<[Duration; 2]>, Error> {
+        self.link.check()?;
+        let Some(clock) = &self.clock else { return Ok(None) };
+        self.prepare(&first.iter().chain(then).map(|step| step.kernel).collect::<Vec<_>>())?;
+        let create = || Clock::new(&self.link, 1);
+        with(clock, create, |clock| {
+            let commands = self.link.guard("encoding kernels", || {
+                let mut commands = self.link.encoder();
+                for (steps, stamp) in [(first, 0), (then, 2)] {
+                    let writes = wgpu::ComputePassTimestampWrites {
+                        query_set: &clock.sets[0],
+                        beginning_of_pass_write_index: Some(stamp),
+                        end_of_pass_write_index: Some(stamp + 1),
+                    };
+                    self.encode(&mut commands, &mut Bindings::new(), steps, Some(writes), None);
+                }
+                commands
+            })?;
+            self.count(BACK, 4 * wgpu::QUERY_SIZE as usize);
+            let times = clock.finish(&self.link, commands, &[4], true, None)?.steps;
+            Ok(Some([times[0], times[2]]))
+        })
+    }
+
+    /// Encodes steps, of which the first are handed over as soon as they are, so that the device need not wait for the
+    /// host to encode hundreds. Returns the commands that remain.
+    fn start_early(&self, steps: &[Step<'_>], set: &wgpu::QuerySet) -> Result<wgpu::CommandEncoder, Error> {
+        let (mut bindings, mut from) = (Bindings::new(), 0);
+        loop {
+            let end = EARLY.into_iter().find(|&end| end > from && end < steps.len()).unwrap_or(steps.len());
+            let writes = wgpu::ComputePassTimestampWrites {
+                query_set: set,
+                beginning_of_pass_write_index: (from == 0).then_some(0),
+                end_of_pass_write_index: (end == steps.len()).then_some(1),
+            };
+            let timed = from == 0 || end == steps.len();
+            let commands = self.link.guard("encoding kernels", || {
+                let mut commands = self.link.encoder();
+                self.encode(&mut commands, &mut bindings, &steps[from..end], timed.then_some(writes), None);
+                commands
+            })?;
+            if end == steps.len() {
+                return Ok(commands);
+            }
+            self.link.submit(commands)?;
+            from = end;
+        }
     }
 
     /// Runs with the host's clock, which also sees submission and waiting.
@@ -395,6 +511,11 @@ fn dispatch(pass: &mut wgpu::ComputePass<'_>, groups: u32) {
 }
 
 impl AnyBuffer {
+    /// Bytes of its memory, of which it may use a part.
+    pub(super) fn room(&self) -> u64 {
+        self.as_wgpu().size()
+    }
+
     /// Its memory on a GPU.
     pub(crate) fn as_wgpu(&self) -> &wgpu::Buffer {
         match &self.memory {

@@ -3,6 +3,8 @@
 pub(crate) mod cpu;
 #[cfg(feature = "gpu")]
 mod gpu;
+#[cfg(feature = "gpu")]
+mod pool;
 #[doc(hidden)]
 pub mod watch;
 
@@ -18,7 +20,12 @@ use std::{marker::PhantomData, ops::Deref, sync::Arc, time::Duration};
 
 /// A machine that kernels run on: the processor, by rayon, or a Vulkan device, by wgpu. Clones are the same machine.
 #[derive(Clone, Debug)]
-pub struct Device(Arc<Machine>);
+pub struct Device {
+    machine: Arc<Machine>,
+    /// Where the memory of scenes goes and comes from, if it is used again.
+    #[cfg(feature = "gpu")]
+    pool: Option<Arc<pool::Pool>>,
+}
 
 #[derive(Debug)]
 enum Machine {
@@ -29,14 +36,14 @@ enum Machine {
 
 impl From<Cpu> for Device {
     fn from(cpu: Cpu) -> Self {
-        Self(Arc::new(Machine::Cpu(cpu)))
+        Self::on(Machine::Cpu(cpu))
     }
 }
 
 #[cfg(feature = "gpu")]
 impl From<Gpu> for Device {
     fn from(gpu: Gpu) -> Self {
-        Self(Arc::new(Machine::Gpu(Box::new(gpu))))
+        Self::on(Machine::Gpu(Box::new(gpu)))
     }
 }
 
@@ -46,6 +53,9 @@ pub struct AnyBuffer {
     name: &'static str,
     bytes: u64,
     memory: Memory,
+    /// Counted: a pool that has the only one may give the memory to somebody else.
+    #[cfg(feature = "gpu")]
+    users: Arc<()>,
 }
 
 #[derive(Clone, Debug)]
@@ -56,6 +66,16 @@ enum Memory {
 }
 
 impl AnyBuffer {
+    fn of(name: &'static str, bytes: u64, memory: Memory) -> Self {
+        Self {
+            name,
+            bytes,
+            memory,
+            #[cfg(feature = "gpu")]
+            users: Arc::default(),
+        }
+    }
+
     /// The name it was allocated under.
     pub const fn name(&self) -> &'static str {
         self.name
@@ -223,6 +243,31 @@ pub struct Limit {
 }
 
 impl Device {
+    fn on(machine: Machine) -> Self {
+        Self {
+            machine: Arc::new(machine),
+            #[cfg(feature = "gpu")]
+            pool: None,
+        }
+    }
+
+    /// The same device, which keeps the memory of scenes built with it for the next ones: for meshes that change, and
+    /// are built again and again.
+    ///
+    /// What a build needs only while it runs is free for the next one, and so is what a scene takes as soon as its last
+    /// clone is dropped. Keep the old scene until the new one is built, and tracing goes on: from the third build on
+    /// nothing is allocated, as long as the mesh does not grow by more than an eighth. Commands that
+    /// [`Scene::encode`](crate::Scene::encode) made are to be submitted before their scene is dropped.
+    ///
+    /// All that is kept is given back with the last clone of what this returns, and the last scene that was built with
+    /// it. On the CPU, where memory is no more than asked for, nothing is kept.
+    #[cfg(feature = "gpu")]
+    #[must_use]
+    pub fn recycling(&self) -> Self {
+        let pool = (!self.is_cpu()).then(Arc::default);
+        Self { pool, ..self.clone() }
+    }
+
     /// The processor, with all its threads.
     pub fn cpu() -> Self {
         Cpu::default().into()
@@ -294,7 +339,7 @@ impl Device {
     #[cfg(feature = "gpu")]
     #[doc(hidden)]
     pub fn as_gpu(&self) -> Option<&Gpu> {
-        match &*self.0 {
+        match &*self.machine {
             Machine::Cpu(_) => None,
             Machine::Gpu(gpu) => Some(gpu),
         }
@@ -302,13 +347,13 @@ impl Device {
 
     /// Whether this is the processor.
     pub(crate) fn is_cpu(&self) -> bool {
-        matches!(&*self.0, Machine::Cpu(_))
+        matches!(&*self.machine, Machine::Cpu(_))
     }
 
     /// Whether this is a graphics card, and not the CPU, or a GPU that the CPU plays.
     #[doc(hidden)]
     pub fn is_card(&self) -> bool {
-        match &*self.0 {
+        match &*self.machine {
             Machine::Cpu(_) => false,
             #[cfg(feature = "gpu")]
             Machine::Gpu(gpu) => !gpu.is_software(),
@@ -317,7 +362,7 @@ impl Device {
 
     /// Runs work of the host with the device's threads; a GPU has those of the machine.
     pub(crate) fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
-        match &*self.0 {
+        match &*self.machine {
             Machine::Cpu(cpu) => cpu.install(work),
             #[cfg(feature = "gpu")]
             Machine::Gpu(_) => work(),
@@ -326,7 +371,7 @@ impl Device {
 
     /// `cpu` or `gpu`.
     pub fn kind(&self) -> &'static str {
-        match &*self.0 {
+        match &*self.machine {
             Machine::Cpu(_) => "cpu",
             #[cfg(feature = "gpu")]
             Machine::Gpu(_) => "gpu",
@@ -335,7 +380,7 @@ impl Device {
 
     /// Name of the adapter or the processor, with its driver or thread count.
     pub fn name(&self) -> &str {
-        match &*self.0 {
+        match &*self.machine {
             Machine::Cpu(cpu) => cpu.name(),
             #[cfg(feature = "gpu")]
             Machine::Gpu(gpu) => gpu.name(),
@@ -344,7 +389,7 @@ impl Device {
 
     /// The most one buffer may hold.
     pub fn limit(&self) -> Limit {
-        match &*self.0 {
+        match &*self.machine {
             Machine::Cpu(cpu) => cpu.limit(),
             #[cfg(feature = "gpu")]
             Machine::Gpu(gpu) => gpu.limit(),
@@ -363,13 +408,39 @@ impl Device {
         let Some(bytes) = rounded else {
             return Err(Error::TooLarge { buffer: name, bytes, limit: limit.bytes, limit_name: limit.name });
         };
-        let memory = match &*self.0 {
+        let memory = match &*self.machine {
             Machine::Cpu(cpu) => Memory::Cpu(cpu.alloc(name, bytes)?),
             #[cfg(feature = "gpu")]
             Machine::Gpu(gpu) => Memory::Gpu(gpu.alloc(name, bytes)?),
         };
-        let buffer = AnyBuffer { name, bytes, memory }.view();
+        let buffer = AnyBuffer::of(name, bytes, memory).view();
         watch::poison(self, &buffer)?;
+        Ok(buffer)
+    }
+
+    /// A buffer of `count` elements at least, for work that writes them before it reads them: their values may be
+    /// anything.
+    pub(crate) fn room<T>(&self, name: &'static str, count: u64) -> Result<Buffer<T>, Error> {
+        #[cfg(feature = "gpu")]
+        if let Some(pool) = &self.pool {
+            let bytes = count.saturating_mul(size_of::<T>() as u64).max(16).next_multiple_of(16);
+            if let Some(found) = pool.take(name, bytes) {
+                watch::poison(self, &found)?;
+                return Ok(found.view());
+            }
+            let more = pool::with_room_to_grow(bytes).min(self.limit().bytes / 16 * 16).max(bytes);
+            let mut buffer = self.alloc::<u8>(name, more)?.any;
+            pool.keep(buffer.clone());
+            buffer.bytes = bytes;
+            return Ok(buffer.view());
+        }
+        self.alloc(name, count)
+    }
+
+    /// A buffer of these elements, in [`Self::room`].
+    pub(crate) fn put<T: bytemuck::Pod>(&self, name: &'static str, data: &[T]) -> Result<Buffer<T>, Error> {
+        let buffer = self.room(name, data.len() as u64)?;
+        self.write(&buffer, 0, data)?;
         Ok(buffer)
     }
 
@@ -396,7 +467,7 @@ impl Device {
     pub fn write<T: bytemuck::Pod>(&self, buffer: &Buffer<T>, from: u64, data: &[T]) -> Result<(), Error> {
         let offset = buffer.place("write", size_of::<T>(), from, data.len());
         let data: &[u8] = bytemuck::cast_slice(data);
-        match (&*self.0, &buffer.memory) {
+        match (&*self.machine, &buffer.memory) {
             (Machine::Cpu(_), Memory::Cpu(memory)) => {
                 memory.write(buffer.name, offset, data);
                 Ok(())
@@ -427,7 +498,7 @@ impl Device {
         let mut out = vec![T::zeroed(); count];
         if count > 0 {
             let target: &mut [u8] = bytemuck::cast_slice_mut(&mut out);
-            match (&*self.0, &buffer.memory) {
+            match (&*self.machine, &buffer.memory) {
                 (Machine::Cpu(_), Memory::Cpu(memory)) => memory.read(buffer.name, offset, target),
                 #[cfg(feature = "gpu")]
                 (Machine::Gpu(gpu), Memory::Gpu(memory)) => gpu.read(memory, offset, target)?,
@@ -467,18 +538,82 @@ impl Device {
         self.dispatch(steps, profile)
     }
 
+    /// [`Self::dispatch`], but the end is not waited for: what is run or read next sees it.
+    pub(crate) fn begin(&self, steps: &[Step<'_>]) -> Result<(), Error> {
+        #[cfg(feature = "gpu")]
+        if let (Machine::Gpu(gpu), false) = (&*self.machine, watch::is_on()) {
+            return gpu.begin(steps);
+        }
+        self.dispatch(steps, false).map(|_| ())
+    }
+
     /// [`Self::run`], for the steps of this crate.
     pub(crate) fn dispatch(&self, steps: &[Step<'_>], profile: bool) -> Result<Timing, Error> {
+        self.dispatch_then(steps, profile, None)
+    }
+
+    /// Whether memory is kept for what is built next.
+    pub(crate) fn recycles(&self) -> bool {
+        #[cfg(feature = "gpu")]
+        return self.pool.is_some();
+        #[cfg(not(feature = "gpu"))]
+        false
+    }
+
+    /// [`Self::dispatch`] of some steps and then others, for which the host waits once: how long either took.
+    pub(crate) fn dispatch_both(
+        &self,
+        first: &[Step<'_>],
+        then: &[Step<'_>],
+    ) -> Result<[Duration; 2], Error> {
+        #[cfg(feature = "gpu")]
+        if let (Machine::Gpu(gpu), false) = (&*self.machine, watch::is_on())
+            && let Some(times) = gpu.run_both(first, then)?
+        {
+            return Ok(times);
+        }
+        Ok([self.dispatch(first, false)?.total, self.dispatch(then, false)?.total])
+    }
+
+    /// [`Self::dispatch`], then [`Self::read`] of one element from the start of a buffer, for which the host waits once.
+    pub(crate) fn dispatch_and_read<T: bytemuck::Pod>(
+        &self,
+        steps: &[Step<'_>],
+        profile: bool,
+        buffer: &Buffer<T>,
+    ) -> Result<(Timing, T), Error> {
+        buffer.place("read", size_of::<T>(), 0, 1);
+        let mut out = T::zeroed();
+        let timing = self.dispatch_then(steps, profile, Some((buffer, bytemuck::bytes_of_mut(&mut out))))?;
+        Ok((timing, out))
+    }
+
+    fn dispatch_then(
+        &self,
+        steps: &[Step<'_>],
+        profile: bool,
+        beside: Option<(&AnyBuffer, &mut [u8])>,
+    ) -> Result<Timing, Error> {
         for step in steps {
             assert_eq!(step.buffers.len(), step.kernel.slots.len(), "buffers of {}", step.kernel.name());
         }
         if steps.len() > 1 && watch::is_on() {
-            return watch::one_by_one(self, steps);
+            let timing = watch::one_by_one(self, steps)?;
+            return self.dispatch_then(&[], profile, beside).map(|_| timing);
         }
-        let timing = match &*self.0 {
-            Machine::Cpu(cpu) => Ok(cpu.run(steps, profile)),
+        let timing = match &*self.machine {
+            Machine::Cpu(cpu) => {
+                let timing = cpu.run(steps, profile);
+                if let Some((buffer, out)) = beside {
+                    cpu::memory(buffer).read(buffer.name, 0, out);
+                }
+                Ok(timing)
+            }
             #[cfg(feature = "gpu")]
-            Machine::Gpu(gpu) => gpu.run(steps, profile),
+            Machine::Gpu(gpu) => {
+                let beside = beside.map(|(buffer, out)| (buffer.as_wgpu(), out));
+                gpu.run(steps, profile, self.pool.is_some(), beside)
+            }
         };
         watch::tell(self, steps);
         timing

@@ -71,6 +71,7 @@ pub use edges::{EdgeCount, Edges};
 pub use error::{MeshError, Place, Spot};
 #[doc(hidden)]
 pub use ply::ply_vertices;
+pub(crate) use repair::Measure;
 pub use repair::Repairs;
 pub use scenes::{Scene, folder as scenes_folder, scene};
 pub use teapot::teapot_level_for;
@@ -277,9 +278,7 @@ impl Mesh {
 
     /// One coordinate for the kernels.
     fn scaled(&self, x: f32) -> f32 {
-        // By way of f64, where neither subnormal nor large factors are special.
-        let x = f64::from(repair::settle(x, self.dust)) * f64::from(self.scale);
-        if x.abs() <= f64::from(f32::MAX) { x as f32 } else { 0.0 }
+        repair::scaled(x, self.dust, self.scale)
     }
 }
 

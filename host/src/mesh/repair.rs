@@ -82,11 +82,19 @@ pub(super) fn has_area<T: Copy + Into<f64>>([a, b, c]: [[T; 3]; 3]) -> bool {
     [(0, 1), (1, 2), (2, 0)].iter().any(|&(i, j)| orient2d(at(a, i, j), at(b, i, j), at(c, i, j)) != 0.0)
 }
 
-/// Box and largest extent of the kept triangles, and their smallest non-zero magnitude.
-struct Measure {
-    lo: [f32; 3],
-    hi: [f32; 3],
-    smallest: f32,
+/// A coordinate for the kernels.
+pub(super) fn scaled(x: f32, dust: f64, scale: f32) -> f32 {
+    // By way of f64, where neither subnormal nor large factors are special.
+    let x = f64::from(settle(x, dust)) * f64::from(scale);
+    if x.abs() <= f64::from(f32::MAX) { x as f32 } else { 0.0 }
+}
+
+/// Box of the kept triangles, and their smallest non-zero magnitude.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Measure {
+    pub(crate) lo: [f32; 3],
+    pub(crate) hi: [f32; 3],
+    pub(crate) smallest: f32,
 }
 
 impl Measure {
@@ -116,6 +124,27 @@ impl Measure {
     fn extent(&self) -> f64 {
         (0..3).map(|a| f64::from(self.hi[a]) - f64::from(self.lo[a])).fold(0.0, f64::max)
     }
+
+    /// Coordinates of smaller magnitude are 0.
+    pub(crate) fn dust(&self) -> f64 {
+        power_of_two(exponent(self.extent()) - 60)
+    }
+
+    /// Whether there are such, other than 0.
+    pub(crate) fn has_dust(&self) -> bool {
+        f64::from(self.smallest) < self.dust()
+    }
+
+    /// The power of two that coordinates are multiplied with for the kernels.
+    pub(crate) fn scale(&self) -> Result<f32, MeshError> {
+        scale_for(self.extent())
+    }
+
+    /// The box with coordinates for the kernels.
+    pub(crate) fn scaled(&self, scale: f32) -> ([f32; 3], [f32; 3]) {
+        let scaled = |corner: [f32; 3]| corner.map(|x| scaled(x, self.dust(), scale));
+        (scaled(self.lo), scaled(self.hi))
+    }
 }
 
 /// Applies the rule. The inputs are finite and in range.
@@ -133,9 +162,8 @@ pub(super) fn survey(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Result<S
             .par_iter()
             .fold(|| Measure::NOTHING, |m, &t| corners(t).into_iter().fold(m, Measure::with))
             .reduce(|| Measure::NOTHING, |a, b| a.and(&b));
-        let extent = measure.extent();
-        let dust = power_of_two(exponent(extent) - 60);
-        if f64::from(measure.smallest) < dust {
+        let dust = measure.dust();
+        if measure.has_dust() {
             let before = kept.len();
             kept.retain(|&t| has_area(corners(t).map(|p| p.map(|x| settle(x, dust)))));
             if kept.len() < before {
@@ -143,7 +171,7 @@ pub(super) fn survey(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Result<S
             }
         }
         let bounds = (measure.lo.map(|x| settle(x, dust)), measure.hi.map(|x| settle(x, dust)));
-        return Ok(Survey { kept, bounds, scale: scale_for(extent)?, dust });
+        return Ok(Survey { kept, bounds, scale: measure.scale()?, dust });
     }
 }
 

@@ -3,8 +3,8 @@
 use super::Scene;
 use crate::{
     BuildOptions, BuildTimes, Error, Intersector, KdTree, Mesh, Traversal,
-    build::{Built, MeshBuffers, build, sweep_by_kernels, upload},
-    exec::{Device, Launch},
+    build::{Built, Copies, Given, Kept, MeshBuffers, build, survey, sweep_by_kernels, upload},
+    exec::{Buffer, Device, Launch},
     traversal::Extras,
 };
 use raykd_kernels::trace::prepare::corners;
@@ -17,8 +17,7 @@ impl Scene {
     /// # Errors
     /// An option is out of its range, the mesh does not fit the device, or the device failed.
     pub fn build(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Result<Self, Error> {
-        let (on_device, built) = build(device, mesh, options)?;
-        Self::assemble(device, mesh, on_device, built)
+        Self::of(device, mesh, options, |given| build(device, given, options))
     }
 
     /// For tests: [`Builder::Exact`] by its kernels, on any device, with lists in nodes of more than `small`
@@ -30,8 +29,55 @@ impl Scene {
         options: &BuildOptions,
         small: u32,
     ) -> Result<Self, Error> {
-        let (on_device, built) = sweep_by_kernels(device, mesh, options, small)?;
-        Self::assemble(device, mesh, on_device, built)
+        Self::of(device, mesh, options, |given| sweep_by_kernels(device, given, options, small))
+    }
+
+    fn of(
+        device: &Device,
+        mesh: &Mesh,
+        options: &BuildOptions,
+        build: impl FnOnce(&Given<'_>) -> Result<Built, Error>,
+    ) -> Result<Self, Error> {
+        options.check()?;
+        let start = Instant::now();
+        let given = Given::of(device, mesh)?;
+        let upload = start.elapsed();
+        let built = build(&given)?.after(upload);
+        Self::assemble(device, given.on_device, Kept::Host(mesh.kept().into()), mesh.translation(), built)
+    }
+
+    /// For tests: `Scene::build_on` of any device's own buffers.
+    ///
+    /// # Errors
+    /// The numbers are no mesh, an option is out of its range, or the device failed.
+    #[doc(hidden)]
+    pub fn build_from(
+        device: &Device,
+        positions: &Buffer<u32>,
+        indices: &Buffer<u32>,
+        [vertices, triangles]: [u32; 2],
+        options: &BuildOptions,
+    ) -> Result<Self, Error> {
+        Self::surveyed(device, vertices, triangles, options, |copies| {
+            device.begin(&copies.steps(positions, indices))
+        })
+    }
+
+    /// Builds from a mesh that `copy` makes the device copy.
+    pub(super) fn surveyed(
+        device: &Device,
+        vertices: u32,
+        triangles: u32,
+        options: &BuildOptions,
+        copy: impl FnOnce(Copies<'_>) -> Result<(), Error>,
+    ) -> Result<Self, Error> {
+        options.check()?;
+        let start = Instant::now();
+        let surveyed = survey(device, vertices, triangles, copy)?;
+        let (upload, given) = (start.elapsed(), surveyed.given());
+        let built = build(device, &given, options)?;
+        let kept = Kept::Device { list: surveyed.kept.clone(), count: surveyed.count() };
+        Self::assemble(device, given.on_device, kept, [0.0; 3], built.after(upload))
     }
 
     /// Puts a mesh and a tree built earlier on a device.
@@ -47,17 +93,21 @@ impl Scene {
         let refs = device.upload("refs", &tree.refs)?;
         let on_device = upload(device, mesh)?;
         let times = BuildTimes { upload: start.elapsed(), ..BuildTimes::default() };
-        Self::assemble(device, mesh, on_device, Built { header, nodes, refs, times })
+        let (kept, built) =
+            (Kept::Host(mesh.kept().into()), Built { header, nodes, refs, times, last: None });
+        Self::assemble(device, on_device, kept, mesh.translation(), built)
     }
 
-    fn assemble(
+    /// Lays the tree out for tracing.
+    pub(super) fn assemble(
         device: &Device,
-        mesh: &Mesh,
         on_device: MeshBuffers,
+        kept: Kept,
+        translation: [f64; 3],
         mut built: Built,
     ) -> Result<Self, Error> {
-        let header = device.upload("header", &[built.header])?;
-        let laid = device.alloc("corners", 3 * u64::from(built.header.refs))?;
+        let header = device.put("header", &[built.header])?;
+        let laid = device.room("corners", 3 * u64::from(built.header.refs))?;
         let corners = corners::Buffers {
             header: &header,
             positions: &on_device.positions,
@@ -65,7 +115,16 @@ impl Scene {
             refs: &built.refs,
             corners: laid.out(),
         };
-        built.times.layout = device.dispatch(&[corners.over(built.header.refs)], false)?.total;
+        let (nodes, layout) = (built.nodes.view(), [corners.over(built.header.refs)]);
+        built.times.layout = match &built.last {
+            None => device.dispatch(&layout, false)?.total,
+            Some(last) => {
+                let steps = last.steps(&nodes, &built.refs);
+                let [written, laid] = device.dispatch_both(&steps, &layout)?;
+                built.times.build += written;
+                laid
+            }
+        };
         Ok(Self {
             device: device.clone(),
             header: built.header,
@@ -74,8 +133,8 @@ impl Scene {
             refs: built.refs,
             mesh: on_device,
             corners: laid,
-            kept: mesh.kept().into(),
-            translation: mesh.translation(),
+            kept,
+            translation,
             times: built.times,
             traversal: Traversal::default(),
             intersector: Intersector::default(),

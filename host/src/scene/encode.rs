@@ -44,7 +44,8 @@ pub const WGSL: &str = include_str!("raykd.wgsl");
 
 /// A scene's buffers on a GPU, for shaders of one's own, which must not write them.
 ///
-/// They hold coordinates times [`TreeHeader::scale`](raykd_shared::TreeHeader::scale), a power of two.
+/// They hold coordinates times [`TreeHeader::scale`](raykd_shared::TreeHeader::scale), a power of two. A buffer may be
+/// longer than what it holds: the header says how many nodes and references there are.
 #[derive(Clone, Copy, Debug)]
 pub struct SceneBuffers<'a> {
     /// One [`TreeHeader`](raykd_shared::TreeHeader).
@@ -79,19 +80,19 @@ impl Encoded {
 }
 
 /// The error that something cannot be used with wgpu.
-fn refused(what: impl Into<String>) -> Error {
+pub(super) fn refused(what: impl Into<String>) -> Error {
     Error::Wgpu(what.into())
 }
 
 /// How many elements of a type fit a part of a buffer.
-fn room<T>(what: &str, part: wgpu::BufferSlice<'_>) -> Result<u32, Error> {
+pub(super) fn room<T>(what: &str, part: wgpu::BufferSlice<'_>) -> Result<u32, Error> {
     if !part.buffer().usage().contains(wgpu::BufferUsages::STORAGE) {
         return Err(refused(format!("the buffer of {what} lacks BufferUsages::STORAGE")));
     }
     Ok(u32::try_from(part.size() / size_of::<T>() as u64).unwrap_or(u32::MAX))
 }
 
-fn bind(part: wgpu::BufferSlice<'_>) -> wgpu::BindingResource<'_> {
+pub(super) fn bind(part: wgpu::BufferSlice<'_>) -> wgpu::BindingResource<'_> {
     wgpu::BindingResource::Buffer(wgpu::BufferBinding {
         buffer: part.buffer(),
         offset: part.offset(),
@@ -100,7 +101,7 @@ fn bind(part: wgpu::BufferSlice<'_>) -> wgpu::BindingResource<'_> {
 }
 
 /// How a command encoder refers to the buffers of a kernel.
-enum InEncoder {}
+pub(super) enum InEncoder {}
 
 impl Host for InEncoder {
     type Read<'a, T: 'static> = wgpu::BindingResource<'a>;

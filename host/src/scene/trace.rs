@@ -169,7 +169,7 @@ impl Scene {
     /// The device failed, or the scene's triangle test is neither the default nor `exact` and the traversal not `brute`.
     pub fn steps(&self, rays: &[impl AnyRay]) -> Result<(Vec<Hit>, Vec<RaySteps>), Error> {
         if self.traversal == Traversal::Brute {
-            let tests = RaySteps { tests: self.kept.len() as u32, ..RaySteps::default() };
+            let tests = RaySteps { tests: self.kept.count(), ..RaySteps::default() };
             return Ok((self.brute(rays)?, vec![tests; rays.len()]));
         }
         let (mut hits, mut counts) = (Vec::new(), Vec::new());
@@ -206,9 +206,9 @@ impl Scene {
 
     /// Finds the closest hits of a batch by testing every triangle.
     fn run_brute(&self, batch: &Batch) -> Result<Duration, Error> {
-        let kept = self.device.upload("kept", &self.kept)?;
+        let kept = self.kept.on(&self.device)?;
         let bests = self.device.alloc("best hits", 2 * u64::from(batch.count))?;
-        let count = self.kept.len() as u32;
+        let count = self.kept.count();
         let slices = (0..count.div_ceil(BRUTE_SLICE)).map(|slice| {
             let from = slice * BRUTE_SLICE;
             self.device.upload("job", &[batch.count, from, count.min(from + BRUTE_SLICE), 0])

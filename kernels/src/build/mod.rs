@@ -6,7 +6,7 @@
 //! of at most 32 references become treelets, each finished by one workgroup: [`treelet`] builds, [`place`]
 //! gives it its place, [`emit`] writes nodes and references.
 //!
-//! [`sweep`] is another builder, `exact`, with kernels of its own.
+//! [`sweep`] is another builder, `exact`, with kernels of its own. [`survey`] comes first if the mesh is on the device.
 
 mod ahead;
 pub mod alloc;
@@ -22,6 +22,7 @@ pub mod reference;
 mod scan;
 pub mod scatter;
 pub mod split;
+pub mod survey;
 pub mod sweep;
 pub mod tally;
 pub mod top;

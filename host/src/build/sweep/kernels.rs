@@ -1,9 +1,9 @@
 //! The sweep by kernels, level by level: which run, over which buffers, how large.
 
 use crate::{
-    Error, Mesh,
+    Error,
     build::{
-        built::{Grown, MeshBuffers},
+        built::{Given, Grown, KeptIn, MeshBuffers},
         options::BuildTimes,
         retry::Stop,
         room::{Arena, Need, growth},
@@ -33,15 +33,17 @@ const LOOK: usize = 16;
 /// Builds the tree.
 pub(in crate::build) fn build(
     arena: &mut Arena<'_>,
-    mesh: &Mesh,
-    on_device: &MeshBuffers,
+    from: &Given<'_>,
     params: &BuildParams,
     profile: bool,
 ) -> Result<Grown, Stop> {
     let begin = Instant::now();
-    let kept = arena.upload("kept", mesh.kept())?;
+    let kept = match from.kept {
+        KeptIn::Host(mesh) => arena.upload("kept", mesh.kept())?,
+        KeptIn::Device(kept) => kept.clone(),
+    };
     let upload = begin.elapsed();
-    let grown = Lists::new(arena, params, on_device, kept)?.run(arena, profile)?;
+    let grown = Lists::new(arena, params, &from.on_device, kept)?.run(arena, profile)?;
     Ok(Grown { times: BuildTimes { upload, ..grown.times }, ..grown })
 }
 
@@ -299,10 +301,6 @@ impl<'a> Lists<'a> {
     fn run(&self, arena: &mut Arena<'_>, profile: bool) -> Result<Grown, Stop> {
         let device = arena.device;
         let mut times = BuildTimes::default();
-        let mut go = |steps: &[Step<'_>]| -> Result<(), Error> {
-            times.add(steps, &device.dispatch(steps, profile)?);
-            Ok(())
-        };
         let number = self.given.max_depth as usize + 1;
         let (mut steps, mut depth, mut lists) = (self.root(), 0, true);
         let state = loop {
@@ -314,9 +312,10 @@ impl<'a> Lists<'a> {
                     self.merge(depth, &mut steps);
                 }
             }
-            go(&steps)?;
+            let (timing, state): (_, State) =
+                device.dispatch_and_read(&steps, profile, &self.state.view())?;
+            times.add(&steps, &timing);
             steps.clear();
-            let state: State = device.read(&self.state.view(), 0, 1)?[0];
             if state.status & status::CAPACITY != 0 {
                 return Err(Stop::Needs(Need {
                     references: state.level_refs,
@@ -339,7 +338,8 @@ impl<'a> Lists<'a> {
         let nodes = arena.alloc("nodes", counts[0], 1)?;
         let refs = arena.alloc("refs", counts[1], 1)?;
         device.write(&nodes.view(), 1, &[Node::PADDING])?;
-        go(&self.last_steps(depth, &nodes, &refs, counts[1]))?;
-        Ok(Grown { nodes: nodes.view(), refs, counts, depth, times })
+        let steps = self.last_steps(depth, &nodes, &refs, counts[1]);
+        times.add(&steps, &device.dispatch(&steps, profile)?);
+        Ok(Grown { nodes: nodes.view(), refs, counts, depth, times, last: None })
     }
 }

@@ -1,6 +1,6 @@
 //! Kernels in command encoders and on buffers of somebody else's.
 
-use super::{Gpu, Link, Pipeline, dispatch, lock};
+use super::{Gpu, Link, Pipeline, TO, dispatch, lock};
 use crate::Error;
 use raykd_kernels::Kernel;
 
@@ -19,6 +19,7 @@ impl Gpu {
         use wgpu::BufferUsages as Use;
         let link: &Link = &self.link;
         link.check()?;
+        self.count(TO, size_of_val(words));
         let descriptor = wgpu::BufferDescriptor {
             label: Some(name),
             size: size_of_val(words) as u64,
@@ -33,6 +34,11 @@ impl Gpu {
             buffer.unmap();
             buffer
         })
+    }
+
+    /// Hands commands to the device.
+    pub(crate) fn submit(&self, encoder: wgpu::CommandEncoder) -> Result<(), Error> {
+        self.link.submit(encoder).map(|_| ())
     }
 
     /// Encodes one dispatch of a kernel over resources in binding order.

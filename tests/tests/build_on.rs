@@ -1,0 +1,575 @@
+//! Scenes of meshes that lie on the device: the same bytes as of meshes of the host, and nothing of them on the bus.
+
+use num_traits::Zero as _;
+use proptest::prelude::*;
+use raykd::{
+    BuildOptions, BuildTimes, Builder, Device, Error, Hit, KdTree, Mesh, Scene, Traversal,
+    internals::Gpu,
+    kernels::{
+        build::{
+            State,
+            survey::{Found, area::has_area},
+        },
+        glam::UVec3,
+        trace::single::LeafTriangle,
+    },
+    rays::{Random, random},
+    shared::{Node, TreeHeader},
+    stress::cases::CASES,
+    wgpu,
+};
+use raykd_tests::{
+    Failure, cases, cpu, devices,
+    exact::rational,
+    gpu,
+    meshes::{Family, RANDOM, Recipe, ZOO, any_mesh, small_mesh},
+    same,
+};
+use std::time::{Duration, Instant};
+use wgpu::{BufferUsages as Use, util::DeviceExt as _};
+
+/// Vertices and triangles.
+type Arrays = (Vec<[f32; 3]>, Vec<[u32; 3]>);
+
+fn arrays(mesh: &Mesh) -> Arrays {
+    (mesh.positions().to_vec(), mesh.triangles().to_vec())
+}
+
+/// Builds from buffers of any device.
+fn built_from(device: &Device, arrays: &Arrays, options: &BuildOptions) -> Result<Scene, Error> {
+    raykd_tests::built_from(device, &arrays.0, &arrays.1, options)
+}
+
+fn built(device: &Device, (positions, triangles): &Arrays, options: &BuildOptions) -> Result<Scene, Error> {
+    Scene::build(device, &Mesh::new(positions.clone(), triangles.clone())?, options)
+}
+
+/// Compares trees, digests and headers with those of the host's path, or the errors.
+fn compare(device: &Device, arrays: &Arrays, options: &BuildOptions) -> Result<(), Failure> {
+    let (expected, found) = (built(cpu(), arrays, options), built_from(device, arrays, options));
+    let (expected, found) = match (expected, found) {
+        (Ok(expected), Ok(found)) => (expected.tree()?, found.tree()?),
+        (Err(expected), Err(found)) if expected.to_string() == found.to_string() => return Ok(()),
+        (expected, found) => {
+            return Err(Failure(format!("expected {:?}, found {:?}", expected.err(), found.err())));
+        }
+    };
+    let (a, b) = (expected.view(), found.view());
+    same::<TreeHeader>("header", &[*a.header], &[*b.header])?;
+    same::<Node>("nodes", a.nodes, b.nodes)?;
+    same("references", a.refs, b.refs)
+}
+
+/// A mesh with what meshes of other people have: -0, dust, coordinates at the ends of the range, corners on a line,
+/// vertices that nobody uses.
+fn worn((mut positions, mut triangles): Arrays, seed: u64) -> Arrays {
+    let mut random = Random::new(seed);
+    let random = &mut random;
+    let scale = if random.unit() < 0.5 { 1.0 } else { (230.0 * random.unit() - 140.0).floor().exp2() };
+    let (few, flat) = (random.unit().powi(3), random.unit().powi(3));
+    let largest = positions.as_flattened().iter().fold(0f32, |most, x| most.max(x.abs()));
+    let dust =
+        |random: &mut Random| f64::from(largest) * (-90.0 * random.unit()).exp2() * random.signed() as f64;
+    for x in positions.as_flattened_mut() {
+        let mut y = f64::from(*x);
+        if random.unit() < few {
+            y = match random.bits() % 4 {
+                0 => -0.0,
+                1 => 0.0,
+                _ => dust(random),
+            };
+        }
+        *x = ((y * scale) as f32).clamp(f32::MIN, f32::MAX);
+    }
+    for t in &mut triangles {
+        if random.unit() < 0.3 * flat {
+            match random.bits() % 2 {
+                0 => t[2] = t[1],
+                _ => {
+                    let [a, b] = [t[0], t[1]].map(|v| positions[v as usize]);
+                    t[2] = positions.len() as u32;
+                    positions.push([0, 1, 2].map(|i| 2.0 * (b[i] / 4.0) - a[i] / 2.0));
+                }
+            }
+        }
+    }
+    let last = (random.bits() % 3) as usize;
+    positions.extend([[f32::MAX; 3], [-0.0, 1e-44, -1e38], [1.0; 3]].iter().take(last));
+    (positions, triangles)
+}
+
+proptest! {
+    #![proptest_config(cases(256))]
+    #[test]
+    fn worn_meshes_of_the_device_make_the_trees_of_the_hosts(recipe in small_mesh(), seed: u64, which in 0usize..5) {
+        let arrays = worn(arrays(&recipe.mesh()), seed);
+        compare(&devices()[which].device, &arrays, &BuildOptions::default())?;
+    }
+}
+
+proptest! {
+    #![proptest_config(cases(64))]
+    #[test]
+    fn all_builders_do(recipe in any_mesh(), builder in prop::sample::select(Builder::ALL.to_vec()), depth in 0u32..=48) {
+        let options = BuildOptions { builder, max_depth: depth, ..BuildOptions::default() };
+        compare(gpu(), &arrays(&recipe.mesh()), &options)?;
+    }
+}
+
+/// Small ones of all kinds, and such as take several blocks.
+#[test]
+fn meshes_of_all_families_do() -> Result<(), Failure> {
+    for family in RANDOM.into_iter().chain(ZOO) {
+        for size in [1, 33, 1025, 3000] {
+            let arrays = arrays(&Recipe { family, size, seed: 7 }.mesh());
+            for device in [gpu(), cpu()] {
+                let compared = compare(device, &arrays, &BuildOptions::default());
+                compared.map_err(|e| Failure(format!("{family:?} of {size}: {e}")))?;
+            }
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn stress_scenes_and_the_teapot_do() -> Result<(), Failure> {
+    let parts =
+        CASES.iter().flat_map(|case| case.parts(1).into_iter().map(move |part| (case.name, part.mesh)));
+    for (name, mesh) in parts.chain([("teapot", Mesh::teapot(12))]) {
+        // Those that were moved are not of `f32`. The largest take a software rasteriser long.
+        if mesh.translation() == [0.0; 3] && mesh.triangles().len() < 20_000 {
+            let compared = compare(gpu(), &arrays(&mesh), &BuildOptions::default());
+            compared.map_err(|e| Failure(format!("{name}: {e}")))?;
+        }
+    }
+    Ok(())
+}
+
+/// More blocks than the workgroup has lanes that says where each begins.
+#[test]
+fn many_blocks_do() -> Result<(), Failure> {
+    let mut arrays = arrays(&Mesh::teapot(96));
+    let number = arrays.1.len() as u32;
+    // Triangles without area in places of no pattern.
+    let mut random = Random::new(3);
+    for t in &mut arrays.1 {
+        if random.unit() < 0.3 {
+            t[1] = t[0];
+        }
+    }
+    assert!(number > 256 * 1024, "{number} triangles");
+    compare(cpu(), &arrays, &BuildOptions { builder: Builder::Median, ..BuildOptions::default() })
+}
+
+/// Whether corners lie on no line, in numbers without rounding.
+fn has_area_exactly(t: [[f32; 3]; 3]) -> bool {
+    let [a, b, c] = t.map(|p| p.map(rational));
+    (0..3).any(|i| {
+        let j = (i + 1) % 3;
+        let det = (&a[i] - &c[i]) * (&b[j] - &c[j]) - (&a[j] - &c[j]) * (&b[i] - &c[i]);
+        !det.is_zero()
+    })
+}
+
+fn area_of_bits(t: [[f32; 3]; 3]) -> bool {
+    let [a, b, c] = t.map(|p| UVec3::from_array(p.map(f32::to_bits)));
+    has_area(a, b, c, 1)
+}
+
+/// Any finite number, small integers times a power of two, or a neighbour of such.
+fn coordinate(random: &mut Random, exponent: i32) -> f32 {
+    let bits = random.bits();
+    let whole = (bits >> 32) as i64 % 9;
+    let number = (whole as f64 * f64::from(exponent).exp2()) as f32;
+    match bits % 16 {
+        0 => f32::from_bits((bits >> 8) as u32 & 0xBFFF_FFFF),
+        1 => number.next_up(),
+        2 => -0.0,
+        3 => f32::from_bits((bits >> 40) as u32 & 0x8000_00FF),
+        _ => number,
+    }
+}
+
+#[test]
+fn area_is_told_exactly() {
+    let mut random = Random::new(5);
+    let (mut flat, mut number) = (0, 0);
+    for i in 0..60_000 {
+        let exponent = i % 270 - 148;
+        let mut t = [(); 3].map(|()| [(); 3].map(|()| coordinate(&mut random, exponent)));
+        if i % 3 == 0 {
+            // On a line, or next to it where the multiple is rounded.
+            let (a, d, times) = (t[0], t[1], (random.bits() % 5) as f32);
+            t[1] = [0, 1, 2].map(|k| a[k] + d[k]);
+            t[2] = [0, 1, 2].map(|k| a[k] + times * d[k]);
+        }
+        if t.as_flattened().iter().all(|x| x.is_finite()) {
+            let expected = has_area_exactly(t);
+            assert_eq!(area_of_bits(t), expected, "{t:?}");
+            flat += u32::from(!expected);
+            number += 1;
+        }
+    }
+    assert!(number > 40_000 && flat > 5000 && flat < number - 5000, "{flat} of {number} without area");
+}
+
+/// Neighbours of a line, which rounded products take for points on it, and the other way round.
+#[test]
+fn needles_have_area() {
+    for (t, expected) in [
+        ([[0.0, 0.0, 0.0], [1.0, 1.0, 0.0], [1.0, 1f32.next_up(), 0.0]], true),
+        ([[1.0, 1.0, 1.0], [3.0, 3.0, 3.0], [2.0, 2.0, 2f32.next_down()]], true),
+        ([[0.0, 0.0, 0.0], [1e-45, 0.0, 0.0], [0.0, 0.0, 1e-45]], true),
+        ([[f32::MAX, 0.0, 0.0], [f32::MIN, 0.0, 0.0], [0.0, 1e-45, 0.0]], true),
+        ([[f32::MAX, 0.0, 0.0], [f32::MIN, 0.0, 0.0], [0.0, -0.0, 0.0]], false),
+        ([[0.1, 0.1, 0.1], [0.2, 0.2, 0.2], [0.4, 0.4, 0.4]], false),
+        ([[1.0, 2.0, 3.0], [1.0, 2.0, 3.0], [7.0, 8.0, 9.5]], false),
+    ] {
+        assert_eq!((has_area_exactly(t), area_of_bits(t)), (expected, expected), "{t:?}");
+    }
+}
+
+/// The first vertex, else the first triangle, is named as for a mesh of the host.
+#[test]
+fn what_is_no_mesh_is_refused() -> Result<(), Failure> {
+    let whole = arrays(&Recipe { family: Family::Soup, size: 3000, seed: 1 }.mesh());
+    let spoil = |change: &dyn Fn(&mut Arrays)| {
+        let mut arrays = whole.clone();
+        change(&mut arrays);
+        arrays
+    };
+    let spoilt = [
+        spoil(&|(p, _)| p[4000][1] = f32::NAN),
+        spoil(&|(p, _)| (p[4000][2], p[5000][0]) = (f32::NEG_INFINITY, f32::NAN)),
+        spoil(&|(_, t)| t[2500][2] = 9000),
+        spoil(&|(_, t)| (t[2500][2], t[2501][0]) = (u32::MAX, 9000)),
+        spoil(&|(p, t)| (p[8999][2], t[0][0]) = (f32::INFINITY, u32::MAX)),
+        spoil(&|(p, _)| p.as_flattened_mut().iter_mut().for_each(|x| *x *= 1e-43)),
+        (whole.0.clone(), Vec::new()),
+    ];
+    for arrays in &spoilt {
+        assert!(Mesh::new(arrays.0.clone(), arrays.1.clone()).is_err());
+        for named in devices() {
+            compare(&named.device, arrays, &BuildOptions::default())?;
+        }
+    }
+    Ok(())
+}
+
+/// All queries, also those that need what only the host had.
+#[test]
+fn all_queries_find_the_same() -> Result<(), Failure> {
+    let arrays = arrays(&Recipe { family: Family::Holes, size: 200, seed: 2 }.mesh());
+    let mesh = Mesh::new(arrays.0.clone(), arrays.1.clone()).map_err(Error::from)?;
+    let rays = random(mesh.bounds(), 300, 1);
+    let expected = Scene::build(cpu(), &mesh, &BuildOptions::default())?;
+    for device in [cpu(), gpu()] {
+        let mut scene = built_from(device, &arrays, &BuildOptions::default())?;
+        for traversal in Traversal::ALL {
+            scene.traverse_by(traversal)?;
+            same(traversal.name(), &expected.closest(&rays)?, &scene.closest(&rays)?)?;
+        }
+        let brute = scene.steps(&rays)?.1;
+        assert!(scene.traversal() != Traversal::Brute || brute[0].tests == mesh.kept().len() as u32);
+        same("brute", &expected.brute(&rays)?, &scene.brute(&rays)?)?;
+        assert_eq!(expected.all(&rays, 4)?.hits, scene.all(&rays, 4)?.hits);
+        scene.tree()?.check_mesh(&mesh)?;
+        let tracer = scene.tracer()?;
+        assert_eq!(tracer.closest(&rays[0]), expected.tracer()?.closest(&rays[0]));
+    }
+    Ok(())
+}
+
+/// A program's buffers: the mesh in parts of one, behind something else.
+fn own(device: &wgpu::Device, (positions, triangles): &Arrays) -> (wgpu::Buffer, u64, u64) {
+    let mut bytes = vec![0xFFu8; 256];
+    bytes.extend_from_slice(bytemuck::cast_slice(positions));
+    let end = bytes.len() as u64;
+    bytes.resize(bytes.len().next_multiple_of(256), 0xFF);
+    let next = bytes.len() as u64;
+    bytes.extend_from_slice(bytemuck::cast_slice(triangles));
+    let init = wgpu::util::BufferInitDescriptor { label: None, contents: &bytes, usage: Use::STORAGE };
+    (device.create_buffer_init(&init), end, next)
+}
+
+fn read<T: bytemuck::Pod>(device: &Device, from: &wgpu::Buffer) -> Vec<T> {
+    let (device, queue) = device.wgpu().expect("a GPU");
+    let to = wgpu::BufferDescriptor {
+        label: None,
+        size: from.size(),
+        usage: Use::COPY_DST | Use::MAP_READ,
+        mapped_at_creation: false,
+    };
+    let to = device.create_buffer(&to);
+    let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+    encoder.copy_buffer_to_buffer(from, 0, &to, 0, from.size());
+    queue.submit([encoder.finish()]);
+    to.slice(..).map_async(wgpu::MapMode::Read, |result| result.expect("mapped"));
+    device.poll(wgpu::PollType::wait_indefinitely()).expect("it goes on");
+    bytemuck::pod_collect_to_vec(&to.slice(..).get_mapped_range().expect("mapped"))
+}
+
+/// A device of the test's own, whose bytes nobody else moves.
+fn alone() -> Result<Device, Error> {
+    Device::gpu(None)
+}
+
+#[test]
+fn a_scene_of_own_buffers_is_the_usual_one() -> Result<(), Failure> {
+    let device = &alone()?;
+    let (theirs, _) = device.wgpu().expect("a GPU");
+    for (family, scale) in [(Family::Holes, 1.0), (Family::Soup, 1e-40), (Family::Slivers, 1e37)] {
+        let mut arrays = arrays(&Recipe { family, size: 500, seed: 3 }.mesh());
+        arrays.0.as_flattened_mut().iter_mut().for_each(|x| *x *= scale);
+        let (buffer, end, next) = own(theirs, &arrays);
+        let options = BuildOptions::default();
+        let found = Scene::build_on(device, buffer.slice(256..end), buffer.slice(next..), &options)?;
+        let expected = built(device, &arrays, &options)?;
+        let (a, b) = (expected.buffers()?, found.buffers()?);
+        same::<TreeHeader>("header", &read(device, a.header), &read(device, b.header))?;
+        let (header, mesh) = (found.header(), (arrays.0.len(), arrays.1.len()));
+        let start = |buffer, count| {
+            let mut words: Vec<u32> = read(device, buffer);
+            words.truncate(count);
+            words
+        };
+        same(
+            "nodes",
+            &start(a.nodes, 2 * header.nodes as usize),
+            &start(b.nodes, 2 * header.nodes as usize),
+        )?;
+        same("references", &start(a.refs, header.refs as usize), &start(b.refs, header.refs as usize))?;
+        let leaves = header.refs as usize * size_of::<LeafTriangle>() / 4;
+        same("corners", &start(a.corners, leaves), &start(b.corners, leaves))?;
+        same("positions", &start(a.positions, 3 * mesh.0), &start(b.positions, 3 * mesh.0))?;
+        same("indices", &start(a.indices, 3 * mesh.1), &start(b.indices, 3 * mesh.1))?;
+    }
+    Ok(())
+}
+
+#[test]
+fn buffers_that_cannot_be_used_are_refused() -> Result<(), Failure> {
+    let device = &alone()?;
+    let (theirs, _) = device.wgpu().expect("a GPU");
+    let arrays = arrays(&Mesh::teapot(2));
+    let (buffer, end, next) = own(theirs, &arrays);
+    let other =
+        wgpu::BufferDescriptor { label: None, size: 120, usage: Use::COPY_SRC, mapped_at_creation: false };
+    let other = theirs.create_buffer(&other);
+    let options = BuildOptions::default();
+    for (on, positions, indices, word) in [
+        (device, buffer.slice(256..end), other.slice(..), "STORAGE"),
+        (device, buffer.slice(256..end - 4), buffer.slice(next..), "no whole number of vertices"),
+        (
+            device,
+            buffer.slice(256..end),
+            buffer.slice(next..buffer.size() - 8),
+            "no whole number of triangles",
+        ),
+        (device, buffer.slice(256..268), buffer.slice(next..), "out of range"),
+        (cpu(), buffer.slice(256..end), buffer.slice(next..), "the CPU"),
+    ] {
+        let error = Scene::build_on(on, positions, indices, &options).expect_err(word).to_string();
+        assert!(error.contains(word), "{error}");
+    }
+    let stranger = alone()?;
+    let (strange, ..) = own(stranger.wgpu().expect("a GPU").0, &arrays);
+    Scene::build_on(device, strange.slice(256..end), strange.slice(next..), &options)
+        .expect_err("of another device");
+    // The device is none the worse for it.
+    Scene::build_on(device, buffer.slice(256..end), buffer.slice(next..), &options)?;
+    Ok(())
+}
+
+/// The bytes of a scene's tree, and its hits.
+fn told(scene: &Scene) -> Result<(KdTree, Vec<Hit>), Error> {
+    let (lo, hi) = (scene.header().lo, scene.header().hi);
+    Ok((scene.tree()?, scene.closest(&random((lo, hi), 200, 1))?))
+}
+
+/// Meshes that change, some with more triangles, the old scene kept until the new one is there: what another scene left
+/// in the memory shows in none.
+#[test]
+fn scenes_in_memory_used_again_are_the_usual_ones() -> Result<(), Failure> {
+    let fresh = alone()?;
+    let device = fresh.recycling();
+    for builder in [Builder::Binned, Builder::Exact, Builder::Median] {
+        let options = BuildOptions { builder, ..BuildOptions::default() };
+        let mut old: Option<(Scene, (KdTree, Vec<Hit>))> = None;
+        for (family, size) in [
+            (Family::Soup, 900),
+            (Family::Holes, 300),
+            (Family::Lattice, 700),
+            (Family::Nothing, 50),
+            (Family::Slivers, 1500),
+            (Family::Soup, 1400),
+        ] {
+            let arrays = arrays(&Recipe { family, size, seed: 5 }.mesh());
+            let scene = built_from(&device, &arrays, &options)?;
+            let expected = told(&built_from(&fresh, &arrays, &options)?)?;
+            assert!(told(&scene)? == expected, "{builder}: {family:?} of {size}");
+            if let Some((scene, before)) = old.replace((scene, expected)) {
+                assert!(told(&scene)? == before, "{builder}: the scene before {family:?} changed");
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Nobody gets what somebody else has.
+#[test]
+fn threads_may_share_recycled_memory() -> Result<(), Failure> {
+    let device = alone()?.recycling();
+    std::thread::scope(|scope| {
+        let work = |seed| {
+            let device = &device;
+            move || -> Result<(), Failure> {
+                for size in [200, 300, 250, 350] {
+                    compare(
+                        device,
+                        &arrays(&Recipe { family: Family::Soup, size, seed }.mesh()),
+                        &BuildOptions::default(),
+                    )?;
+                }
+                Ok(())
+            }
+        };
+        let threads = [1, 2, 3].map(|seed| scope.spawn(work(seed)));
+        threads.into_iter().try_for_each(|thread| thread.join().expect("no panic"))
+    })
+}
+
+/// Builds five frames, each while the scene before is there. Those from the third on take no memory.
+fn builds_in_place(
+    what: &str,
+    gpu: &Gpu,
+    build: impl Fn(u16) -> Result<Scene, Error>,
+) -> Result<(), Failure> {
+    let mut old = None;
+    for frame in 0..5 {
+        let before = gpu.allocated();
+        let scene = build(frame)?;
+        let allocated = gpu.allocated() - before;
+        if (allocated == 0) != (frame >= 2) {
+            return Err(Failure(format!("{what}, frame {frame}: {allocated} buffers")));
+        }
+        drop(old.replace(scene));
+    }
+    Ok(())
+}
+
+#[test]
+fn rebuilding_allocates_nothing() -> Result<(), Failure> {
+    let alone = alone()?;
+    let (theirs, _) = alone.wgpu().expect("a GPU");
+    let gpu = alone.as_gpu().expect("a GPU");
+    let mesh = Mesh::teapot(8);
+    for builder in Builder::ALL {
+        let (device, options) = (alone.recycling(), BuildOptions { builder, ..BuildOptions::default() });
+        builds_in_place(&format!("{builder} on the device"), gpu, |frame| {
+            let mut arrays = arrays(&mesh);
+            // It moves, and so do planes.
+            for (i, p) in (0u8..7).cycle().zip(&mut arrays.0) {
+                p[1] += (0.1 + 0.001 * f32::from(frame)) * f32::from(i);
+            }
+            let (buffer, end, next) = own(theirs, &arrays);
+            Scene::build_on(&device, buffer.slice(256..end), buffer.slice(next..), &options)
+        })?;
+        let device = alone.recycling();
+        builds_in_place(&format!("{builder}"), gpu, |_| Scene::build(&device, &mesh, &options))?;
+    }
+    Ok(())
+}
+
+/// What crosses the bus while `act` runs.
+fn crossing<R>(gpu: &Gpu, act: impl FnOnce() -> R) -> (R, [u64; 2]) {
+    let before = gpu.crossed();
+    let result = act();
+    let after = gpu.crossed();
+    (result, [0, 1].map(|way| after[way] - before[way]))
+}
+
+/// Some words come back, as many whatever the mesh. None of it goes to the device: that gets what the level loop starts
+/// with, zeros for each block of its lists.
+#[test]
+fn nothing_of_the_mesh_crosses_the_bus() -> Result<(), Failure> {
+    let device = &alone()?;
+    let (theirs, _) = device.wgpu().expect("a GPU");
+    let gpu = device.as_gpu().expect("a GPU");
+    let mut back = Vec::new();
+    for level in [10, 40] {
+        let arrays = arrays(&Mesh::teapot(level));
+        let (buffer, end, next) = own(theirs, &arrays);
+        let build = || {
+            let (positions, indices) = (buffer.slice(256..end), buffer.slice(next..));
+            Scene::build_on(device, positions, indices, &BuildOptions::default())
+        };
+        let (scene, [to, from]) = crossing(gpu, build);
+        assert_eq!(scene?.times().retries, 0);
+        let triangles = arrays.1.len() as u64;
+        println!("{triangles} triangles: {to} bytes to the device, {from} back");
+        assert!(to < 700 + triangles / 4, "{to} bytes went to the device for {triangles} triangles");
+        back.push(from);
+        let mesh = Mesh::new(arrays.0.clone(), arrays.1.clone()).map_err(Error::from)?;
+        let (_, [to, _]) = crossing(gpu, || Scene::build(device, &mesh, &BuildOptions::default()));
+        assert!(to > triangles * 12, "the bytes of the usual way are not counted: {to}");
+    }
+    // What the survey found, what the level loop made of it, and the times of four runs.
+    let words = size_of::<Found>() + size_of::<State>() + 4 * 16;
+    assert_eq!(back, [words as u64; 2]);
+    Ok(())
+}
+
+/// The median of some durations in milliseconds.
+fn median(mut times: Vec<Duration>) -> f64 {
+    times.sort_unstable();
+    times[times.len() / 2].as_secs_f64() * 1e3
+}
+
+/// Prints what `build_on` takes by the clock on the wall, from vertices on the device to a scene that can be traced, beside
+/// what its kernels take by the device's clock: of the scene that `RAYKD_SCENE` names, else of the dragon.
+#[test]
+#[ignore = "a measurement: RAYKD_SCENE=dragon cargo test --release --workspace --test build_on -- --ignored --nocapture"]
+fn times_of_build_on() -> Result<(), Failure> {
+    const ROUNDS: usize = 41;
+    let name = std::env::var("RAYKD_SCENE").unwrap_or_else(|_| "dragon".to_owned());
+    let mesh = raykd::mesh::scene(&name).map_err(Error::from)?;
+    let device = alone()?;
+    let (theirs, _) = device.wgpu().expect("a GPU");
+    let (buffer, end, next) = own(theirs, &arrays(&mesh));
+    println!("{name}, {} triangles, {}; ms, medians of {ROUNDS}", mesh.triangles().len(), device.name());
+    println!("                     wall  ready  kernels  layout  rest");
+    let mut digests = Vec::new();
+    for (what, on, own_buffers) in [
+        ("build_on, recycling", device.recycling(), true),
+        ("build_on           ", device.clone(), true),
+        ("build              ", device.clone(), false),
+    ] {
+        let mut old = None;
+        let mut times: [Vec<Duration>; 5] = Default::default();
+        for round in 0..ROUNDS + 10 {
+            let start = Instant::now();
+            let options = BuildOptions::default();
+            let scene = if own_buffers {
+                Scene::build_on(&on, buffer.slice(256..end), buffer.slice(next..), &options)
+            } else {
+                Scene::build(&on, &mesh, &options)
+            }?;
+            let wall = start.elapsed();
+            // The first compile kernels, and the clock of an idle card is low.
+            if round >= 10 {
+                let BuildTimes { upload, build, layout, .. } = *scene.times();
+                let rest = wall.saturating_sub(build + layout);
+                for (list, time) in times.iter_mut().zip([wall, upload, build, layout, rest]) {
+                    list.push(time);
+                }
+            }
+            old = Some(scene);
+        }
+        let [wall, ready, kernels, layout, rest] = times.map(median);
+        println!("{what} {wall:6.3} {ready:6.3}  {kernels:7.3}  {layout:6.3}  {rest:5.3}");
+        digests.extend(old.map(|scene| scene.tree().map(|tree| tree.digest())).transpose()?);
+    }
+    assert!(digests.iter().all(|digest| *digest == digests[0]), "{digests:?}");
+    Ok(())
+}
