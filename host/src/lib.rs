@@ -24,6 +24,8 @@
 //! * [`Mesh`]: a checked triangle mesh, from a file or from memory. [`mesh`] lists what is repaired and refused.
 //! * [`Device`]: the CPU, or a GPU with Vulkan. A GPU that rounds differently from the CPU is refused.
 //! * [`Scene`]: a mesh and its tree on a device, ready for rays. [`BuildOptions`] choose the [`Builder`].
+//! * [`Scene::crossings`] and [`Scene::winding`]: how often rays cross the mesh, and which points are inside;
+//!   [`Mesh::edges`] tells whether it is closed.
 //! * [`Traversal`] and [`Intersector`]: ways through the tree, and triangle tests.
 //! * [`KdTree`]: the tree as data, to save and to load.
 //!

@@ -99,6 +99,12 @@ impl Job<'_> {
             scene.closest(rays)?;
             scene.any(rays)?;
             scene.brute(rays)?;
+            if intersector == Intersector::Exact {
+                scene.all(rays, 3)?;
+                scene.steps(rays)?;
+                scene.trace_except(Query::Closest, rays, &own)?;
+                scene.crossings(rays)?;
+            }
         }
         scene.intersect_by(Intersector::Strict)?;
         if small {

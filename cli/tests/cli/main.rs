@@ -5,6 +5,8 @@ mod charts;
 mod commands;
 #[cfg(unix)]
 mod faults;
+#[cfg(feature = "gpu")]
+mod inside;
 #[cfg(unix)]
 mod outputs;
 #[cfg(feature = "gpu")]

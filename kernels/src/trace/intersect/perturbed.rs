@@ -17,7 +17,7 @@
 //! crossings, leaving less entering, are the winding number of `o + s`: a number of the point, not of the
 //! direction, since `s` does not depend on `d`.
 //!
-//! Signs are exact: floats with bounds of their errors tell nearly all, then come the stages of [`exact`](super::exact).
+//! Signs are exact: floats with bounds of their errors tell nearly all, then come the stages of [`exact`].
 //! The `t` of what floats tell is that of [`strict`](super::strict), else it is exact too; a triangle's comes by the same way
 //! whenever a ray meets it, so hits keep their order. Where `t` is 0, or rounds to it, it is [`AT_ORIGIN`] or the negative of
 //! that, by the second rule.

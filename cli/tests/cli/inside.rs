@@ -1,0 +1,92 @@
+//! `raykd inside` and `raykd check` from outside.
+
+use serde_json::Value;
+use std::{
+    fs,
+    process::{Command, Output},
+};
+use tempfile::TempDir;
+
+/// A folder with a tetrahedron of four triangles that look outward, and the same without the last.
+fn folder() -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let open = "v 0 0 0\nv 4 0 0\nv 0 4 0\nv 0 0 4\nf 1 3 2\nf 1 2 4\nf 1 4 3\n";
+    fs::write(folder.path().join("open.obj"), open).unwrap();
+    fs::write(folder.path().join("closed.obj"), format!("{open}f 2 3 4\n")).unwrap();
+    let points = "x,y,z,name\n1,1,1,in\n3,3,3,out\n0,0,0,corner\nnan,0,0,none\n";
+    fs::write(folder.path().join("points.csv"), points).unwrap();
+    folder
+}
+
+fn raykd(folder: &TempDir, line: &str) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_raykd"));
+    command.current_dir(folder).args(line.split(' ')).output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> &str {
+    std::str::from_utf8(bytes).unwrap()
+}
+
+#[test]
+fn points_get_their_winding_number() {
+    let folder = folder();
+    let expected = "x,y,z,name,winding\n1,1,1,in,1\n3,3,3,out,0\n0,0,0,corner,1\nnan,0,0,none,0\n";
+    for device in ["cpu", "gpu"] {
+        let told = raykd(&folder, &format!("inside closed.obj --points points.csv --device {device}"));
+        assert!(told.status.success(), "{}", text(&told.stderr));
+        assert_eq!(text(&told.stdout), expected);
+        assert!(!text(&told.stderr).contains("not closed"));
+        let line = format!("inside closed.obj --points points.csv --device {device} -o out.csv --json");
+        let told: Value = serde_json::from_slice(&raykd(&folder, &line).stdout).unwrap();
+        assert_eq!(
+            [&told["closed"], &told["points"], &told["inside"], &told["invalid"]],
+            [&Value::Bool(true), &Value::from(4), &Value::from(2), &Value::from(1)]
+        );
+        assert_eq!(fs::read_to_string(folder.path().join("out.csv")).unwrap(), expected);
+    }
+    let told = raykd(&folder, "inside open.obj --points points.csv --device cpu");
+    assert!(told.status.success());
+    assert!(text(&told.stderr).contains("not closed, so inside is not certain"), "{}", text(&told.stderr));
+}
+
+#[test]
+fn what_cannot_be_points_is_refused() {
+    let folder = folder();
+    fs::write(folder.path().join("bad.csv"), "1,2,3\n1,2\n").unwrap();
+    fs::write(folder.path().join("bad.npy"), "no array").unwrap();
+    for (line, told, code) in [
+        (
+            "inside closed.obj --points bad.csv",
+            "bad.csv\n  because: line 2: 1,2 does not begin with three",
+            1,
+        ),
+        ("inside closed.obj --points bad.npy", "bad.npy", 1),
+        ("inside closed.obj --points none.csv", "none.csv", 1),
+        ("inside closed.obj --points points.csv -o points.csv", "points.csv", 1),
+        ("inside closed.obj --points points.csv --json", "--output", 2),
+        ("inside closed.obj", "--points", 2),
+    ] {
+        let output = raykd(&folder, line);
+        assert_eq!(output.status.code(), Some(code), "{line}");
+        assert!(text(&output.stderr).contains(told), "{line}: {}", text(&output.stderr));
+        assert_eq!(text(&output.stdout), "", "{line}");
+    }
+    assert!(fs::read_to_string(folder.path().join("points.csv")).unwrap().starts_with("x,y,z,name\n"));
+}
+
+#[test]
+fn closed_and_open_meshes_are_told_apart() {
+    let folder = folder();
+    let closed = raykd(&folder, "check closed.obj");
+    assert_eq!(closed.status.code(), Some(0));
+    assert!(text(&closed.stdout).contains("closed  yes"), "{}", text(&closed.stdout));
+    let open = raykd(&folder, "check open.obj --json");
+    assert_eq!(open.status.code(), Some(1));
+    let told: Value = serde_json::from_slice(&open.stdout).unwrap();
+    assert_eq!((&told["closed"], &told["edges"]), (&Value::Bool(false), &Value::from(6)));
+    assert_eq!(told["border"]["count"], 3);
+    assert_eq!(told["border"]["first"], serde_json::json!([[4.0, 0.0, 0.0], [0.0, 4.0, 0.0]]));
+    let missing = raykd(&folder, "check none.obj");
+    assert_eq!(missing.status.code(), Some(1));
+    assert!(text(&missing.stderr).contains("none.obj"));
+}
