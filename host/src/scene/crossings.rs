@@ -3,10 +3,10 @@
 use super::{Scene, batch::Batch};
 use crate::{
     Error,
-    exec::Launch,
+    exec::{Launch as _, OnDevice, Step},
     rays::{AnyPoint, AnyRay},
 };
-use raykd_kernels::trace::queries::crossings;
+use raykd_kernels::trace::queries::{self, crossings, quick_crossings};
 use raykd_shared::{Crossings, Ray};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
@@ -91,21 +91,45 @@ impl Scene {
         self.count_local(local, counted)
     }
 
-    /// Counts for rays that are where the mesh is, as many as fit the device.
+    /// Counts for rays that are where the mesh is, as many as fit the device: by floats, then those again that floats do not
+    /// tell of.
     fn count_local(&self, rays: &[Ray], counted: &mut Counted<Crossings>) -> Result<(), Error> {
+        let (mut found, invalid) = self.dispatch_crossings(rays, counted, |query, count| {
+            quick_crossings::Buffers { query }.over(count)
+        })?;
+        counted.invalid += invalid;
+        let open: Vec<usize> = (0..found.len()).filter(|&i| found[i][2] != 0).collect();
+        if !open.is_empty() {
+            let again: Vec<Ray> = open.iter().map(|&i| rays[i]).collect();
+            let (exact, _) = self.dispatch_crossings(&again, counted, |query, count| {
+                crossings::Buffers { query }.over(count)
+            })?;
+            for (i, exact) in open.into_iter().zip(exact) {
+                found[i] = exact;
+            }
+        }
+        counted.counts.extend(found.iter().map(|&[leaving, entering, ..]| Crossings { leaving, entering }));
+        Ok(())
+    }
+
+    /// What a kernel writes for each ray, and how many were none.
+    fn dispatch_crossings(
+        &self,
+        rays: &[Ray],
+        counted: &mut Counted<Crossings>,
+        step: impl for<'a> Fn(queries::Query<'a, OnDevice>, u32) -> Step<'a>,
+    ) -> Result<(Vec<[u32; 4]>, u32), Error> {
         let start = Instant::now();
         let batch = Batch::of_local(self, rays, 1)?;
         counted.upload += start.elapsed();
-        let query = raykd_kernels::trace::queries::Query { corners: &self.corners, ..batch.query(self) };
         batch.begin(&self.device, 0)?;
-        let step = crossings::Buffers { query }.over(batch.count);
-        counted.trace += self.device.dispatch(&[step], false)?.total;
+        let query = queries::Query { corners: &self.corners, ..batch.query(self) };
+        counted.trace += self.device.dispatch(&[step(query, batch.count)], false)?.total;
         let start = Instant::now();
-        counted.invalid += batch.outcome(&self.device)?;
-        let found = self.device.read::<[u32; 4]>(&batch.hits.view(), 0, rays.len())?;
-        counted.counts.extend(found.iter().map(|&[leaving, entering, ..]| Crossings { leaving, entering }));
+        let invalid = batch.outcome(&self.device)?;
+        let found = self.device.read(&batch.hits.view(), 0, rays.len())?;
         counted.download += start.elapsed();
-        Ok(())
+        Ok((found, invalid))
     }
 }
 

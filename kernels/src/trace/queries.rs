@@ -3,7 +3,12 @@
 
 use super::{
     frame::Frame,
-    intersect::{Intersector, exact::Exact, perturbed::Perturbed, strict::Strict},
+    intersect::{
+        Intersector,
+        exact::Exact,
+        perturbed::{Perturbed, Quick},
+        strict::Strict,
+    },
     job::{JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, THREADS, load, record},
     traverse::{
         self, Steps,
@@ -281,7 +286,12 @@ pub struct Crossed {
 /// Counts the crossings of a ray in its range, see [`perturbed`](super::intersect::perturbed). A traversal finds the next
 /// [`AT_ONCE`] of them; mostly the first finds all.
 #[inline(always)]
-pub fn crossed(ray: &Frame, pairs: &Buf<UVec4>, corners: &Buf<Vec4>, steps: &mut Steps) -> Crossed {
+pub fn crossed<I: Intersector>(
+    ray: &Frame,
+    pairs: &Buf<UVec4>,
+    corners: &Buf<Vec4>,
+    steps: &mut Steps,
+) -> Crossed {
     let mut ray = ray.whole();
     let mut after = After::NOTHING;
     let mut list = scratch::<u32, NEXT_WORDS>();
@@ -292,7 +302,7 @@ pub fn crossed(ray: &Frame, pairs: &Buf<UVec4>, corners: &Buf<Vec4>, steps: &mut
     while running {
         let aside = &mut [0; ASIDE];
         Next::clear(&mut list);
-        traverse::stack::walk_keeping::<Perturbed, Next, false>(
+        traverse::stack::walk_keeping::<I, Next, false>(
             &mut ray,
             pairs,
             corners,
@@ -313,7 +323,7 @@ pub fn crossed(ray: &Frame, pairs: &Buf<UVec4>, corners: &Buf<Vec4>, steps: &mut
                 after.pass(&mut ray, (t, triangle));
             }
         }
-        if count < AT_ONCE {
+        if count < AT_ONCE || steps.status != 0 {
             running = false;
             open = 0;
         }
@@ -321,9 +331,10 @@ pub fn crossed(ray: &Frame, pairs: &Buf<UVec4>, corners: &Buf<Vec4>, steps: &mut
     Crossed { leaving, entering, whole: open == 0 }
 }
 
-/// Counts the crossings of ray `i`. Writes how many leave and how many enter, in place of a hit.
+/// Counts the crossings of ray `i`. Writes how many leave, how many enter, and if `QUICK` 1 where floats do not tell, in place
+/// of a hit.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
-pub fn count_crossings(
+pub fn count_crossings<I: Intersector, const QUICK: bool>(
     i: u32,
     job: &Buf<u32>,
     header: &Buf<TreeHeader>,
@@ -336,12 +347,13 @@ pub fn count_crossings(
     if i < job.at(JOB_RAYS) {
         let ray = load(i, rays, &header.at(0), outcome);
         let mut steps = Steps::default();
-        let found = crossed(&ray, pairs, corners, &mut steps);
-        hits.put(i, UVec4::new(found.leaving, found.entering, 0, 0));
+        let found = crossed::<I>(&ray, pairs, corners, &mut steps);
         if !found.whole {
             steps.status |= status::CUT_SHORT;
         }
-        if steps.status != 0 {
+        let open = QUICK && steps.status != 0;
+        hits.put(i, UVec4::new(found.leaving, found.entering, open as u32, 0));
+        if steps.status != 0 && !QUICK {
             outcome.or(OUTCOME_STATUS, steps.status);
         }
     }
@@ -354,7 +366,19 @@ pub mod crossings {
     of_query! {
         kernel {
             /// [`count_crossings`] over all rays.
-            map CROSSINGS = count_crossings, threads 64, query:
+            map CROSSINGS = count_crossings::<Perturbed, false>, threads 64, query:
+        } { , {} }
+    }
+}
+
+/// The same where floats tell.
+pub mod quick_crossings {
+    use super::*;
+
+    of_query! {
+        kernel {
+            /// [`count_crossings`] over all rays, by floats.
+            map QUICK_CROSSINGS = count_crossings::<Quick, true>, threads 64, query:
         } { , {} }
     }
 }
@@ -371,4 +395,5 @@ pub const KERNELS: &[&crate::Kernel] = &[
     &exact_except::EXACT_EXCEPT,
     &exact_all::EXACT_ALL,
     &crossings::CROSSINGS,
+    &quick_crossings::QUICK_CROSSINGS,
 ];

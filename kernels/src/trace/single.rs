@@ -18,7 +18,9 @@ use crate::{
 use raykd_shared::{Hit, Ray, TreeHeader};
 #[cfg(not(target_arch = "spirv"))]
 use {
-    super::{prepare::corners::kept, queries::crossed, traverse::leaf::After},
+    super::{
+        intersect::perturbed::Perturbed, prepare::corners::kept, queries::crossed, traverse::leaf::After,
+    },
     crate::glam::Vec3,
     core::ops::ControlFlow,
     raykd_shared::{Crossings, Node, TreeView},
@@ -150,7 +152,8 @@ impl<'a> Tree<'a> {
     #[inline]
     pub fn crossings(&self, ray: &Ray) -> Crossings {
         let (pairs, corners) = (view(self.pairs), view(self.corners));
-        let found = crossed(&Frame::of(ray, self.header), &pairs, &corners, &mut Steps::default());
+        let found =
+            crossed::<Perturbed>(&Frame::of(ray, self.header), &pairs, &corners, &mut Steps::default());
         Crossings { leaving: found.leaving, entering: found.entering }
     }
 }

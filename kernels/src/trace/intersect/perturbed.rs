@@ -98,6 +98,11 @@ fn in_plane(origin: Vec3, (a, b, c): (Vec3, Vec3, Vec3)) -> i32 {
     if one & two & (level(a) | level(b) | level(c)) { first((x, y, z)) } else { 0 }
 }
 
+/// The same by floats alone. It says of a triangle that they do not tell that a loop was left early: then the ray is for
+/// [`Perturbed`], and there is no need to go on.
+#[derive(Clone, Copy, Debug)]
+pub struct Quick;
+
 /// What is known of a triangle.
 struct Verdict {
     certain: bool,
@@ -169,6 +174,39 @@ fn by_pairs(ray: &Frame, id: u32, (a, b, c): (Vec3, Vec3, Vec3), best: &Best) ->
     Verdict { certain, crossed: true, leaving: u > 0, t: near }
 }
 
+/// Keeps the better of a crossing and `best`.
+#[inline(always)]
+fn offer(ray: &Frame, id: u32, found: &Verdict, best: &mut Best) {
+    if found.crossed {
+        let det = if found.leaving { 1.0 } else { -1.0 };
+        best.offer(ray, Best { t: found.t, triangle: id, u: 0.0, v: 0.0, det });
+    }
+}
+
+impl Intersector for Quick {
+    const LOOPS: bool = true;
+    const WHOLE: bool = true;
+
+    #[inline(always)]
+    fn new(_ray: &Frame) -> Self {
+        Self
+    }
+
+    #[inline(always)]
+    fn may_hit(self, ray: &Frame, a: Vec4, b: Vec4, c: Vec4) -> bool {
+        Exact.may_hit(ray, a, b, c)
+    }
+
+    #[inline(always)]
+    fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool {
+        let found = by_floats(ray, (a.truncate(), b.truncate(), c.truncate()));
+        if found.certain {
+            offer(ray, id, &found, best);
+        }
+        found.certain
+    }
+}
+
 impl Intersector for Perturbed {
     const LOOPS: bool = true;
     const WHOLE: bool = true;
@@ -198,10 +236,7 @@ impl Intersector for Perturbed {
             found = Verdict { certain: true, crossed: passed.crossed, leaving: passed.leaving, t };
             whole = passed.whole;
         }
-        if found.crossed {
-            let det = if found.leaving { 1.0 } else { -1.0 };
-            best.offer(ray, Best { t: found.t, triangle: id, u: 0.0, v: 0.0, det });
-        }
+        offer(ray, id, &found, best);
         whole
     }
 }
