@@ -41,7 +41,13 @@ pub const AT_ORIGIN: f32 = exp2(-126);
 /// The test. Of a hit `det` is 1 if the ray leaves by the triangle, that is along its normal, and -1 if it enters; `u` and
 /// `v` are not found.
 #[derive(Clone, Copy, Debug)]
-pub struct Perturbed;
+pub struct Perturbed(Range);
+
+/// The end of a ray's range: in leaves the best hit stands for it.
+#[derive(Clone, Copy, Debug)]
+struct Range {
+    t_max: f32,
+}
 
 /// `p - q`, and whether that is exact.
 #[inline(always)]
@@ -101,7 +107,7 @@ fn in_plane(origin: Vec3, (a, b, c): (Vec3, Vec3, Vec3)) -> i32 {
 /// The same by floats alone. It says of a triangle that they do not tell that a loop was left early: then the ray is for
 /// [`Perturbed`], and there is no need to go on.
 #[derive(Clone, Copy, Debug)]
-pub struct Quick;
+pub struct Quick(Range);
 
 /// What is known of a triangle.
 struct Verdict {
@@ -114,7 +120,7 @@ struct Verdict {
 /// What floats tell. A sheared corner is off by at most a quarter of the pad, see [`Exact::may_hit`], and so are edge
 /// functions by the half of what is compared here; `t` hangs on them by how far the corners' depths are apart.
 #[inline(always)]
-fn by_floats(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> Verdict {
+fn by_floats(ray: &Frame, range: Range, (a, b, c): (Vec3, Vec3, Vec3)) -> Verdict {
     let s = shear(ray, a, b, c);
     let half = 0.5 * ray.pad;
     let (x, y, z) = (abs(s.ax) + abs(s.ay), abs(s.bx) + abs(s.by), abs(s.cx) + abs(s.cy));
@@ -129,7 +135,7 @@ fn by_floats(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> Verdict {
     let along = component(ray.inverse, ray.main);
     let spread = abs(along) * (high(s.az, high(s.bz, s.cz)) - low(s.az, low(s.bz, s.cz)));
     let off = (eu + ev + ew) * unit * abs(inverse) * spread + ray.pad;
-    let certain = s.is_plain() & (positive | negative) & (t - off > ray.t_min) & (t + off < ray.exit);
+    let certain = s.is_plain() & (positive | negative) & (t - off > ray.t_min) & (t + off < range.t_max);
     // With the main component of the direction positive, edge functions and volumes have opposite signs.
     Verdict { certain, crossed: true, leaving: positive == (along < 0.0), t }
 }
@@ -188,8 +194,8 @@ impl Intersector for Quick {
     const WHOLE: bool = true;
 
     #[inline(always)]
-    fn new(_ray: &Frame) -> Self {
-        Self
+    fn new(ray: &Frame) -> Self {
+        Self(Range { t_max: ray.t_max })
     }
 
     #[inline(always)]
@@ -199,7 +205,7 @@ impl Intersector for Quick {
 
     #[inline(always)]
     fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool {
-        let found = by_floats(ray, (a.truncate(), b.truncate(), c.truncate()));
+        let found = by_floats(ray, self.0, (a.truncate(), b.truncate(), c.truncate()));
         if found.certain {
             offer(ray, id, &found, best);
         }
@@ -212,8 +218,8 @@ impl Intersector for Perturbed {
     const WHOLE: bool = true;
 
     #[inline(always)]
-    fn new(_ray: &Frame) -> Self {
-        Self
+    fn new(ray: &Frame) -> Self {
+        Self(Range { t_max: ray.t_max })
     }
 
     #[inline(always)]
@@ -224,7 +230,7 @@ impl Intersector for Perturbed {
     #[inline(always)]
     fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool {
         let (a, b, c) = (a.truncate(), b.truncate(), c.truncate());
-        let mut found = by_floats(ray, (a, b, c));
+        let mut found = by_floats(ray, self.0, (a, b, c));
         let mut whole = true;
         if !found.certain {
             found = by_pairs(ray, id, (a, b, c), best);
