@@ -9,6 +9,7 @@ use raykd::{
 };
 use raykd_oracle::Passage;
 use raykd_tests::{Failure, cases, devices, same, unless_cut};
+use rayon::prelude::*;
 
 /// Triangles counterclockwise seen from outside, of a shape round the origin.
 fn outward(mesh: &Mesh) -> Vec<[Point; 3]> {
@@ -255,5 +256,64 @@ fn speed_of_winding_numbers() {
                 winding.trace, winding.upload, winding.download
             );
         }
+    }
+}
+
+/// Points of closed meshes by three directions each, half of them at vertices, edges and planes of triangles: run it with
+/// `--ignored --nocapture` on a real GPU; `RAYKD_POINTS` is how many.
+#[test]
+#[ignore = "takes minutes without a real GPU"]
+fn no_point_of_a_hundred_million_is_inside_by_one_direction_alone() {
+    let count = std::env::var("RAYKD_POINTS").map_or(100_000_000, |n| n.parse::<usize>().unwrap());
+    let mut random = Random::new(1);
+    let lattice = loose(&closed(0, &mut random));
+    let sphere = loose(&outward(&icosphere(4)));
+    let dragon = raykd::mesh::scene("dragon_res3").unwrap();
+    let meshes = [("dragon_res3", dragon), ("sphere", sphere), ("cubes", lattice)];
+    for (name, mesh) in &meshes {
+        assert!(mesh.edges().are_closed());
+        let corners = |t: &[u32; 3]| t.map(|v| mesh.positions()[v as usize]);
+        let triangles: Vec<[Point; 3]> = mesh.triangles().iter().map(corners).collect();
+        let scene = Scene::build(raykd_tests::gpu(), mesh, &BuildOptions::default()).unwrap();
+        let (lo, hi) = mesh.bounds();
+        let (mut done, mut inside) = (0, 0);
+        while done < count / meshes.len() {
+            let seed = random.bits();
+            let points: Vec<Point> = (0..1u64 << 20)
+                .into_par_iter()
+                .map(|i| {
+                    let mut random = Random::new(seed ^ i.wrapping_mul(0x9E37_79B9_7F4A_7C15));
+                    let [a, b, c] = triangles[random.below(triangles.len())];
+                    match random.below(6) {
+                        0 => a,
+                        1 => [0, 1, 2].map(|i| 0.5 * (a[i] + b[i])),
+                        2 => [a[0], b[1], c[2]],
+                        _ => [0, 1, 2].map(|i| lo[i] + (hi[i] - lo[i]) * random.unit() as f32),
+                    }
+                })
+                .collect();
+            let windings = scene.winding(&points).unwrap();
+            let to = triangles[random.below(triangles.len())][0];
+            for direction in [random.point(), to] {
+                let rays: Vec<Ray> = points
+                    .par_iter()
+                    .map(|&p| {
+                        let way = if direction == to { [0, 1, 2].map(|i| to[i] - p[i]) } else { direction };
+                        Ray::new(p, if way == [0.0; 3] { direction } else { way })
+                    })
+                    .collect();
+                let crossings = scene.crossings(&rays).unwrap();
+                let differs =
+                    (0..points.len()).find(|&i| crossings.counts[i].winding() != windings.counts[i]);
+                assert_eq!(
+                    differs.map(|i| (rays[i], windings.counts[i], crossings.counts[i])),
+                    None,
+                    "{name}"
+                );
+            }
+            done += points.len();
+            inside += windings.counts.iter().filter(|&&winding| winding != 0).count();
+        }
+        println!("{name}: {done} points, {inside} inside, the same by three directions");
     }
 }
