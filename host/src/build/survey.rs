@@ -6,8 +6,9 @@ use crate::{
     exec::{Buffer, Device, Launch, Step},
     mesh::{Measure, MeshError, Place},
 };
-use raykd_kernels::build::survey::{
-    BLOCK, Found, Job, MARKS, collect, indices, offsets, settle, sift, unkey, vertices,
+use raykd_kernels::build::{
+    bin::unordered,
+    survey::{BLOCK, Found, Job, MARKS, collect, indices, offsets, settle, sift, vertices},
 };
 use raykd_shared::limits::MAX_TRIANGLES;
 
@@ -163,8 +164,11 @@ fn dust_bits(dust: f64) -> u32 {
 
 /// The box of the triangles found.
 fn measure(found: &Found) -> Measure {
-    let number = |key: u32| f32::from_bits(unkey(key));
-    Measure { lo: found.lo.map(number), hi: found.hi.map(number), smallest: f32::from_bits(found.smallest) }
+    Measure {
+        lo: found.lo.map(unordered),
+        hi: found.hi.map(unordered),
+        smallest: f32::from_bits(found.smallest),
+    }
 }
 
 /// Refuses a mesh with numbers that cannot be used.

@@ -21,9 +21,8 @@ impl Scene {
         Ok(())
     }
 
-    /// Chooses how it is told from now on whether a ray hits a triangle, by the closest and any hits of
-    /// `stack` and `brute`. Makes what the test needs beside the tree, once. Only the default keeps what
-    /// [`Scene::closest`] promises.
+    /// Chooses how it is told from now on whether a ray hits a triangle. Makes what the test needs beside the tree, once.
+    /// The default and `exact` answer all queries and keep what they promise; the others answer closest and any hits.
     ///
     /// # Errors
     /// It does not go with the scene's traversal, see [`Intersector::check`]; what it needs does not fit the device, or

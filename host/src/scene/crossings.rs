@@ -3,7 +3,7 @@
 use super::{Scene, batch::Batch};
 use crate::{
     Error,
-    exec::{Launch as _, OnDevice, Step},
+    exec::Launch as _,
     rays::{AnyPoint, AnyRay},
 };
 use raykd_kernels::trace::queries::{self, crossings, quick_crossings};
@@ -39,7 +39,10 @@ impl Scene {
     pub fn crossings(&self, rays: &[impl AnyRay]) -> Result<Counted<Crossings>, Error> {
         let mut counted = Counted::default();
         for part in rays.chunks(self.batch_limit()) {
-            self.count(part, &mut counted)?;
+            let start = Instant::now();
+            let local = AnyRay::local(part, self.translation);
+            counted.upload += start.elapsed();
+            self.count_local(&local, &mut counted)?;
         }
         Ok(counted)
     }
@@ -84,26 +87,15 @@ impl Scene {
         Ok(Counted { counts: windings, upload, trace, download, invalid })
     }
 
-    fn count(&self, rays: &[impl AnyRay], counted: &mut Counted<Crossings>) -> Result<(), Error> {
-        let start = Instant::now();
-        let local = &*AnyRay::local(rays, self.translation);
-        counted.upload += start.elapsed();
-        self.count_local(local, counted)
-    }
-
     /// Counts for rays that are where the mesh is, as many as fit the device: by floats, then those again that floats do not
     /// tell of.
     fn count_local(&self, rays: &[Ray], counted: &mut Counted<Crossings>) -> Result<(), Error> {
-        let (mut found, invalid) = self.dispatch_crossings(rays, counted, |query, count| {
-            quick_crossings::Buffers { query }.over(count)
-        })?;
+        let (mut found, invalid) = self.dispatch_crossings(rays, true, counted)?;
         counted.invalid += invalid;
         let open: Vec<usize> = (0..found.len()).filter(|&i| found[i][2] != 0).collect();
         if !open.is_empty() {
             let again: Vec<Ray> = open.iter().map(|&i| rays[i]).collect();
-            let (exact, _) = self.dispatch_crossings(&again, counted, |query, count| {
-                crossings::Buffers { query }.over(count)
-            })?;
+            let (exact, _) = self.dispatch_crossings(&again, false, counted)?;
             for (i, exact) in open.into_iter().zip(exact) {
                 found[i] = exact;
             }
@@ -112,19 +104,23 @@ impl Scene {
         Ok(())
     }
 
-    /// What a kernel writes for each ray, and how many were none.
+    /// What the kernel writes for each ray, or if `quick` that of floats alone, and how many were none.
     fn dispatch_crossings(
         &self,
         rays: &[Ray],
+        quick: bool,
         counted: &mut Counted<Crossings>,
-        step: impl for<'a> Fn(queries::Query<'a, OnDevice>, u32) -> Step<'a>,
     ) -> Result<(Vec<[u32; 4]>, u32), Error> {
         let start = Instant::now();
         let batch = Batch::of_local(self, rays, 1)?;
         counted.upload += start.elapsed();
         batch.begin(&self.device, 0)?;
         let query = queries::Query { corners: &self.corners, ..batch.query(self) };
-        counted.trace += self.device.dispatch(&[step(query, batch.count)], false)?.total;
+        let step = match quick {
+            true => quick_crossings::Buffers { query }.over(batch.count),
+            false => crossings::Buffers { query }.over(batch.count),
+        };
+        counted.trace += self.device.dispatch(&[step], false)?.total;
         let start = Instant::now();
         let invalid = batch.outcome(&self.device)?;
         let found = self.device.read(&batch.hits.view(), 0, rays.len())?;

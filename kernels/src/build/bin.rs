@@ -45,7 +45,12 @@ fn bin_of(x: f32, lo: f32, per_bin: f32) -> u32 {
 /// Numbers as integers in the same order; all above 0.
 #[inline(always)]
 pub fn ordered(x: f32) -> u32 {
-    let bits = x.to_bits();
+    ordered_bits(x.to_bits())
+}
+
+/// The same of a number's bits.
+#[inline(always)]
+pub const fn ordered_bits(bits: u32) -> u32 {
     if bits >> 31 == 0 { bits | 0x8000_0000 } else { !bits }
 }
 

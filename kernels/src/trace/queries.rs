@@ -3,16 +3,12 @@
 
 use super::{
     frame::Frame,
-    intersect::{
-        Intersector,
-        exact::Exact,
-        perturbed::{Perturbed, Quick},
-        strict::Strict,
-    },
+    intersect::{Intersector, exact::Exact, perturbed::Perturbed, strict::Strict},
     job::{JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, THREADS, load, record},
     traverse::{
         self, Steps,
-        leaf::{AT_ONCE, After, Every, Except, NEXT_WORDS, Next},
+        leaf::{After, Every, Except},
+        next::{AT_ONCE, Next, WORDS},
         stack::ASIDE,
     },
 };
@@ -20,7 +16,7 @@ use crate::{
     glam::{UVec4, Vec4},
     mem::{Atomics, Buf, Slots, scratch},
 };
-use raykd_shared::{MISS, TreeHeader, status};
+use raykd_shared::{Crossings, MISS, TreeHeader, status};
 
 /// Declares something of the buffers that all queries of the tree bind.
 macro_rules! of_query {
@@ -95,7 +91,10 @@ macro_rules! query {
             $($counts: &mut $crate::mem::Buf<$crate::glam::UVec4>,)?
             $($($more: &$crate::mem::Buf<$t>),*)?
         ) {
-            use $crate::{mem::{Atomics as _, Slots as _, aside}, trace::{job, queries::SHARED, traverse::{Steps, stack::ASIDE}}};
+            use $crate::{
+                mem::{Atomics as _, Slots as _, aside},
+                trace::{job, queries::SHARED, traverse::{Steps, stack::ASIDE}},
+            };
             lanes!(group, |lane| {
                 let i = group.id * group.width + lane;
                 if i < job.at(job::JOB_RAYS) {
@@ -127,8 +126,7 @@ macro_rules! test {
             #[doc = concat!("The closest or any hit by [`", stringify!($test), "`].")]
             $name = |_, ray, pairs, corners, any, aside, steps|
                 $crate::trace::traverse::stack::walk::<$test, $crate::trace::traverse::leaf::Every, false>(
-                    &mut if $test::WHOLE { ray.whole() } else { *ray }, pairs, corners,
-                    $crate::trace::traverse::leaf::Every, any, aside, steps,
+                    ray, pairs, corners, $crate::trace::traverse::leaf::Every, any, aside, steps,
                 )
         }
         test!($brute_file::$brute_name = $test);
@@ -162,19 +160,6 @@ query! {
     any::ANY = |_, ray, pairs, corners, _, aside, steps|
         traverse::stack::walk::<Strict, Every, false>(ray, pairs, corners, Every, true, aside, steps)
 }
-query! {
-    /// The closest hit, counting steps.
-    steps::STEPS counts = |_, ray, pairs, corners, _, aside, steps|
-        traverse::stack::walk::<Strict, Every, true>(ray, pairs, corners, Every, false, aside, steps)
-}
-query! {
-    /// The closest or any hit of another triangle than the one given with the ray, for rays that leave a
-    /// surface.
-    except::EXCEPT = |i, ray, pairs, corners, any, aside, steps|
-        traverse::stack::walk::<Strict, Except, false>(ray, pairs, corners, Except(excluded.at(i)), any, aside, steps),
-    { 7 excluded: u32 }
-}
-
 /// Answers ray `i`: its first hits in order, as many as the job's limit, the rest filled with misses; and how
 /// many it has.
 ///
@@ -196,7 +181,6 @@ pub fn each<I: Intersector>(
     if i < job.at(JOB_RAYS) {
         let limit = job.at(JOB_LIMIT);
         let mut ray = load(i, rays, &header.at(0), outcome);
-        ray = if I::WHOLE { ray.whole() } else { ray };
         let mut steps = Steps::default();
         let mut after = After::NOTHING;
         let mut total = 0;
@@ -234,93 +218,76 @@ pub fn each<I: Intersector>(
     }
 }
 
-/// All hits of a ray in order, for counting them or for passing through surfaces.
-pub mod all {
-    use super::*;
+/// Declares the kernels of a triangle test that keeps the contract, beside those of closest and any hits.
+macro_rules! more {
+    ($test:ident, $steps_file:ident::$steps:ident, $except_file:ident::$except:ident, $all_file:ident::$all:ident) => {
+        query! {
+            #[doc = concat!("The closest hit by [`", stringify!($test), "`], counting steps.")]
+            $steps_file::$steps counts = |_, ray, pairs, corners, _, aside, steps|
+                traverse::stack::walk::<$test, Every, true>(ray, pairs, corners, Every, false, aside, steps)
+        }
+        query! {
+            #[doc = concat!("The closest or any hit by [`", stringify!($test), "`] of another triangle than the one given")]
+            /// with the ray, for rays that leave a surface.
+            $except_file::$except = |i, ray, pairs, corners, any, aside, steps|
+                traverse::stack::walk::<$test, Except, false>(
+                    ray, pairs, corners, Except(excluded.at(i)), any, aside, steps,
+                ),
+            { 7 excluded: u32 }
+        }
+        #[doc = concat!("All hits of a ray by [`", stringify!($test), "`], in order, for counting them or for passing")]
+        /// through surfaces.
+        pub mod $all_file {
+            use super::*;
 
-    of_query! {
-        kernel {
-            /// [`each`] over all rays, by the default test.
-            map ALL_HITS = each::<Strict>, threads 64, query:
-        } { , { 7 totals: write u32 } }
-    }
+            of_query! {
+                kernel {
+                    /// [`each`] over all rays.
+                    map $all = each::<$test>, threads 64, query:
+                } { , { 7 totals: write u32 } }
+            }
+        }
+    };
 }
 
-/// The same by [`Exact`].
-pub mod exact_all {
-    use super::*;
+more!(Strict, steps::STEPS, except::EXCEPT, all::ALL_HITS);
+more!(Exact, exact_steps::EXACT_STEPS, exact_except::EXACT_EXCEPT, exact_all::EXACT_ALL);
 
-    of_query! {
-        kernel {
-            /// [`each`] over all rays, by [`Exact`].
-            map EXACT_ALL = each::<Exact>, threads 64, query:
-        } { , { 7 totals: write u32 } }
-    }
-}
-
-query! {
-    /// As `steps`, by [`Exact`].
-    exact_steps::EXACT_STEPS counts = |_, ray, pairs, corners, _, aside, steps|
-        traverse::stack::walk::<Exact, Every, true>(&mut ray.whole(), pairs, corners, Every, false, aside, steps)
-}
-query! {
-    /// As `except`, by [`Exact`].
-    exact_except::EXACT_EXCEPT = |i, ray, pairs, corners, any, aside, steps|
-        traverse::stack::walk::<Exact, Except, false>(
-            &mut ray.whole(), pairs, corners, Except(excluded.at(i)), any, aside, steps,
-        ),
-    { 7 excluded: u32 }
-}
-
-/// What a ray crosses.
-#[derive(Clone, Copy, Debug)]
-pub struct Crossed {
-    /// Crossings along triangles' normals.
-    pub leaving: u32,
-    /// Crossings against them.
-    pub entering: u32,
-    /// Whether that is all there is to cross.
-    pub whole: bool,
-}
-
-/// Counts the crossings of a ray in its range, see [`perturbed`](super::intersect::perturbed). A traversal finds the next
+/// Counts the crossings of a ray in its range, see [`perturbed`](super::intersect::perturbed). A walk finds the next
 /// [`AT_ONCE`] of them; mostly the first finds all.
 #[inline(always)]
-pub fn crossed<I: Intersector>(
-    ray: &Frame,
+pub fn crossed<const QUICK: bool>(
+    ray: &mut Frame,
     pairs: &Buf<UVec4>,
     corners: &Buf<Vec4>,
     steps: &mut Steps,
-) -> Crossed {
-    let mut ray = ray.whole();
+) -> Crossings {
     let mut after = After::NOTHING;
-    let mut list = scratch::<u32, NEXT_WORDS>();
-    let (mut leaving, mut entering) = (0, 0);
+    let mut aside = scratch::<u32, WORDS>();
+    let mut found = Crossings { leaving: 0, entering: 0 };
     let mut running = true;
     // 1 until there are no more.
     let mut open = 1;
     while running {
-        let aside = &mut [0; ASIDE];
-        Next::clear(&mut list);
-        traverse::stack::walk_keeping::<I, Next, false>(
-            &mut ray,
+        Next::clear(&mut aside);
+        traverse::stack::walk::<Perturbed<QUICK>, Next, false>(
+            ray,
             pairs,
             corners,
             Next(after),
             false,
-            aside,
-            &mut list,
+            &mut aside,
             steps,
         );
-        let count = Next::count(&list);
+        let count = Next::count(&aside);
         let mut i = 0;
         while i < count {
-            let (t, triangle, along) = Next::hit(&list, i);
-            leaving += along as u32;
-            entering += !along as u32;
+            let (t, triangle, along) = Next::hit(&aside, i);
+            found.leaving += along as u32;
+            found.entering += !along as u32;
             i += 1;
             if i == AT_ONCE {
-                after.pass(&mut ray, (t, triangle));
+                after.pass(ray, (t, triangle));
             }
         }
         if count < AT_ONCE || steps.status != 0 {
@@ -328,13 +295,16 @@ pub fn crossed<I: Intersector>(
             open = 0;
         }
     }
-    Crossed { leaving, entering, whole: open == 0 }
+    if open != 0 {
+        steps.status |= status::CUT_SHORT;
+    }
+    found
 }
 
 /// Counts the crossings of ray `i`. Writes how many leave, how many enter, and if `QUICK` 1 where floats do not tell, in place
 /// of a hit.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
-pub fn count_crossings<I: Intersector, const QUICK: bool>(
+pub fn count_crossings<const QUICK: bool>(
     i: u32,
     job: &Buf<u32>,
     header: &Buf<TreeHeader>,
@@ -345,12 +315,9 @@ pub fn count_crossings<I: Intersector, const QUICK: bool>(
     outcome: &mut Buf<u32>,
 ) {
     if i < job.at(JOB_RAYS) {
-        let ray = load(i, rays, &header.at(0), outcome);
+        let mut ray = load(i, rays, &header.at(0), outcome);
         let mut steps = Steps::default();
-        let found = crossed::<I>(&ray, pairs, corners, &mut steps);
-        if !found.whole {
-            steps.status |= status::CUT_SHORT;
-        }
+        let found = crossed::<QUICK>(&mut ray, pairs, corners, &mut steps);
         let open = QUICK && steps.status != 0;
         hits.put(i, UVec4::new(found.leaving, found.entering, open as u32, 0));
         if steps.status != 0 && !QUICK {
@@ -366,7 +333,7 @@ pub mod crossings {
     of_query! {
         kernel {
             /// [`count_crossings`] over all rays.
-            map CROSSINGS = count_crossings::<Perturbed, false>, threads 64, query:
+            map CROSSINGS = count_crossings::<false>, threads 64, query:
         } { , {} }
     }
 }
@@ -378,7 +345,7 @@ pub mod quick_crossings {
     of_query! {
         kernel {
             /// [`count_crossings`] over all rays, by floats.
-            map QUICK_CROSSINGS = count_crossings::<Quick, true>, threads 64, query:
+            map QUICK_CROSSINGS = count_crossings::<true>, threads 64, query:
         } { , {} }
     }
 }

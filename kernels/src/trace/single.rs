@@ -18,9 +18,7 @@ use crate::{
 use raykd_shared::{Hit, Ray, TreeHeader};
 #[cfg(not(target_arch = "spirv"))]
 use {
-    super::{
-        intersect::perturbed::Perturbed, prepare::corners::kept, queries::crossed, traverse::leaf::After,
-    },
+    super::{prepare::corners::kept, queries::crossed, traverse::leaf::After},
     crate::glam::Vec3,
     core::ops::ControlFlow,
     raykd_shared::{Crossings, Node, TreeView},
@@ -135,7 +133,7 @@ impl<'a> Tree<'a> {
         ray: &Ray,
         mut each: impl FnMut(Hit) -> ControlFlow<B>,
     ) -> ControlFlow<B> {
-        let mut frame = self.frame::<I>(ray);
+        let mut frame = Frame::of(ray, self.header);
         let mut after = After::NOTHING;
         loop {
             let best = self.walk::<I, After>(&mut frame, after, false, &mut Steps::default());
@@ -152,9 +150,8 @@ impl<'a> Tree<'a> {
     #[inline]
     pub fn crossings(&self, ray: &Ray) -> Crossings {
         let (pairs, corners) = (view(self.pairs), view(self.corners));
-        let found =
-            crossed::<Perturbed>(&Frame::of(ray, self.header), &pairs, &corners, &mut Steps::default());
-        Crossings { leaving: found.leaving, entering: found.entering }
+        let mut frame = Frame::of(ray, self.header);
+        crossed::<false>(&mut frame, &pairs, &corners, &mut Steps::default())
     }
 }
 
@@ -196,16 +193,10 @@ impl<'a> Tree<'a> {
 
     #[inline(always)]
     fn answer_by<I: Intersector>(&self, ray: &Ray, any: bool) -> Answer {
-        let mut frame = self.frame::<I>(ray);
+        let mut frame = Frame::of(ray, self.header);
         let mut steps = Steps::default();
         let best = self.walk::<I, Every>(&mut frame, Every, any, &mut steps);
         Answer { hit: hit(&frame, &best), whole: steps.status == 0 }
-    }
-
-    #[inline(always)]
-    fn frame<I: Intersector>(&self, ray: &Ray) -> Frame {
-        let frame = Frame::of(ray, self.header);
-        if I::WHOLE { frame.whole() } else { frame }
     }
 
     #[inline(always)]

@@ -16,6 +16,8 @@ pub mod settle;
 pub mod sift;
 pub mod vertices;
 
+#[cfg(doc)]
+use super::bin::ordered_bits;
 use crate::{
     glam::UVec3,
     mem::{Buf, Slots},
@@ -48,7 +50,7 @@ words! {
         FOUND_WORDS words: [u32; 3],
         /// How many triangles take part.
         FOUND_KEPT kept: u32,
-        /// The least coordinates of those, by [`key`].
+        /// The least coordinates of those, by [`ordered_bits`].
         FOUND_LO lo: [u32; 3],
         /// The greatest.
         FOUND_HI hi: [u32; 3],
@@ -85,17 +87,6 @@ pub const KERNELS: &[&crate::Kernel] = &[
 pub const BLOCK: u32 = 1024;
 /// Words of its marks.
 pub const MARKS: u32 = BLOCK / 32;
-
-/// The bits of a number, so that they are in its order.
-#[inline(always)]
-pub const fn key(bits: u32) -> u32 {
-    if bits >> 31 != 0 { !bits } else { bits | 0x8000_0000 }
-}
-
-/// The bits of the number with such a [`key`].
-pub const fn unkey(key: u32) -> u32 {
-    if key >> 31 != 0 { key & 0x7FFF_FFFF } else { !key }
-}
 
 /// The magnitude, by the bits.
 #[inline(always)]

@@ -2,10 +2,11 @@
 
 use super::{
     BLOCK, FOUND_HI, FOUND_LO, FOUND_SMALLEST, JOB_AGAIN, JOB_DUST, JOB_TRIANGLES, JOB_VERTICES, MARKS,
-    area::has_area, corners, key, size, vertex,
+    area::has_area, corners, size, vertex,
 };
 use crate::{
     Group,
+    build::bin::ordered_bits,
     glam::UVec3,
     mem::{Atomics, Buf, Slots},
 };
@@ -20,7 +21,7 @@ const SMALLEST: u32 = 6;
 const COUNT: u32 = 7;
 const WORDS: usize = 8;
 
-/// A box by the keys of its corners, and the least magnitude other than 0.
+/// A box by the [`ordered_bits`] of its corners, and the least magnitude other than 0.
 #[derive(Clone, Copy)]
 struct Measure {
     lo: UVec3,
@@ -42,7 +43,7 @@ impl Measure {
     /// With a vertex.
     #[inline(always)]
     fn with(self, p: UVec3) -> Self {
-        let (x, y, z) = (key(p.x), key(p.y), key(p.z));
+        let (x, y, z) = (ordered_bits(p.x), ordered_bits(p.y), ordered_bits(p.z));
         // 0 wraps around.
         let small = move |bits: u32| size(bits).wrapping_sub(1);
         let smallest = least(least(small(p.x), small(p.y)), small(p.z)).wrapping_add(1);

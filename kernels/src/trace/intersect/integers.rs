@@ -341,11 +341,31 @@ fn rows(det: u32) -> (u32, u32, u32) {
     )
 }
 
+/// Adds the component on `axis` of the cross product of two rows, or takes it, to the number of `n` digits from `base`.
+/// Rows come with their digits, `signs` as of [`put_coordinates`].
+#[inline(always)]
+#[allow(clippy::too_many_arguments, reason = "a place, and what goes there")]
+fn add_cross(
+    m: &mut Digits,
+    base: u32,
+    n: u32,
+    axis: u32,
+    (y, ny): (u32, u32),
+    (z, nz): (u32, u32),
+    signs: u32,
+    minus: bool,
+) {
+    let j = if axis == 2 { 0 } else { axis + 1 };
+    let k = if axis == 0 { 2 } else { axis - 1 };
+    let odd = move |p: u32, q: u32| (((signs >> (3 * y + p)) ^ (signs >> (3 * z + q))) & 1 != 0) != minus;
+    multiply(m, base, n, (place(y, j), ny), (place(z, k), nz), odd(j, k));
+    multiply(m, base, n, (place(y, k), ny), (place(z, j), nz), !odd(k, j));
+}
+
 /// Writes the four determinants, with their signs.
 #[inline(always)]
 fn put_determinants(m: &mut Digits, scale: Scale, signs: u32) {
     let (n, long) = (scale.places.0, scale.long);
-    let minus = move |row: u32, axis: u32| (signs >> (3 * row + axis)) & 1 != 0;
     let mut det = 0;
     while det < 4 {
         let (x, y, z) = rows(det);
@@ -353,12 +373,9 @@ fn put_determinants(m: &mut Digits, scale: Scale, signs: u32) {
         clear(m, to, long);
         let mut axis = 0;
         while axis < 3 {
-            let j = if axis == 2 { 0 } else { axis + 1 };
-            let k = if axis == 0 { 2 } else { axis - 1 };
             clear(m, CROSS, 2 * n);
-            multiply(m, CROSS, 2 * n, (place(y, j), n), (place(z, k), n), minus(y, j) != minus(z, k));
-            multiply(m, CROSS, 2 * n, (place(y, k), n), (place(z, j), n), minus(y, k) == minus(z, j));
-            let negative = settle(m, CROSS, 2 * n) != minus(x, axis);
+            add_cross(m, CROSS, 2 * n, axis, (y, n), (z, n), signs, false);
+            let negative = settle(m, CROSS, 2 * n) != ((signs >> (3 * x + axis)) & 1 != 0);
             let nx = if x == 0 { scale.ways.0 } else { n };
             multiply(m, to, long, (place(x, axis), nx), (CROSS, 2 * n), negative);
             axis += 1;
@@ -382,6 +399,16 @@ fn put_sum(m: &mut Digits, long: u32) {
         }
         det += 1;
     }
+}
+
+/// Writes coordinates, determinants and divisor; how they are written down, and what [`put_coordinates`] tells.
+#[inline(always)]
+fn put_all(m: &mut Digits, origin: Vec3, d: Vec3, a: Vec3, b: Vec3, c: Vec3) -> (Scale, u32) {
+    let scale = Scale::new(origin, d, a, b, c);
+    let signs = put_coordinates(m, scale, origin, d, a, b, c);
+    put_determinants(m, scale, signs);
+    put_sum(m, scale.long);
+    (scale, signs)
 }
 
 /// Makes the determinants and the divisor positive: whether a weight was negative, whether one was positive,
@@ -429,11 +456,8 @@ fn is_whole(m: &mut Digits, n: u32) -> bool {
 /// ([`HEADING`]).
 pub fn cross(origin: Vec3, d: Vec3, a: Vec3, b: Vec3, c: Vec3) -> Answer {
     let mut m: Digits = scratch();
-    let scale = Scale::new(origin, d, a, b, c);
+    let (scale, _) = put_all(&mut m, origin, d, a, b, c);
     let long = scale.long;
-    let signs = put_coordinates(&mut m, scale, origin, d, a, b, c);
-    put_determinants(&mut m, scale, signs);
-    put_sum(&mut m, long);
     let (negative, positive, upside_down) = settle_all(&mut m, long);
     let hit = negative != positive;
     let (mut t, mut u, mut v) = (0.0, 0.0, 0.0);
@@ -485,24 +509,6 @@ fn sign_of_sum(m: &mut Digits, n: u32) -> i32 {
     }
 }
 
-/// Adds the component on `axis` of a cross product to the number of `n` digits from [`DIVIDEND`], or takes it.
-#[inline(always)]
-fn add_cross(
-    m: &mut Digits,
-    n: u32,
-    axis: u32,
-    (y, ny): (u32, u32),
-    (z, nz): (u32, u32),
-    signs: u32,
-    minus: bool,
-) {
-    let j = if axis == 2 { 0 } else { axis + 1 };
-    let k = if axis == 0 { 2 } else { axis - 1 };
-    let odd = move |p: u32, q: u32| (((signs >> (3 * y + p)) ^ (signs >> (3 * z + q))) & 1 != 0) != minus;
-    multiply(m, DIVIDEND, n, (place(y, j), ny), (place(z, k), nz), odd(j, k));
-    multiply(m, DIVIDEND, n, (place(y, k), ny), (place(z, j), nz), !odd(k, j));
-}
-
 /// The sign of a weight that is 0 as seen from the perturbed origin: that of the first component of `(y - z) x d`, for the
 /// weight `d . (y x z)`, that is not 0.
 #[inline(always)]
@@ -514,8 +520,8 @@ fn sign_beside(m: &mut Digits, scale: Scale, signs: u32, det: u32) -> i32 {
     let mut axis = 0;
     while axis < 3 && sign == 0 {
         clear(m, DIVIDEND, long);
-        add_cross(m, long, axis, (y, n), (0, nd), signs, false);
-        add_cross(m, long, axis, (z, n), (0, nd), signs, true);
+        add_cross(m, DIVIDEND, long, axis, (y, n), (0, nd), signs, false);
+        add_cross(m, DIVIDEND, long, axis, (z, n), (0, nd), signs, true);
         sign = sign_of_sum(m, long);
         axis += 1;
     }
@@ -534,7 +540,7 @@ fn sign_of_normal(m: &mut Digits, scale: Scale, signs: u32) -> i32 {
         let mut det = 0;
         while det < 3 {
             let (_, y, z) = rows(det);
-            add_cross(m, long, axis, (y, n), (z, n), signs, false);
+            add_cross(m, DIVIDEND, long, axis, (y, n), (z, n), signs, false);
             det += 1;
         }
         sign = sign_of_sum(m, long);
@@ -547,11 +553,8 @@ fn sign_of_normal(m: &mut Digits, scale: Scale, signs: u32) -> i32 {
 /// [`perturbed`](super::perturbed) says.
 pub fn pass(origin: Vec3, d: Vec3, a: Vec3, b: Vec3, c: Vec3) -> Passage {
     let mut m: Digits = scratch();
-    let scale = Scale::new(origin, d, a, b, c);
+    let (scale, signs) = put_all(&mut m, origin, d, a, b, c);
     let long = scale.long;
-    let signs = put_coordinates(&mut m, scale, origin, d, a, b, c);
-    put_determinants(&mut m, scale, signs);
-    put_sum(&mut m, long);
     let (mut negative, mut positive) = (false, false);
     let mut det = 0;
     while det < 3 {

@@ -2,8 +2,8 @@
 //!
 //! `strict` is what raykd uses, `exact` rounds nothing but its answer. The others are there to be compared
 //! with them: each in a file of its own, with the formulas and thresholds of its source, so that it fails
-//! where it is known to fail. `perturbed` says what a ray crosses. Common to all are the rules of the contract: edges belong to triangles, ranges
-//! of `t` are inclusive, the lowest number wins.
+//! where it is known to fail. Common to all are the rules of the contract: edges belong to triangles, ranges
+//! of `t` are inclusive, the lowest number wins. `perturbed` says what a ray crosses.
 
 pub mod baldwin;
 pub mod exact;

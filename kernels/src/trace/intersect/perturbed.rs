@@ -40,12 +40,12 @@ pub const AT_ORIGIN: f32 = exp2(-126);
 
 /// The test. Of a hit `det` is 1 if the ray leaves by the triangle, that is along its normal, and -1 if it enters; `u` and
 /// `v` are not found.
+///
+/// If `QUICK`, by floats alone. Of a triangle that they do not tell it then says that a loop was left early: the ray is for
+/// the whole test, and there is no need to go on.
 #[derive(Clone, Copy, Debug)]
-pub struct Perturbed(Range);
-
-/// The end of a ray's range: in leaves the best hit stands for it.
-#[derive(Clone, Copy, Debug)]
-struct Range {
+pub struct Perturbed<const QUICK: bool> {
+    /// The end of the ray's range: in leaves the best hit stands for it.
     t_max: f32,
 }
 
@@ -104,11 +104,6 @@ fn in_plane(origin: Vec3, (a, b, c): (Vec3, Vec3, Vec3)) -> i32 {
     if one & two & (level(a) | level(b) | level(c)) { first((x, y, z)) } else { 0 }
 }
 
-/// The same by floats alone. It says of a triangle that they do not tell that a loop was left early: then the ray is for
-/// [`Perturbed`], and there is no need to go on.
-#[derive(Clone, Copy, Debug)]
-pub struct Quick(Range);
-
 /// What is known of a triangle.
 struct Verdict {
     certain: bool,
@@ -120,7 +115,7 @@ struct Verdict {
 /// What floats tell. A sheared corner is off by at most a quarter of the pad, see [`Exact::may_hit`], and so are edge
 /// functions by the half of what is compared here; `t` hangs on them by how far the corners' depths are apart.
 #[inline(always)]
-fn by_floats(ray: &Frame, range: Range, (a, b, c): (Vec3, Vec3, Vec3)) -> Verdict {
+fn by_floats(ray: &Frame, t_max: f32, (a, b, c): (Vec3, Vec3, Vec3)) -> Verdict {
     let s = shear(ray, a, b, c);
     let half = 0.5 * ray.pad;
     let (x, y, z) = (abs(s.ax) + abs(s.ay), abs(s.bx) + abs(s.by), abs(s.cx) + abs(s.cy));
@@ -135,7 +130,7 @@ fn by_floats(ray: &Frame, range: Range, (a, b, c): (Vec3, Vec3, Vec3)) -> Verdic
     let along = component(ray.inverse, ray.main);
     let spread = abs(along) * (high(s.az, high(s.bz, s.cz)) - low(s.az, low(s.bz, s.cz)));
     let off = (eu + ev + ew) * unit * abs(inverse) * spread + ray.pad;
-    let certain = s.is_plain() & (positive | negative) & (t - off > ray.t_min) & (t + off < range.t_max);
+    let certain = s.is_plain() & (positive | negative) & (t - off > ray.t_min) & (t + off < t_max);
     // With the main component of the direction positive, edge functions and volumes have opposite signs.
     Verdict { certain, crossed: true, leaving: positive == (along < 0.0), t }
 }
@@ -180,46 +175,13 @@ fn by_pairs(ray: &Frame, id: u32, (a, b, c): (Vec3, Vec3, Vec3), best: &Best) ->
     Verdict { certain, crossed: true, leaving: u > 0, t: near }
 }
 
-/// Keeps the better of a crossing and `best`.
-#[inline(always)]
-fn offer(ray: &Frame, id: u32, found: &Verdict, best: &mut Best) {
-    if found.crossed {
-        let det = if found.leaving { 1.0 } else { -1.0 };
-        best.offer(ray, Best { t: found.t, triangle: id, u: 0.0, v: 0.0, det });
-    }
-}
-
-impl Intersector for Quick {
+impl<const QUICK: bool> Intersector for Perturbed<QUICK> {
     const LOOPS: bool = true;
     const WHOLE: bool = true;
 
     #[inline(always)]
     fn new(ray: &Frame) -> Self {
-        Self(Range { t_max: ray.t_max })
-    }
-
-    #[inline(always)]
-    fn may_hit(self, ray: &Frame, a: Vec4, b: Vec4, c: Vec4) -> bool {
-        Exact.may_hit(ray, a, b, c)
-    }
-
-    #[inline(always)]
-    fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool {
-        let found = by_floats(ray, self.0, (a.truncate(), b.truncate(), c.truncate()));
-        if found.certain {
-            offer(ray, id, &found, best);
-        }
-        found.certain
-    }
-}
-
-impl Intersector for Perturbed {
-    const LOOPS: bool = true;
-    const WHOLE: bool = true;
-
-    #[inline(always)]
-    fn new(ray: &Frame) -> Self {
-        Self(Range { t_max: ray.t_max })
+        Self { t_max: ray.t_max }
     }
 
     #[inline(always)]
@@ -230,19 +192,22 @@ impl Intersector for Perturbed {
     #[inline(always)]
     fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool {
         let (a, b, c) = (a.truncate(), b.truncate(), c.truncate());
-        let mut found = by_floats(ray, self.0, (a, b, c));
+        let mut found = by_floats(ray, self.t_max, (a, b, c));
         let mut whole = true;
-        if !found.certain {
+        if !QUICK && !found.certain {
             found = by_pairs(ray, id, (a, b, c), best);
         }
-        if !found.certain {
+        if !QUICK && !found.certain {
             let passed = integers::pass(ray.origin, ray.heading, a, b, c);
             let near = if passed.ahead { AT_ORIGIN } else { -AT_ORIGIN };
             let t = if passed.t == 0.0 { near } else { passed.t };
             found = Verdict { certain: true, crossed: passed.crossed, leaving: passed.leaving, t };
             whole = passed.whole;
         }
-        offer(ray, id, &found, best);
-        whole
+        if found.certain & found.crossed {
+            let det = if found.leaving { 1.0 } else { -1.0 };
+            best.offer(ray, Best { t: found.t, triangle: id, u: 0.0, v: 0.0, det });
+        }
+        found.certain & whole
     }
 }

@@ -26,9 +26,9 @@ pub trait Filter {
     ) -> bool;
 }
 
-/// Which hits of a query count. `kept` is memory of the query's own.
+/// Which hits of a query count.
 pub trait Choice: Copy {
-    /// As [`Filter::test`].
+    /// As [`Filter::test`]. `aside` is what the walk lays aside in, behind whose words a choice may keep some.
     fn test<I: Intersector>(
         self,
         by: I,
@@ -36,7 +36,7 @@ pub trait Choice: Copy {
         id: u32,
         corners: (Vec4, Vec4, Vec4),
         best: &mut Best,
-        kept: &mut impl Slots<u32>,
+        aside: &mut impl Slots<u32>,
     ) -> bool;
 }
 
@@ -67,7 +67,7 @@ impl Choice for Every {
         id: u32,
         (a, b, c): (Vec4, Vec4, Vec4),
         best: &mut Best,
-        _kept: &mut impl Slots<u32>,
+        _aside: &mut impl Slots<u32>,
     ) -> bool {
         by.test(ray, id, a, b, c, best)
     }
@@ -86,7 +86,7 @@ impl Choice for Except {
         id: u32,
         (a, b, c): (Vec4, Vec4, Vec4),
         best: &mut Best,
-        _kept: &mut impl Slots<u32>,
+        _aside: &mut impl Slots<u32>,
     ) -> bool {
         id == self.0 || by.test(ray, id, a, b, c, best)
     }
@@ -112,8 +112,9 @@ impl After {
         ray.enter = high(ray.enter, t);
     }
 
+    /// Whether a hit comes after this one.
     #[inline(always)]
-    fn precedes(self, hit: &Best) -> bool {
+    pub fn precedes(self, hit: &Best) -> bool {
         hit.t > self.t || (hit.t == self.t && hit.triangle > self.triangle)
     }
 }
@@ -127,98 +128,12 @@ impl Choice for After {
         id: u32,
         (a, b, c): (Vec4, Vec4, Vec4),
         best: &mut Best,
-        _kept: &mut impl Slots<u32>,
+        _aside: &mut impl Slots<u32>,
     ) -> bool {
         let mut hit = *best;
         let whole = by.test(ray, id, a, b, c, &mut hit);
         if self.precedes(&hit) {
             *best = hit;
-        }
-        whole
-    }
-}
-
-/// How many hits [`Next`] keeps.
-pub const AT_ONCE: u32 = 8;
-/// Words that it keeps them in: how many there are, then of each its `t` and triangle.
-pub const NEXT_WORDS: usize = 1 + 2 * AT_ONCE as usize;
-/// Stands beside a triangle's number if `det` is positive.
-const POSITIVE: u32 = 0x8000_0000;
-
-/// Keeps the first [`AT_ONCE`] hits that come after another, in order. A triangle may be listed in several leaves, but of the
-/// hits kept each is there once.
-#[derive(Clone, Copy, Debug)]
-pub struct Next(pub After);
-
-impl Next {
-    /// Forgets all hits.
-    #[inline(always)]
-    pub fn clear(kept: &mut impl Slots<u32>) {
-        kept.put(0, 0);
-    }
-
-    /// How many hits there are.
-    #[inline(always)]
-    pub fn count(kept: &impl Slots<u32>) -> u32 {
-        kept.at(0)
-    }
-
-    /// Hit `i`: `t`, triangle, and whether `det` is positive.
-    #[inline(always)]
-    pub fn hit(kept: &impl Slots<u32>, i: u32) -> (f32, u32, bool) {
-        let word = kept.at(2 * i + 2);
-        (f32::from_bits(kept.at(2 * i + 1)), word & !POSITIVE, word & POSITIVE != 0)
-    }
-
-    /// Puts a hit where it belongs, if it is not there.
-    #[inline(always)]
-    fn insert(kept: &mut impl Slots<u32>, hit: &Best) {
-        let count = Self::count(kept);
-        let mut place = 0;
-        let mut before = true;
-        let mut there = false;
-        while place < count && before {
-            let (t, triangle, _) = Self::hit(kept, place);
-            before = t < hit.t || (t == hit.t && triangle < hit.triangle);
-            there |= triangle == hit.triangle;
-            place += before as u32;
-        }
-        if !there {
-            let full = count == AT_ONCE;
-            let mut i = if full { AT_ONCE - 1 } else { count };
-            while i > place {
-                let (t, word) = (kept.at(2 * i - 1), kept.at(2 * i));
-                kept.put(2 * i + 1, t);
-                kept.put(2 * i + 2, word);
-                i -= 1;
-            }
-            kept.put(2 * place + 1, hit.t.to_bits());
-            kept.put(2 * place + 2, hit.triangle | if hit.det > 0.0 { POSITIVE } else { 0 });
-            kept.put(0, if full { count } else { count + 1 });
-        }
-    }
-}
-
-impl Choice for Next {
-    #[inline(always)]
-    fn test<I: Intersector>(
-        self,
-        by: I,
-        ray: &Frame,
-        id: u32,
-        (a, b, c): (Vec4, Vec4, Vec4),
-        best: &mut Best,
-        kept: &mut impl Slots<u32>,
-    ) -> bool {
-        let mut hit = Best { t: best.t, triangle: best.triangle, ..Best::NOTHING };
-        let whole = by.test(ray, id, a, b, c, &mut hit);
-        if hit.triangle != best.triangle && self.0.precedes(&hit) {
-            Self::insert(kept, &hit);
-            // Of a full list the last is what others must be better than.
-            if Self::count(kept) == AT_ONCE {
-                let (t, triangle, _) = Self::hit(kept, AT_ONCE - 1);
-                *best = Best { t, triangle, ..hit };
-            }
         }
         whole
     }

@@ -6,6 +6,7 @@ pub mod backtrack;
 pub mod brute;
 pub mod crossing;
 pub mod leaf;
+pub mod next;
 pub mod pushdown;
 pub mod restart;
 pub mod ropes;

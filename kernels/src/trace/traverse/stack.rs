@@ -147,13 +147,12 @@ const V: u32 = 5;
 const DET: u32 = 6;
 
 /// Lays the weights of hits aside.
-struct Apart<'a, C, A, K> {
+struct Apart<'a, C, A> {
     choice: C,
     aside: &'a mut A,
-    kept: &'a mut K,
 }
 
-impl<C: Choice, A: Slots<u32>, K: Slots<u32>> Filter for Apart<'_, C, A, K> {
+impl<C: Choice, A: Slots<u32>> Filter for Apart<'_, C, A> {
     #[inline(always)]
     fn test<I: Intersector>(
         &mut self,
@@ -164,7 +163,7 @@ impl<C: Choice, A: Slots<u32>, K: Slots<u32>> Filter for Apart<'_, C, A, K> {
         best: &mut Best,
     ) -> bool {
         let mut hit = Best { t: best.t, triangle: best.triangle, ..Best::NOTHING };
-        let whole = self.choice.test(by, ray, id, corners, &mut hit, self.kept);
+        let whole = self.choice.test(by, ray, id, corners, &mut hit, self.aside);
         if hit.triangle != best.triangle {
             best.t = hit.t;
             best.triangle = hit.triangle;
@@ -188,29 +187,16 @@ pub fn walk<I: Intersector, C: Choice, const COUNT: bool>(
     aside: &mut impl Slots<u32>,
     steps: &mut Steps,
 ) -> Best {
-    walk_keeping::<I, C, COUNT>(ray, pairs, corners, choice, any, aside, &mut [0; 0], steps)
-}
-
-/// The same with memory that `choice` keeps something in.
-#[inline(always)]
-#[allow(clippy::too_many_arguments, reason = "as many as a traversal takes, and one")]
-pub fn walk_keeping<I: Intersector, C: Choice, const COUNT: bool>(
-    ray: &mut Frame,
-    pairs: &Buf<UVec4>,
-    corners: &Buf<Vec4>,
-    choice: C,
-    any: bool,
-    aside: &mut impl Slots<u32>,
-    kept: &mut impl Slots<u32>,
-    steps: &mut Steps,
-) -> Best {
+    if I::WHOLE {
+        *ray = ray.whole();
+    }
     let by = I::new(ray);
     let line = Line { origins: ByAxis::new(ray.origin), inverses: ByAxis::new(ray.inverse), pad: ray.pad };
     aside.put(SHEAR_X, ray.shear_x.to_bits());
     aside.put(SHEAR_Y, ray.shear_y.to_bits());
     aside.put(T_MIN, ray.t_min.to_bits());
     aside.put(STRETCH, ray.stretch as u32);
-    let mut filter = Apart { choice, aside, kept };
+    let mut filter = Apart { choice, aside };
     // A hit as far as the ray goes is taken, and none beyond: the same as if the best one were there.
     let mut best = Best { t: ray.t_max, ..Best::NOTHING };
     let mut running = ray.valid && ray.enter <= ray.exit;
