@@ -74,19 +74,25 @@ impl Points {
 }
 
 fn npy(bytes: &[u8]) -> anyhow::Result<Points> {
-    let file = npyz::NpyFile::new(bytes)?;
+    let file = npyz::NpyFile::new(bytes).context("this is no NPY array; write it by numpy.save")?;
     let shape = file.shape().to_vec();
     ensure!(
         shape.len() == 2 && shape[1] == 3,
         "its shape is {shape:?}; points are an array of N x 3 numbers"
     );
     let by_column = file.order() == npyz::Order::Fortran;
-    // Only a number type can tell whether it is the one; trying costs nothing.
-    let numbers: Vec<f64> = match (file.try_data::<f64>(), npyz::NpyFile::new(bytes)?.try_data::<f32>()) {
-        (Ok(data), _) => data.collect::<Result<_, _>>()?,
-        (_, Ok(data)) => data.map(|x| x.map(f64::from)).collect::<Result<_, _>>()?,
-        _ => bail!("its numbers are neither f32 nor f64; convert it, in numpy by points.astype(float)"),
+    // Only a number type can tell whether it is the file's.
+    let numbers: io::Result<Vec<f64>> = match file.try_data::<f64>() {
+        Ok(data) => data.collect(),
+        Err(file) => match file.try_data::<f32>() {
+            Ok(data) => data.map(|x| x.map(f64::from)).collect(),
+            Err(_) => {
+                bail!("its numbers are neither f32 nor f64; convert it, in numpy by points.astype(float)")
+            }
+        },
     };
+    let numbers =
+        numbers.with_context(|| format!("it does not hold the {} points that it promises", shape[0]))?;
     let count = numbers.len() / 3;
     let at = |point: usize, axis: usize| if by_column { axis * count + point } else { 3 * point + axis };
     let points = (0..count).map(|point| [0, 1, 2].map(|axis| numbers[at(point, axis)])).collect();
@@ -152,7 +158,9 @@ mod tests {
 
     #[test]
     fn wrong_lines_are_named() {
-        for (text, line) in [("1,2,3\n1,2\n", 2), ("a,b\n", 1), ("x,y,z\nx,y,z\n", 2), ("1 2 3\n", 1)] {
+        for (text, line) in
+            [("1,2,3\n1,2\n", 2), ("a,b\n", 1), ("x,y,z\nx,y,z\n", 2), ("1,2,3\nx,y,z\n", 2), ("1 2 3\n", 1)]
+        {
             let error = format!("{:#}", read("p.csv", text.as_bytes()).err().unwrap());
             assert!(error.contains(&format!("line {line}: ")), "{error}");
         }
@@ -174,8 +182,14 @@ mod tests {
         let back = written(&rows, &[7, -1]);
         let array: Vec<f64> = npyz::NpyFile::new(&back[..]).unwrap().into_vec().unwrap();
         assert_eq!(array, [1.0, 2.0, 3.0, 7.0, 4.0, 5.0, 6.0, -1.0]);
-        for (kind, shape) in [("<i4", "(2, 3)"), ("<f4", "(6,)"), ("<f4", "(3, 2)")] {
-            assert!(read("p.npy", &npy(kind, "False", shape, &narrow)).is_err(), "{kind} {shape}");
+        for (kind, shape, told) in [
+            ("<i4", "(2, 3)", "neither f32 nor f64"),
+            ("<f4", "(6,)", "its shape is [6]"),
+            ("<f4", "(3, 2)", "its shape is [3, 2]"),
+            ("<f4", "(3, 3)", "the 3 points that it promises"),
+        ] {
+            let error = read("p.npy", &npy(kind, "False", shape, &narrow)).err().unwrap();
+            assert!(format!("{error:#}").contains(told), "{kind} {shape}: {error:#}");
         }
     }
 

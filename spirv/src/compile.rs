@@ -80,6 +80,9 @@ impl Compiler {
     pub fn compile(&self) -> Result<Compiled, Error> {
         let absolute = |path: &PathBuf| path::absolute(path).map_err(|e| Error::File(path.clone(), e));
         let (crate_dir, target_dir) = (absolute(&self.crate_dir)?, absolute(&self.target_dir)?);
+        // Before a toolchain is installed for nothing.
+        let manifest = crate_dir.join("Cargo.toml");
+        fs::metadata(&manifest).map_err(|e| Error::File(manifest, e))?;
         let toolchain = toolchain::find(&target_dir)?;
         // Declaring the float controls keeps rust-gpu's own optimiser from rearranging floats.
         let mut builder = SpirvBuilder::new(&crate_dir, TARGET)

@@ -215,6 +215,8 @@ fn points_of_meshes_far_off_and_points_that_are_none() {
         let points = [[inside; 3], [inside, inside, far + 0.011], [far - 0.1; 3]];
         // These triangles are clockwise seen from outside.
         assert_eq!(scene.winding(&points).unwrap().counts, [-1, 0, 0], "{}", named.name);
+        // A corner, of which the inside lies in the direction in which it counts as moved.
+        assert_eq!(scene.winding(&[[far as f32; 3], [0.0; 3]]).unwrap().counts, [-1, 0], "{}", named.name);
         let through = Ray64::new([inside, inside, far - 1.0], [0.0, 0.0, 1.0]);
         let crossings = scene.crossings(&[through]).unwrap().counts;
         assert_eq!(crossings, [Crossings { leaving: 1, entering: 1 }], "{}", named.name);

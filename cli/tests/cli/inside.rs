@@ -60,7 +60,7 @@ fn what_cannot_be_points_is_refused() {
             "bad.csv\n  because: line 2: 1,2 does not begin with three",
             1,
         ),
-        ("inside closed.obj --points bad.npy", "bad.npy", 1),
+        ("inside closed.obj --points bad.npy", "bad.npy\n  because: this is no NPY array", 1),
         ("inside closed.obj --points none.csv", "none.csv", 1),
         ("inside closed.obj --points points.csv -o points.csv", "points.csv", 1),
         ("inside closed.obj --points points.csv --json", "--output", 2),

@@ -48,6 +48,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         return Err("usage: own_kernel MODULE PICTURE".into());
     };
     let spirv = fs::read(&module).map_err(|e| format!("{module}: {e}"))?;
+    if !spirv.starts_with(&0x0723_0203u32.to_le_bytes()) || spirv.len() % 4 != 0 {
+        return Err(format!("{module}: not a SPIR-V module").into());
+    }
     let mesh = Mesh::teapot(16);
     let rays = Camera::framing(mesh.bounds()).rays(SIDE, SIDE);
     let seen = on_gpu(&spirv, &mesh, &rays)?;

@@ -90,13 +90,16 @@ impl Mesh {
 mod tests {
     use super::*;
 
-    /// A tetrahedron whose triangles share no vertices; of each the corners in order, or not.
+    /// A tetrahedron whose triangles share no vertices, half of them with zeros of the other sign; of each the corners in order, or not.
     fn tetrahedron(turned: [bool; 4], count: usize) -> Edges {
-        let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-0.0, 0.0, 1.0]];
+        let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
         let listed = faces.iter().zip(turned).take(count);
         let positions = listed.flat_map(|(&[a, b, c], turned)| if turned { [a, c, b] } else { [a, b, c] });
-        let positions: Vec<[f32; 3]> = positions.map(|corner: usize| corners[corner]).collect();
+        let signed = |(i, corner): (usize, usize)| {
+            corners[corner].map(|x: f32| if x == 0.0 && i % 6 < 3 { -x } else { x })
+        };
+        let positions: Vec<[f32; 3]> = positions.enumerate().map(signed).collect();
         let triangles = (0..count as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
         Mesh::new(positions, triangles).unwrap().edges()
     }
