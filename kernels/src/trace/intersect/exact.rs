@@ -10,7 +10,12 @@
 //! does not show. Numbers of any size count, but origins' that would be subnormal in the scaled scene, and
 //! distances `t` that would.
 
-use super::{Best, Intersector, integers, pair::Pair, strict::shear};
+use super::{
+    Best, Intersector, integers,
+    pair::{Long, Pair},
+    strict::shear,
+    triple::Triple,
+};
 use crate::{
     glam::{Vec3, Vec4},
     math::{abs, component, cycle, div, exp2, exponent, high, is_small, low},
@@ -23,9 +28,9 @@ pub struct Exact;
 
 /// A corner seen along the ray, times the direction's main component.
 #[derive(Clone, Copy)]
-struct Seen {
-    x: Pair,
-    y: Pair,
+struct Seen<N> {
+    x: N,
+    y: N,
     /// Along the ray's main axis, exactly.
     z: Pair,
     /// The larger of `x` and `y`, in size.
@@ -37,53 +42,47 @@ struct Seen {
 /// Products of smaller numbers may lose digits below the range of `f32`.
 const PAIR_FLOOR: f32 = exp2(-36);
 
-/// `x * main - side * z`, within `2^-46` of its size and `2^-63` of the scene's, and whether it is a float,
-/// exactly.
+/// `x * main - side * z`, see [`Long::across`], and whether it is a float, exactly.
 #[inline(always)]
-fn across(x: Pair, z: Pair, main: f32, side: f32) -> (Pair, bool) {
+fn across<N: Long>(x: Pair, z: Pair, main: f32, side: f32) -> (N, bool) {
     let (p, q) = (Pair::product(x.hi, main), Pair::product(side, z.hi));
     let (r, s) = (Pair::product(x.lo, main), Pair::product(side, z.lo));
     let first = Pair::sum(p.hi, -q.hi);
     let second = Pair::sum(p.lo, -q.lo);
-    let third = Pair::sum(r.hi, -s.hi);
-    let fourth = Pair::sum(second.hi, third.hi);
-    let fifth = Pair::sum(first.lo, fourth.hi);
-    let rest = ((second.lo + third.lo) + (r.lo - s.lo)) + (fourth.lo + fifth.lo);
-    let whole = Pair::sum(first.hi, fifth.hi);
-    let found = Pair::sum(whole.hi, whole.lo + rest);
     let simple = (x.lo == 0.0)
         & (z.lo == 0.0)
         & !is_small(x.hi, PAIR_FLOOR)
         & !is_small(z.hi, PAIR_FLOOR)
         & !is_small(side, PAIR_FLOOR);
     let known = simple & (first.lo == 0.0) & (second.hi == 0.0) & (second.lo == 0.0);
-    (found, known)
+    (N::across(p, q, r, s), known)
 }
 
 /// An edge function: how far apart its corners' directions are, whether its sign is certain, and which it is.
 #[derive(Clone, Copy)]
-pub(super) struct Edge {
-    value: Pair,
+pub(super) struct Edge<N = Pair> {
+    value: N,
     pub(super) positive: bool,
     pub(super) negative: bool,
     pub(super) certain: bool,
 }
 
-impl Edge {
+impl<N: Long> Edge<N> {
     /// Of two corners; `error` bounds that of every edge function at hand.
     #[inline(always)]
-    fn new(a: &Seen, b: &Seen, error: f32) -> Self {
+    fn new(a: &Seen<N>, b: &Seen<N>, error: f32) -> Self {
         let value = a.x.times(b.y).plus(a.y.times(b.x).negative());
         // Of floats the signs are exact; with a corner on the ray the edge function is 0.
-        let small = is_small(a.x.hi, PAIR_FLOOR)
-            | is_small(a.y.hi, PAIR_FLOOR)
-            | is_small(b.x.hi, PAIR_FLOOR)
-            | is_small(b.y.hi, PAIR_FLOOR);
+        let small = is_small(a.x.hi(), PAIR_FLOOR)
+            | is_small(a.y.hi(), PAIR_FLOOR)
+            | is_small(b.x.hi(), PAIR_FLOOR)
+            | is_small(b.y.hi(), PAIR_FLOOR);
         let on_ray = (a.known & (a.size == 0.0)) | (b.known & (b.size == 0.0));
         let exact = on_ray | (a.known & b.known & !small);
-        let certain = exact | (abs(value.hi) > error);
-        let value = if on_ray { Pair::default() } else { value };
-        Self { value, positive: certain & (value.hi > 0.0), negative: certain & (value.hi < 0.0), certain }
+        let certain = exact | (abs(value.hi()) > error);
+        let value = if on_ray { N::default() } else { value };
+        let hi = value.hi();
+        Self { value, positive: certain & (hi > 0.0), negative: certain & (hi < 0.0), certain }
     }
 }
 
@@ -106,25 +105,30 @@ fn rounded(a: Pair, error: f32) -> (f32, f32) {
     (a.hi + (a.lo - wide), a.hi + (a.lo + wide))
 }
 
-/// What pairs of floats tell of a triangle's border.
-pub(super) struct Looked {
+/// What is told of a triangle's border.
+pub(super) struct Looked<N = Pair> {
+    /// Whether the numbers had all the digits they need: else nothing is told.
+    whole: bool,
     /// Whether the ray surely passes it by.
     pub(super) missed: bool,
     /// Edge functions from `c` to `b`, `a` to `c` and `b` to `a`, in the frame of the ray's main axis.
-    pub(super) edges: (Edge, Edge, Edge),
+    pub(super) edges: (Edge<N>, Edge<N>, Edge<N>),
     /// What bounds their errors.
     error: f32,
     /// Corners along the main axis.
     depths: (Pair, Pair, Pair),
     /// The direction along it.
     pub(super) dz: f32,
+    /// If all corners are as far away along an axis, how far, and the direction along it; else that is 0.
+    level: (Pair, f32),
 }
 
-/// The second stage. With `M` the scene's size as seen from the origin and `S` that of the triangle across
-/// the ray, `D` the sum of the weights: `x` and `y` of corners are within `2^-62 M + 2^-45 S`, edge functions
-/// therefore within `2^-42 S^2 + 2^-59 M S`, twice what follows; weights and `t` follow from that.
+/// The second stage, and the third. With `M` the scene's size as seen from the origin and `S` that of the triangle
+/// across the ray: by pairs `x` and `y` of corners are within `2^-62 M + 2^-45 S`, edge functions therefore within
+/// `2^-42 S^2 + 2^-59 M S`, twice what follows; by triples within `2^-79 M + 2^-62 S` and `2^-59 S^2 + 2^-76 M S`.
+/// Weights and `t` follow from that.
 #[inline(always)]
-pub(super) fn look(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> Looked {
+pub(super) fn look<N: Long>(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> Looked<N> {
     let long = cycle(ray.heading, ray.main);
     // What is left out here is below the bounds.
     let shorter = |x: f32| {
@@ -137,78 +141,107 @@ pub(super) fn look(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> Looked {
     let seen = move |p: Vec3| {
         let p = cycle(p, ray.main);
         let (x, y, z) = (Pair::sum(p.x, -from.x), Pair::sum(p.y, -from.y), Pair::sum(p.z, -from.z));
-        let (x, one) = across(x, z, dz, dx);
-        let (y, two) = across(y, z, dz, dy);
-        Seen { x, y, z, size: high(abs(x.hi), abs(y.hi)), known: one & two & whole }
+        let (x, one): (N, bool) = across(x, z, dz, dx);
+        let (y, two): (N, bool) = across(y, z, dz, dy);
+        Seen { x, y, z, size: high(abs(x.hi()), abs(y.hi())), known: one & two & whole }
     };
+    let level = level_of(cycle(a, ray.main), cycle(b, ray.main), cycle(c, ray.main), from, (dx, dy, dz));
     let (a, b, c) = (seen(a), seen(b), seen(c));
     let far = ray.pad * exp2(19);
     let size = high(a.size, high(b.size, c.size));
-    let error = exp2(-42) * size * size + exp2(-59) * far * size + exp2(-98);
+    let error = N::EDGE * size * size + N::EDGE_FAR * far * size + exp2(-98);
     // All corners on one side: most triangles that the ray passes by.
-    let aside = exp2(-44) * size + exp2(-61) * far;
-    let below = high(a.x.hi, high(b.x.hi, c.x.hi)) < -aside || high(a.y.hi, high(b.y.hi, c.y.hi)) < -aside;
-    let above = low(a.x.hi, low(b.x.hi, c.x.hi)) > aside || low(a.y.hi, low(b.y.hi, c.y.hi)) > aside;
+    let aside = N::CORNER * size + N::CORNER_FAR * far;
+    let (x, y) = ((a.x.hi(), b.x.hi(), c.x.hi()), (a.y.hi(), b.y.hi(), c.y.hi()));
+    let below = high(x.0, high(x.1, x.2)) < -aside || high(y.0, high(y.1, y.2)) < -aside;
+    let above = low(x.0, low(x.1, x.2)) > aside || low(y.0, low(y.1, y.2)) > aside;
     let (u, v, w) = (Edge::new(&c, &b, error), Edge::new(&a, &c, error), Edge::new(&b, &a, error));
     let negative = u.negative | v.negative | w.negative;
     let positive = u.positive | v.positive | w.positive;
     let sure = u.certain & v.certain & w.certain;
     // On both sides, or in the triangle's plane.
     let missed = below | above | (negative & positive) | (sure & !(negative | positive));
-    Looked { missed, edges: (u, v, w), error, depths: (a.z, b.z, c.z), dz }
+    let whole = whole | !N::WHOLE;
+    Looked { whole, missed: missed & whole, edges: (u, v, w), error, depths: (a.z, b.z, c.z), dz, level }
+}
+
+/// [`Looked::level`], of corners, an origin and a direction with the main axis last.
+#[inline(always)]
+fn level_of(a: Vec3, b: Vec3, c: Vec3, from: Vec3, (dx, dy, dz): (f32, f32, f32)) -> (Pair, f32) {
+    let is = |a: f32, b: f32, c: f32| (a == b) & (b == c);
+    if is(a.z, b.z, c.z) {
+        (Pair::sum(a.z, -from.z), dz)
+    } else if is(a.x, b.x, c.x) {
+        (Pair::sum(a.x, -from.x), dx)
+    } else if is(a.y, b.y, c.y) {
+        (Pair::sum(a.y, -from.y), dy)
+    } else {
+        (Pair::default(), 0.0)
+    }
 }
 
 /// Where the ray meets a triangle's plane.
-pub(super) struct Met {
+pub(super) struct Met<N = Pair> {
     /// Whether the numbers are large enough to tell.
     pub(super) told: bool,
     /// Between which numbers `t` lies when rounded.
     pub(super) near: f32,
     pub(super) later: f32,
+    /// Whether `t` is 0.
+    zero: bool,
     /// Weights of the second and third corner, their sum with the first's, and its reciprocal.
-    weights: (Pair, Pair),
-    det: Pair,
+    weights: (N, N),
+    det: N,
     inverse: f32,
     /// How far weights may be off.
     off: f32,
 }
 
-impl Looked {
+impl<N: Long> Looked<N> {
     /// Finds `t`, and weights that add up to 1 to 2.
     #[inline(always)]
-    pub(super) fn meet(&self, ray: &Frame) -> Met {
+    pub(super) fn meet(&self, ray: &Frame) -> Met<N> {
         let (u, v, w) = (self.edges.0.value, self.edges.1.value, self.edges.2.value);
         let det = u.plus(v).plus(w);
-        let told = exponent(det.hi) >= -70 && abs(det.hi) >= 64.0 * self.error;
-        let det = if told { det } else { Pair { hi: 1.0, lo: 0.0 } };
-        let unit = exp2(-exponent(det.hi));
-        let by = Pair { hi: unit, lo: 0.0 };
-        let (det, u, v, w) = (det.times(by), u.times(by), v.times(by), w.times(by));
-        let inverse = div(1.0, det.hi);
+        let told = self.whole && exponent(det.hi()) >= -70 && abs(det.hi()) >= 64.0 * self.error;
+        let det = if told { det } else { N::of(Pair { hi: 1.0, lo: 0.0 }) };
+        let unit = exp2(-exponent(det.hi()));
+        let (det, u, v, w) = (det.by_power(unit), u.by_power(unit), v.by_power(unit), w.by_power(unit));
+        let inverse = div(1.0, det.hi());
         let off = abs(self.error * unit);
         let (a, b, c) = self.depths;
-        let depth = u.times(a).plus(v.times(b)).plus(w.times(c));
+        let depth = u.times(N::of(a)).plus(v.times(N::of(b))).plus(w.times(N::of(c)));
         let along = component(ray.inverse, ray.main);
-        let t = depth.over(det, inverse).over(Pair { hi: self.dz, lo: 0.0 }, along);
+        let t = depth.over(det, inverse).over(N::of(Pair { hi: self.dz, lo: 0.0 }), along).pair();
         let deep = high(abs(a.hi), high(abs(b.hi), abs(c.hi)));
-        let (near, later) = rounded(t, deep * (16.0 * off + exp2(-39)));
-        Met { told, near, later, weights: (v, w), det, inverse, off }
+        let (mut near, mut later) = rounded(t, deep * (16.0 * off + N::DEPTH));
+        // A triangle across an axis is met where that says.
+        let (distance, way) = self.level;
+        if way != 0.0 {
+            let t = distance.over(Pair { hi: way, lo: 0.0 }, div(1.0, way));
+            (near, later) = rounded(t, abs(t.hi) * exp2(-40));
+        }
+        let zero = (way != 0.0) & (distance.hi == 0.0);
+        if zero {
+            (near, later) = (0.0, 0.0);
+        }
+        Met { told, near, later, zero, weights: (v, w), det, inverse, off }
     }
 }
 
-impl Met {
-    /// Whether `t` is surely what it is rounded to, and not 0.
+impl<N> Met<N> {
+    /// Whether `t` is surely what it is rounded to.
     #[inline(always)]
     pub(super) fn sure(&self) -> bool {
-        (self.near == self.later) & (abs(self.near) > exp2(-60))
+        (self.near == self.later) & ((abs(self.near) > exp2(-60)) | self.zero)
     }
 }
 
-/// The answer by pairs.
+/// The answer by pairs or triples.
 #[inline(always)]
-fn by_pairs(ray: &Frame, id: u32, corners: (Vec3, Vec3, Vec3), best: &Best) -> Verdict {
+fn by<N: Long>(ray: &Frame, id: u32, corners: (Vec3, Vec3, Vec3), best: &Best) -> Verdict {
     let nothing = Verdict { certain: true, hit: false, t: 0.0, u: 0.0, v: 0.0 };
-    let looked = look(ray, corners);
+    let looked = look::<N>(ray, corners);
     if looked.missed {
         return nothing;
     }
@@ -224,11 +257,12 @@ fn by_pairs(ray: &Frame, id: u32, corners: (Vec3, Vec3, Vec3), best: &Best) -> V
         return nothing;
     }
     let (weight_v, weight_w) = met.weights;
-    let (u, v) = (weight_v.over(met.det, met.inverse), weight_w.over(met.det, met.inverse));
-    let (u_near, u_later) = rounded(u, 8.0 * met.off + exp2(-41) * u.hi);
-    let (v_near, v_later) = rounded(v, 8.0 * met.off + exp2(-41) * v.hi);
+    let u = weight_v.over(met.det, met.inverse).pair();
+    let v = weight_w.over(met.det, met.inverse).pair();
+    let (u_near, u_later) = rounded(u, 8.0 * met.off + N::WEIGHT * u.hi);
+    let (v_near, v_later) = rounded(v, 8.0 * met.off + N::WEIGHT * v.hi);
     // An exact 0 has no digits to be uncertain of.
-    let (u_zero, v_zero) = (weight_v.hi == 0.0, weight_w.hi == 0.0);
+    let (u_zero, v_zero) = (weight_v.hi() == 0.0, weight_w.hi() == 0.0);
     let (u_edge, v_edge, w_edge) = looked.edges;
     let certain = (u_edge.certain & v_edge.certain & w_edge.certain)
         & met.sure()
@@ -271,8 +305,11 @@ impl Intersector for Exact {
     #[inline(always)]
     fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool {
         let (a, b, c) = (a.truncate(), b.truncate(), c.truncate());
-        let mut found = by_pairs(ray, id, (a, b, c), best);
+        let mut found = by::<Pair>(ray, id, (a, b, c), best);
         let mut whole = true;
+        if !found.certain {
+            found = by::<Triple>(ray, id, (a, b, c), best);
+        }
         if !found.certain {
             let answer = integers::cross(ray.origin, ray.heading, a, b, c);
             found = Verdict { certain: true, hit: answer.hit, t: answer.t, u: answer.u, v: answer.v };

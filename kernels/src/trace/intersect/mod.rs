@@ -13,6 +13,7 @@ pub mod pair;
 pub mod perturbed;
 pub mod plane;
 pub mod strict;
+pub mod triple;
 pub mod unit;
 pub mod woop;
 

@@ -138,7 +138,7 @@ fn by_floats(ray: &Frame, t_max: f32, (a, b, c): (Vec3, Vec3, Vec3)) -> Verdict 
 #[inline(always)]
 fn by_pairs(ray: &Frame, id: u32, (a, b, c): (Vec3, Vec3, Vec3), best: &Best) -> Verdict {
     let nothing = Verdict { certain: true, crossed: false, leaving: false, t: 0.0 };
-    let looked = exact::look(ray, (a, b, c));
+    let looked = exact::look::<Pair>(ray, (a, b, c));
     if looked.missed {
         return nothing;
     }
@@ -155,6 +155,8 @@ fn by_pairs(ray: &Frame, id: u32, (a, b, c): (Vec3, Vec3, Vec3), best: &Best) ->
     }
     let (mut near, mut later) = (met.near, met.later);
     let mut certain = met.sure();
+    // At 0 it is for the rule.
+    certain &= !(near == 0.0);
     if !certain && near <= 0.0 && later >= 0.0 {
         // The perturbed volume has the other sign.
         let normal = in_plane(ray.origin, (a, b, c));
