@@ -11,7 +11,8 @@ use raykd_kernels::{
     trace::{
         intersect::{
             baldwin::{self, Baldwin, brute_baldwin},
-            exact::{self, Exact, brute_exact},
+            bounded::{self, open},
+            exact::{Exact, brute_exact},
             moeller::{self, Moeller, brute_moeller},
             plane::{self, Plane, brute_plane},
             strict::{Strict, brute_strict},
@@ -117,6 +118,11 @@ impl Intersector {
         })
     }
 
+    /// What goes before [`Intersector::stack`] for so many rays, if anything does.
+    pub(crate) fn first<'a>(self, query: queries::Query<'a, OnDevice>, count: u32) -> Option<Step<'a>> {
+        (self == Self::Exact).then(|| bounded::Buffers { query }.over(count))
+    }
+
     /// With a full stack: the kernel and its buffers.
     pub(crate) fn stack<'a, H: Host>(
         self,
@@ -129,7 +135,7 @@ impl Intersector {
         match self {
             Self::Strict if asked == Query::Any => of(any::Buffers { query }),
             Self::Strict => of(closest::Buffers { query }),
-            Self::Exact => of(exact::Buffers { query }),
+            Self::Exact => of(open::Buffers { query }),
             Self::Woop => of(woop::Buffers { query }),
             Self::Moeller => of(moeller::Buffers { query }),
             Self::Plane => of(plane::Buffers { query }),

@@ -117,7 +117,7 @@ impl Scene {
             let excluded = &self.device.upload("excluded", excluded)?;
             traced.upload += start.elapsed();
             let except = self.intersector.except(batch.query(self), excluded, batch.count)?;
-            traced.trace += batch.run(&self.device, except, query)?;
+            traced.trace += batch.run(&self.device, &[except], query)?;
             batch.finish(&self.device, &mut traced)?;
         }
         Ok(traced)
@@ -179,7 +179,7 @@ impl Scene {
                 Some(step) => step,
                 None => self.intersector.steps(batch.query(self), batch.counts.out(), batch.count)?,
             };
-            batch.run(&self.device, step, Query::Closest)?;
+            batch.run(&self.device, &[step], Query::Closest)?;
             batch.outcome(&self.device)?;
             hits.extend(batch.hits(&self.device)?);
             counts.extend(self.device.read::<RaySteps>(&batch.counts.view(), 0, part.len())?);
@@ -192,11 +192,16 @@ impl Scene {
         if traversal == Traversal::Brute {
             return self.run_brute(batch);
         }
-        let step = self.walk(batch, traversal).unwrap_or_else(|| {
-            let (kernel, buffers) = self.intersector.stack(batch.query(self), query);
-            Step { kernel, buffers, groups: Groups::Fixed(batch.count.div_ceil(kernel.threads)) }
-        });
-        batch.run(&self.device, step, query)
+        let steps = match self.walk(batch, traversal) {
+            Some(step) => vec![step],
+            None => {
+                let (kernel, buffers) = self.intersector.stack(batch.query(self), query);
+                let step =
+                    Step { kernel, buffers, groups: Groups::Fixed(batch.count.div_ceil(kernel.threads)) };
+                self.intersector.first(batch.query(self), batch.count).into_iter().chain([step]).collect()
+            }
+        };
+        batch.run(&self.device, &steps, query)
     }
 
     /// By a traversal that also counts its steps.

@@ -87,14 +87,14 @@ impl<N: Long> Edge<N> {
 }
 
 /// What numbers with bounds of their errors tell.
-struct Verdict {
+pub(super) struct Verdict {
     /// Whether that is all there is to know.
-    certain: bool,
+    pub(super) certain: bool,
     /// Whether the triangle is hit, and not after the best hit so far.
-    hit: bool,
-    t: f32,
-    u: f32,
-    v: f32,
+    pub(super) hit: bool,
+    pub(super) t: f32,
+    pub(super) u: f32,
+    pub(super) v: f32,
 }
 
 /// Between which numbers one lies when rounded, if it may be off by `error` and by what a device that flushes
@@ -239,7 +239,7 @@ impl<N> Met<N> {
 
 /// The answer by pairs or triples.
 #[inline(always)]
-fn by<N: Long>(ray: &Frame, id: u32, corners: (Vec3, Vec3, Vec3), best: &Best) -> Verdict {
+pub(super) fn by<N: Long>(ray: &Frame, id: u32, corners: (Vec3, Vec3, Vec3), best: &Best) -> Verdict {
     let nothing = Verdict { certain: true, hit: false, t: 0.0, u: 0.0, v: 0.0 };
     let looked = look::<N>(ray, corners);
     if looked.missed {
@@ -322,4 +322,4 @@ impl Intersector for Exact {
     }
 }
 
-test!(EXACT, brute_exact::BRUTE_EXACT = Exact);
+test!(brute_exact::BRUTE_EXACT = Exact);

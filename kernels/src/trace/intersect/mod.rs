@@ -6,6 +6,7 @@
 //! of `t` are inclusive, the lowest number wins. `perturbed` says what a ray crosses.
 
 pub mod baldwin;
+pub mod bounded;
 pub mod exact;
 pub mod integers;
 pub mod moeller;
@@ -24,7 +25,8 @@ pub const KERNELS: &[&crate::Kernel] = &[
     &plane::PLANE,
     &baldwin::BALDWIN,
     &woop::WOOP,
-    &exact::EXACT,
+    &bounded::BOUNDED,
+    &bounded::open::OPEN,
     &strict::brute_strict::BRUTE_STRICT,
     &exact::brute_exact::BRUTE_EXACT,
     &moeller::brute_moeller::BRUTE_MOELLER,
