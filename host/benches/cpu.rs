@@ -9,7 +9,7 @@ fn builds(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("build");
     group.throughput(Throughput::Elements(mesh.triangles().len() as u64));
     for builder in Builder::ALL {
-        let options = BuildOptions { builder, ..BuildOptions::default() };
+        let options = BuildOptions::default().with_builder(builder);
         group.bench_function(builder.name(), |bench| {
             bench.iter(|| Scene::build(&device, &mesh, &options).expect("a small build"));
         });

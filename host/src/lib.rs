@@ -42,7 +42,7 @@
 //! * `stress`: scenes in which ray tracers fail, and the exact judge of what happens there.
 //! * `traffic`: count the bytes that kernels move on the CPU, for profiles. Slower.
 //!
-//! The minimum supported Rust version is 1.95.
+//! The minimum supported Rust version is 1.88.
 
 mod build;
 mod choices;

@@ -111,7 +111,7 @@ proptest! {
     #![proptest_config(cases(64))]
     #[test]
     fn all_builders_do(recipe in any_mesh(), builder in prop::sample::select(Builder::ALL.to_vec()), depth in 0u32..=48) {
-        let options = BuildOptions { builder, max_depth: depth, ..BuildOptions::default() };
+        let options = BuildOptions::default().with_builder(builder).with_max_depth(depth);
         compare(gpu(), &arrays(&recipe.mesh()), &options)?;
     }
 }
@@ -158,7 +158,7 @@ fn many_blocks_do() -> Result<(), Failure> {
         }
     }
     assert!(number > 256 * 1024, "{number} triangles");
-    compare(cpu(), &arrays, &BuildOptions { builder: Builder::Median, ..BuildOptions::default() })
+    compare(cpu(), &arrays, &BuildOptions::default().with_builder(Builder::Median))
 }
 
 /// Whether corners lie on no line, in numbers without rounding.
@@ -394,7 +394,7 @@ fn scenes_in_memory_used_again_are_the_usual_ones() -> Result<(), Failure> {
     let fresh = alone()?;
     let device = fresh.recycling();
     for builder in [Builder::Binned, Builder::Exact, Builder::Median] {
-        let options = BuildOptions { builder, ..BuildOptions::default() };
+        let options = BuildOptions::default().with_builder(builder);
         let mut old: Option<(Scene, (KdTree, Vec<Hit>))> = None;
         for (family, size) in [
             (Family::Soup, 900),
@@ -465,7 +465,7 @@ fn rebuilding_allocates_nothing() -> Result<(), Failure> {
     let gpu = alone.as_gpu().expect("a GPU");
     let mesh = Mesh::teapot(8);
     for builder in Builder::ALL {
-        let (device, options) = (alone.recycling(), BuildOptions { builder, ..BuildOptions::default() });
+        let (device, options) = (alone.recycling(), BuildOptions::default().with_builder(builder));
         builds_in_place(&format!("{builder} on the device"), gpu, |frame| {
             let mut arrays = arrays(&mesh);
             // It moves, and so do planes.

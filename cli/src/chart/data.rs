@@ -261,7 +261,7 @@ pub(super) fn accuracy<'a>(input: &'a Input, machines: &'a Machines, effort: Eff
     let fits = |method: &Method| match method.way {
         Way::Brute => true,
         Way::Tree(builder, _) => builder == Builder::Binned,
-        Way::Except | Way::Textbook(_) => false,
+        _ => false,
     };
     let methods: Vec<Method> = Method::all().into_iter().filter(fits).collect();
     let mut jobs: Vec<Job<'a>> = Vec::new();

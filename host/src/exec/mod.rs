@@ -235,6 +235,7 @@ pub struct Timing {
 
 /// The most that one buffer may hold, and why.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct Limit {
     /// Bytes.
     pub bytes: u64,

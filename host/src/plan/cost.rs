@@ -76,6 +76,7 @@ impl Cost {
 
 /// What it takes to move rays to a device and their hits back; no tree has a say in that.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Moving {
     /// Of however few, in milliseconds.
     pub once_ms: f64,

@@ -29,6 +29,7 @@ use look::{LOOKS, Looking};
 
 /// A kind of tree, or none, and a way through it.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Choice {
     /// What it is called.
     pub name: &'static str,
@@ -100,6 +101,7 @@ impl Choice {
 
 /// What [`choose`] chose.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Plan {
     /// Which of the calibrations, and so which device.
     pub device: usize,

@@ -6,13 +6,17 @@ use crate::{
     exec::Launch as _,
     rays::{AnyPoint, AnyRay},
 };
-use raykd_kernels::trace::queries::{self, crossings, quick_crossings};
+use raykd_kernels::trace::{
+    queries::{self, crossings, quick_crossings},
+    undecided,
+};
 use raykd_shared::{Crossings, Ray};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
 
 /// What was counted for every ray or point, and what that took: see [`Scene::crossings`] and [`Scene::winding`].
 #[derive(Clone, Debug, Default)]
+#[non_exhaustive]
 pub struct Counted<T> {
     /// One a ray or point.
     pub counts: Vec<T>,
@@ -45,6 +49,25 @@ impl Scene {
             self.count_local(&local, &mut counted)?;
         }
         Ok(counted)
+    }
+
+    /// For tests: what `Scene::encode_crossings` makes a GPU do, on any device, and how many rays floats leave undecided.
+    ///
+    /// # Errors
+    /// The device failed, or more rays than a batch holds.
+    #[doc(hidden)]
+    pub fn crossings_at_once(&self, rays: &[Ray]) -> Result<(Vec<Crossings>, usize), Error> {
+        let batch = Batch::new(self, rays)?;
+        let crossings = self.device.alloc::<u32>("crossings", 2 * rays.len() as u64)?;
+        let query = || queries::Query { corners: &self.corners, ..batch.query(self) };
+        let quick = quick_crossings::Buffers { query: query() }.over(batch.count);
+        let rest = undecided::Buffers { query: query(), crossings: crossings.out() }.over(batch.count);
+        batch.begin(&self.device, 0)?;
+        self.device.dispatch(&[quick, rest], false)?;
+        batch.outcome(&self.device)?;
+        let found: Vec<[u32; 4]> = self.device.read(&batch.hits.view(), 0, rays.len())?;
+        let undecided = found.iter().filter(|found| found[2] != 0).count();
+        Ok((self.device.read(&crossings.view(), 0, rays.len())?, undecided))
     }
 
     /// How often the surface goes round each point: 0 outside of a closed mesh, 1 inside if triangles are counterclockwise

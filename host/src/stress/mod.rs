@@ -33,6 +33,7 @@ pub const EXACT_SLACK: f64 = 1.0 / (1u64 << 46) as f64;
 
 /// A scene to be made.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct Case {
     /// Its name.
     pub name: &'static str,
@@ -45,6 +46,7 @@ pub struct Case {
 
 /// A mesh, rays, and what their answers must be. Some scenes have several.
 #[derive(Debug)]
+#[non_exhaustive]
 pub struct Part {
     /// What tells it from the others of its scene; may be empty.
     pub name: String,
@@ -58,6 +60,7 @@ pub struct Part {
 
 /// Which answers are right.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub enum Rule {
     /// Those that are exact for corners moved by at most [`SLACK`], or [`EXACT_SLACK`].
     Rounding,
@@ -82,6 +85,7 @@ pub enum Rule {
 
 /// Why an answer counts as a failure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum Failure {
     /// The oracle says so.
     Oracle(Fault),
