@@ -8,6 +8,7 @@ mod crossings;
 mod encode;
 #[cfg(feature = "gpu")]
 mod on;
+mod rebuild;
 mod trace;
 mod tracer;
 

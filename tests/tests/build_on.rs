@@ -481,6 +481,69 @@ fn rebuilding_allocates_nothing() -> Result<(), Failure> {
     Ok(())
 }
 
+/// A scene that moves, by the host's numbers and by the device's, while a thread traces its last frame.
+#[test]
+fn rebuilt_scenes_are_the_usual_ones_and_allocate_nothing() -> Result<(), Failure> {
+    let alone = alone()?;
+    let (theirs, _) = alone.wgpu().expect("a GPU");
+    let gpu = alone.as_gpu().expect("a GPU");
+    let options = BuildOptions::default();
+    for (traversal, on_device) in [
+        (Traversal::Stack, false),
+        (Traversal::Stack, true),
+        (Traversal::Backtrack, true),
+        (Traversal::OptimisedRopes, false),
+    ] {
+        let frame = |number: u16| {
+            let mut arrays = arrays(&Mesh::teapot(6));
+            for (i, p) in (0u8..7).cycle().zip(&mut arrays.0) {
+                p[1] += (0.1 + 0.001 * f32::from(number)) * f32::from(i);
+            }
+            arrays
+        };
+        let usual = |number| told(&built(cpu(), &frame(number), &options)?);
+        let mut scene = built(&alone, &frame(0), &options)?;
+        scene.traverse_by(traversal)?;
+        for number in 1..6 {
+            let (arrays, old) = (frame(number), scene.clone());
+            let (buffer, end, next) = own(theirs, &arrays);
+            let mesh = Mesh::new(arrays.0.clone(), arrays.1.clone()).map_err(Error::from)?;
+            let before = gpu.allocated();
+            match on_device {
+                true => scene.rebuild_on(buffer.slice(256..end), buffer.slice(next..), &options)?,
+                false => scene.rebuild(&mesh, &options)?,
+            }
+            let allocated = gpu.allocated() - before;
+            if (allocated == 0) != (number > 2) {
+                return Err(Failure(format!("{traversal}, rebuild {number}: {allocated} buffers")));
+            }
+            assert!(
+                told(&old)? == usual(number - 1)?,
+                "{traversal}: the scene before frame {number} changed"
+            );
+            assert!(told(&scene)? == usual(number)?, "{traversal}: frame {number}");
+            assert_eq!(scene.traversal(), traversal);
+        }
+        // A clone is traced meanwhile.
+        let mut next = scene.clone();
+        std::thread::scope(|threads| -> Result<(), Failure> {
+            let tracing = threads.spawn(|| (0..5).map(|_| told(&scene)).collect::<Result<Vec<_>, _>>());
+            for number in [6, 7, 8] {
+                next.rebuild(&Mesh::new(frame(number).0, frame(number).1).map_err(Error::from)?, &options)?;
+            }
+            let (traced, usual) = (tracing.join().expect("no panic")?, usual(5)?);
+            assert!(traced.iter().all(|it| *it == usual), "{traversal}: a clone changed");
+            Ok(())
+        })?;
+        assert!(told(&next)? == usual(8)?);
+        // What fails changes nothing.
+        let (buffer, ..) = own(theirs, &frame(0));
+        assert!(scene.rebuild_on(buffer.slice(..13), buffer.slice(..12), &options).is_err());
+        assert!(told(&scene)? == usual(5)?);
+    }
+    Ok(())
+}
+
 /// What crosses the bus while `act` runs.
 fn crossing<R>(gpu: &Gpu, act: impl FnOnce() -> R) -> (R, [u64; 2]) {
     let before = gpu.crossed();
