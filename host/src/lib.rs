@@ -24,6 +24,7 @@
 //! * [`Mesh`]: a checked triangle mesh, from a file or from memory. [`mesh`] lists what is repaired and refused.
 //! * [`Device`]: the CPU, or a GPU with Vulkan. A GPU that rounds differently from the CPU is refused.
 //! * [`Scene`]: a mesh and its tree on a device, ready for rays. [`BuildOptions`] choose the [`Builder`].
+//! * [`World`]: several scenes, or one several times, each moved, turned and scaled.
 //! * [`Scene::crossings`] and [`Scene::winding`]: how often rays cross the mesh, and which points are inside;
 //!   [`Mesh::edges`] tells whether it is closed.
 //! * [`Traversal`] and [`Intersector`]: ways through the tree, and triangle tests.
@@ -75,7 +76,7 @@ pub use raykd_shared as shared;
 pub use raykd_shared::{Crossings, Hit, Ray};
 pub use rays::Ray64;
 pub use read::usual_max_bytes;
-pub use scene::{AllHits, Counted, RaySteps, Resident, Scene, Traced, Tracer};
+pub use scene::{AllHits, Counted, RaySteps, Resident, Scene, Traced, Tracer, World, WorldHit};
 #[cfg(feature = "gpu")]
 pub use scene::{Encoded, RayCount, SceneBuffers, WGSL};
 pub use traversal::Traversal;

@@ -108,6 +108,40 @@ fn hits_in_own_buffers_are_those_of_the_batch() -> Result<(), Failure> {
     same("behind the last", &blank[516..], &found[516..])
 }
 
+/// What is asked of rays and their number go to the device, and the status comes back if it is asked for: as many words
+/// whatever the number.
+#[test]
+fn no_ray_or_hit_crosses_the_bus() -> Result<(), Failure> {
+    let limits = raykd::required_limits(wgpu::Limits::default());
+    let (device, queue) = request(raykd::required_features(), limits).expect("the least that is needed");
+    let raykd = Device::from_wgpu(&device, &queue)?;
+    let mesh = Mesh::teapot(6);
+    let scene = Scene::build(&raykd, &mesh, &BuildOptions::default())?;
+    let own = Own { device, queue, mesh, scene };
+    let crossed = || raykd.as_gpu().expect("a GPU").crossed();
+    for count in [100, 10_000] {
+        let rays = own.buffer(&random(own.mesh.bounds(), count, 1), Use::STORAGE);
+        let [hits, counts] = [16, 8].map(|bytes| own.buffer(&vec![0u8; bytes * count], Use::STORAGE));
+        let number = own.buffer(&[count as u32], Use::STORAGE);
+        let before = crossed();
+        let mut encoded = Vec::new();
+        own.encode(|encoder| {
+            let (rays, hits, counts) = (rays.slice(..), hits.slice(..), counts.slice(..));
+            for count in [RayCount::Rays(count as u32), RayCount::InBuffer(number.slice(..))] {
+                encoded.push(own.scene.encode(encoder, Query::Closest, rays, hits, count).expect("encoded"));
+                encoded.push(own.scene.encode_crossings(encoder, rays, counts, count).expect("encoded"));
+            }
+        });
+        let (job, workgroups, outcome) = (16, 12, 16);
+        assert_eq!(crossed(), [before[0] + 4 * job + 2 * workgroups, before[1]]);
+        for encoded in encoded {
+            assert_eq!(encoded.invalid()?, 0);
+        }
+        assert_eq!(crossed()[1], before[1] + 4 * outcome);
+    }
+    Ok(())
+}
+
 /// The number of rays is what an earlier command wrote, and no more than there is room for.
 #[test]
 fn the_number_of_rays_may_be_on_the_device() -> Result<(), Failure> {

@@ -36,6 +36,9 @@ pub trait AnyRay: Copy + Send + Sync + sealed::Sealed {
 
     /// The same of one ray.
     fn alone(&self, translation: [f64; 3]) -> Ray;
+
+    /// The same ray in `f64`.
+    fn wide(&self) -> Ray64;
 }
 
 /// What a scene takes for points, in its mesh's own coordinates: three `f32` or `f64`.
@@ -81,6 +84,15 @@ impl AnyRay for Ray {
         let origin = if moves { moved(self.origin.map(f64::from), translation) } else { self.origin };
         Self { origin, ..*self }
     }
+
+    fn wide(&self) -> Ray64 {
+        Ray64 {
+            origin: self.origin.map(f64::from),
+            direction: self.direction.map(f64::from),
+            t_min: self.t_min.into(),
+            t_max: self.t_max.into(),
+        }
+    }
 }
 
 impl AnyRay for Ray64 {
@@ -95,6 +107,10 @@ impl AnyRay for Ray64 {
             t_min: -below(-self.t_min),
             t_max: below(self.t_max),
         }
+    }
+
+    fn wide(&self) -> Ray64 {
+        *self
     }
 }
 
