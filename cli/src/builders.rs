@@ -7,7 +7,9 @@ use crate::{
     notes::Notes,
     report::{Table, bytes, count, three, write_json},
 };
-use raykd::{BuildOptions, Builder, Device, Error, Mesh, Query, mesh::teapot_level_for, rays::sets::Sets};
+use raykd::{
+    BuildOptions, Builder, Device, Error, Mesh, Query, internals::teapot_level_for, rays::sets::Sets,
+};
 use std::{
     io::{StdoutLock, Write as _},
     process::ExitCode,

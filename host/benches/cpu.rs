@@ -2,7 +2,7 @@
 //! `-- --baseline NAME` compare two commits.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use raykd::{BuildOptions, Builder, Device, Mesh, Query, Scene, Traversal, plan::usual_rays};
+use raykd::{BuildOptions, Builder, Device, Mesh, Query, Scene, Traversal, internals::usual_rays};
 
 fn builds(criterion: &mut Criterion) {
     let (device, mesh) = (Device::cpu(), Mesh::teapot(16));

@@ -97,13 +97,13 @@ pub mod internals {
     #[cfg(feature = "plan")]
     pub use crate::plan::{
         calibration::rays_for,
-        cost::{speed, wake},
+        cost::{Moving, measure, speed, usual_rays, wake},
     };
     pub use crate::{
         build::LISTED as SWEEP_LISTED,
         error::{QUOTED, quoted},
         exec::{AnyBuffer, Buffer, Cpu, Groups, Launch, OnDevice, Out, Step, Timing, watch},
-        mesh::ply_vertices,
+        mesh::{ply_vertices, teapot_level_for},
         read::all_of,
         tree::digest_of,
     };

@@ -97,9 +97,9 @@ fn lattice_rays(random: &mut Random, mesh: &Mesh) -> Vec<Ray> {
             _ => [0, 1, 2].map(|axis| if axis == random.below(3) { whole(random, 1) } else { 0.0 }),
         };
         // Those that start at a corner, and graze boxes from there.
-        let origin = if i % 5 == 0 { to } else { origin };
+        let origin = if i.is_multiple_of(5) { to } else { origin };
         let (t_min, t_max) =
-            if i % 4 == 0 { (whole(random, 4), whole(random, 8)) } else { (0.0, f32::INFINITY) };
+            if i.is_multiple_of(4) { (whole(random, 4), whole(random, 8)) } else { (0.0, f32::INFINITY) };
         Ray { t_min, t_max, ..Ray::new(origin, direction) }
     };
     (0..200).map(ray).collect()

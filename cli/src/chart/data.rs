@@ -11,8 +11,8 @@ use crate::{
 use anyhow::Context as _;
 use raykd::{
     BuildOptions, Builder, Device, Error, Intersector, Mesh, Ray, Scene, Traversal,
-    mesh::teapot_level_for,
-    plan::{CHOICES, Calibration, Choice, Cost, Moving, measure, usual_rays},
+    internals::{Moving, measure, teapot_level_for, usual_rays},
+    plan::{CHOICES, Calibration, Choice, Cost},
     shared::Report,
     stress::{Method, Rule, Way, cases::CASES},
 };

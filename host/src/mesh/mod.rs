@@ -76,6 +76,7 @@ pub use repair::Repairs;
 #[cfg(feature = "plan")]
 pub(crate) use scenes::of_user;
 pub use scenes::{Scene, folders as scenes_folders, scene};
+#[doc(hidden)]
 pub use teapot::teapot_level_for;
 
 use crate::rays::below;

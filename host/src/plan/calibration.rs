@@ -1,7 +1,8 @@
 //! What choices cost on one device, measured on meshes of several sizes, kept in a file.
 
 use super::{
-    CHOICES, Choice, Cost, Moving, Seen, cost,
+    CHOICES, Choice, Cost, Seen,
+    cost::{self, Moving},
     look::{LOOKS, Looking},
 };
 use crate::{
@@ -66,7 +67,7 @@ impl Calibration {
         for (at, &size) in sizes.iter().enumerate() {
             let mesh = leaning(teapot_level_for(size));
             let usual = Scene::build(device, &mesh, &BuildOptions::default())?;
-            let rays = super::usual_rays(&mesh, rays_for(device), |rays| usual.closest(rays))?;
+            let rays = super::cost::usual_rays(&mesh, rays_for(device), |rays| usual.closest(rays))?;
             let slow = usual.times().build.as_secs_f64() * 1e3 > SLOW;
             let moving = Moving::measure(&usual, &rays)?;
             drop(usual);
