@@ -15,7 +15,7 @@ macro_rules! with {
         /// ```
         impl BuildOptions {
             $(
-                #[doc = concat!("With [`", stringify!($field), "`](Self::", stringify!($field), ").")]
+                #[doc = concat!("With [`", stringify!($field), "`](field@Self::", stringify!($field), ").")]
                 #[must_use]
                 pub const fn $with(mut self, $field: $t) -> Self {
                     self.$field = $field;

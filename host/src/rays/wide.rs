@@ -32,18 +32,22 @@ impl Ray64 {
 /// What a scene takes for rays, in its mesh's own coordinates: [`Ray`] and [`Ray64`].
 pub trait AnyRay: Copy + Send + Sync + sealed::Sealed {
     /// The rays as the mesh's positions are: less its translation, in `f32`.
+    #[doc(hidden)]
     fn local(rays: &[Self], translation: [f64; 3]) -> Cow<'_, [Ray]>;
 
     /// The same of one ray.
+    #[doc(hidden)]
     fn alone(&self, translation: [f64; 3]) -> Ray;
 
     /// The same ray in `f64`.
+    #[doc(hidden)]
     fn wide(&self) -> Ray64;
 }
 
 /// What a scene takes for points, in its mesh's own coordinates: three `f32` or `f64`.
 pub trait AnyPoint: Copy + Send + Sync + sealed::Sealed {
     /// The point as the mesh's positions are: less its translation, in `f32`.
+    #[doc(hidden)]
     fn local(&self, translation: [f64; 3]) -> [f32; 3];
 }
 

@@ -6,6 +6,7 @@
 pub mod cases;
 pub mod leaks;
 mod method;
+#[doc(hidden)]
 pub mod shapes;
 mod textbook;
 
@@ -122,12 +123,14 @@ impl Failure {
 }
 
 /// Whether this is a ray by the contract: finite, with a direction that is not zero, `t_min` and `t_max` numbers.
+#[doc(hidden)]
 pub fn is_ray(ray: &Ray) -> bool {
     let finite = ray.origin.iter().chain(&ray.direction).all(|x| x.is_finite());
     finite && ray.direction.iter().any(|x| x.is_normal()) && !ray.t_min.is_nan() && !ray.t_max.is_nan()
 }
 
 /// The ray with 0 for subnormal numbers, as which the contract takes them.
+#[doc(hidden)]
 pub fn settled(ray: &Ray) -> Ray {
     let settle = |x: f32| if x.is_subnormal() { 0.0 } else { x };
     Ray {
