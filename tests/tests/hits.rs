@@ -77,7 +77,8 @@ proptest! {
         let mesh = recipe.mesh();
         let plain = Scene::build(cpu(), &mesh, &BuildOptions::default().with_clip(false))?;
         let rays = rays(&mesh, plain.tree()?.view(), 400, seed);
-        let options = BuildOptions::default().with_cost_step(cost_step).with_cost_test(cost_test).with_max_depth(max_depth).with_builder(builder).with_clip(clip);
+        let options = BuildOptions::default().with_cost_step(cost_step).with_cost_test(cost_test);
+        let options = options.with_max_depth(max_depth).with_builder(builder).with_clip(clip);
         let other = Scene::build(cpu(), &mesh, &options)?;
         let hits = |scene: &Scene| scene.closest(&rays);
         same(&format!("hits with {options:?}"), &hits(&plain)?, &hits(&other)?)?;

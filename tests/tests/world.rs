@@ -29,7 +29,8 @@ fn lattice(random: &mut Random) -> Mesh {
     Mesh::new(positions, triangles).expect("a mesh")
 }
 
-/// A transform whose inverse has few digits: whole numbers, times a power of two. Without shears only mirrors and powers.
+/// A transform whose inverse has few digits: whole numbers, times a power of two. Without shears only mirrors and
+/// powers.
 fn exact_transform(random: &mut Random, shears: bool) -> Rows {
     let mut rows = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     for _ in 0..random.below(5) {
@@ -255,8 +256,8 @@ fn worlds_of_nothing_and_rays_that_are_none() -> Result<(), Failure> {
     Ok(())
 }
 
-/// Rays are rounded, and so is what they hit: at the corners of a box, of which each triangle has some, a ray may hit by
-/// rounding that passes beside the box. And a range may be just the `t` of a hit.
+/// Rays are rounded, and so is what they hit: at the corners of a box, of which each triangle has some, a ray may hit
+/// by rounding that passes beside the box. And a range may be just the `t` of a hit.
 #[test]
 fn no_box_hides_a_hit() -> Result<(), Failure> {
     let numbers = &mut Random::new(9);

@@ -135,8 +135,8 @@ pub fn scene(name: &str) -> Result<Mesh, MeshError> {
     name.parse::<Scene>()?.load()
 }
 
-/// Where fetched scenes are looked for: in the folder that `RAYKD_SCENES` names; else in `scenes` here and in the folders
-/// above, as in a checkout of raykd, then in `raykd/scenes` of the user's data folder.
+/// Where fetched scenes are looked for: in the folder that `RAYKD_SCENES` names; else in `scenes` here and in the
+/// folders above, as in a checkout of raykd, then in `raykd/scenes` of the user's data folder.
 pub fn folders() -> Vec<PathBuf> {
     if let Some(folder) = std::env::var_os("RAYKD_SCENES").filter(|f| !f.is_empty()) {
         return vec![folder.into()];

@@ -31,12 +31,13 @@ pub struct Counted<T> {
 }
 
 impl Scene {
-    /// How often every ray crosses the mesh in its range of `t`, and from which sides. A ray through an edge or a vertex
-    /// of a closed surface crosses it there once or not at all, never once for each triangle; one along a triangle's plane
-    /// does not cross that triangle. Signs are exact, whatever the scene's triangle test is.
+    /// How often every ray crosses the mesh in its range of `t`, and from which sides. A ray through an edge or a
+    /// vertex of a closed surface crosses it there once or not at all, never once for each triangle; one along a
+    /// triangle's plane does not cross that triangle. Signs are exact, whatever the scene's triangle test is.
     ///
-    /// The rule: the ray counts as if its origin were moved by `(e, e^2, e^3)` for an infinitely small positive `e` (Edelsbrunner
-    /// & Mücke 1990, "Simulation of simplicity"). So an origin on the surface is on one side of it, always the same.
+    /// The rule: the ray counts as if its origin were moved by `(e, e^2, e^3)` for an infinitely small positive `e`
+    /// (Edelsbrunner & Mücke 1990, "Simulation of simplicity"). So an origin on the surface is on one side of it,
+    /// always the same.
     ///
     /// # Errors
     /// The device failed.
@@ -51,7 +52,8 @@ impl Scene {
         Ok(counted)
     }
 
-    /// For tests: what `Scene::encode_crossings` makes a GPU do, on any device, and how many rays floats leave undecided.
+    /// For tests: what `Scene::encode_crossings` makes a GPU do, on any device, and how many rays floats leave
+    /// undecided.
     ///
     /// # Errors
     /// The device failed, or more rays than a batch holds.
@@ -70,12 +72,12 @@ impl Scene {
         Ok((self.device.read(&crossings.view(), 0, rays.len())?, undecided))
     }
 
-    /// How often the surface goes round each point: 0 outside of a closed mesh, 1 inside if triangles are counterclockwise
-    /// seen from outside, -1 if clockwise, and larger numbers where it overlaps itself. Points on the surface count as if
-    /// moved by `(e, e^2, e^3)`, see [`Scene::crossings`].
+    /// How often the surface goes round each point: 0 outside of a closed mesh, 1 inside if triangles are
+    /// counterclockwise seen from outside, -1 if clockwise, and larger numbers where it overlaps itself. Points on
+    /// the surface count as if moved by `(e, e^2, e^3)`, see [`Scene::crossings`].
     ///
-    /// Only of closed meshes ([`Edges::are_closed`](crate::mesh::Edges::are_closed)) is that a property of the point; of others it is
-    /// what the ray to the nearest face of the scene's box crosses.
+    /// Only of closed meshes ([`Edges::are_closed`](crate::mesh::Edges::are_closed)) is that a property of the point;
+    /// of others it is what the ray to the nearest face of the scene's box crosses.
     ///
     /// ```
     /// use raykd::{BuildOptions, Device, Mesh, Scene};
@@ -110,8 +112,8 @@ impl Scene {
         Ok(Counted { counts: windings, upload, trace, download, invalid })
     }
 
-    /// Counts for rays that are where the mesh is, as many as fit the device: by floats, then those again that floats do not
-    /// tell of.
+    /// Counts for rays that are where the mesh is, as many as fit the device: by floats, then those again that floats
+    /// do not tell of.
     fn count_local(&self, rays: &[Ray], counted: &mut Counted<Crossings>) -> Result<(), Error> {
         let (mut found, invalid) = self.dispatch_crossings(rays, true, counted)?;
         counted.invalid += invalid;

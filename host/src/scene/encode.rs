@@ -43,7 +43,8 @@ impl<'a> From<wgpu::BufferSlice<'a>> for RayCount<'a> {
     }
 }
 
-/// The layouts of [`SceneBuffers`] in WGSL, and a walk through the tree for single rays, to put before a shader's own text.
+/// The layouts of [`SceneBuffers`] in WGSL, and a walk through the tree for single rays, to put before a shader's own
+/// text.
 ///
 /// Its first lines say how to bind the buffers, and which digits of a hit may differ from raykd's.
 pub const WGSL: &str = include_str!("raykd.wgsl");
@@ -135,18 +136,20 @@ impl Host for InEncoder {
 }
 
 impl Scene {
-    /// Encodes the tracing of rays, which runs when the encoder's commands are submitted to the queue of the scene's device.
+    /// Encodes the tracing of rays, which runs when the encoder's commands are submitted to the queue of the scene's
+    /// device.
     ///
-    /// `rays` holds [`Ray`]s, 32 bytes each, less the [translation](crate::Mesh::translation) of the mesh; `hits` gets as many
+    /// `rays` holds [`Ray`]s, 32 bytes each, less the [translation](crate::Mesh::translation) of the mesh; `hits`
+    /// gets as many
     /// [`Hit`]s, 16 bytes each, the same bytes as [`Scene::trace`] gives. Both are parts of buffers with
-    /// `BufferUsages::STORAGE`, as is the number of rays, if that is in a buffer. Nothing is waited for, and no ray or hit
-    /// is copied. The example [own_wgpu] is a whole program.
+    /// `BufferUsages::STORAGE`, as is the number of rays, if that is in a buffer. Nothing is waited for, and no ray
+    /// or hit is copied. The example [own_wgpu] is a whole program.
     ///
     /// [own_wgpu]: https://docs.rs/crate/raykd/latest/source/examples/own_wgpu.rs
     ///
     /// # Errors
-    /// The scene is not on a GPU, its traversal is not the usual one, a buffer is too small or lacks a usage, or the device
-    /// failed.
+    /// The scene is not on a GPU, its traversal is not the usual one, a buffer is too small or lacks a usage, or the
+    /// device failed.
     pub fn encode<'a>(
         &self,
         encoder: &mut wgpu::CommandEncoder,
@@ -169,9 +172,10 @@ impl Scene {
         Ok(job.encoded)
     }
 
-    /// Encodes the counting of crossings as [`Scene::encode`] encodes tracing, for any traversal of the scene: `crossings`
-    /// gets [`Crossings`], 8 bytes a ray, the same bytes as [`Scene::crossings`] gives. What is undecided by floats is
-    /// decided without the host. Besides, 16 bytes a ray are allocated for as long as the commands need them.
+    /// Encodes the counting of crossings as [`Scene::encode`] encodes tracing, for any traversal of the scene:
+    /// `crossings` gets [`Crossings`], 8 bytes a ray, the same bytes as [`Scene::crossings`] gives. What is undecided
+    /// by floats is decided without the host. Besides, 16 bytes a ray are allocated for as long as the commands need
+    /// them.
     ///
     /// ```no_run
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {

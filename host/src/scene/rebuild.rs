@@ -3,10 +3,10 @@
 use super::Scene;
 use crate::{BuildOptions, Device, Error, Mesh};
 
-/// A GPU's memory is used again: the second rebuild takes the last there is to take, as long as the mesh does not grow by
-/// more than an eighth; see [`Device::recycling`]. The tree is built anew, to the same bytes as ever. Clones stay what they
-/// are, and may be traced while this goes on, by other threads too: so a program that shows the old mesh meanwhile keeps
-/// one. Traversal and triangle test stay as they were chosen. If it fails, the scene does, too.
+/// A GPU's memory is used again: the second rebuild takes the last there is to take, as long as the mesh does not
+/// grow by more than an eighth; see [`Device::recycling`]. The tree is built anew, to the same bytes as ever. Clones
+/// stay what they are, and may be traced while this goes on, by other threads too: so a program that shows the old
+/// mesh meanwhile keeps one. Traversal and triangle test stay as they were chosen. If it fails, the scene does, too.
 ///
 /// ```
 /// use raykd::{BuildOptions, Device, Mesh, Ray, Scene};
@@ -34,7 +34,7 @@ impl Scene {
     /// ```no_run
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
     /// # let (mut scene, options): (raykd::Scene, raykd::BuildOptions) = todo!();
-    /// # let (positions, indices, rays, hits): [raykd::wgpu::Buffer; 4] = todo!();
+    /// # let [positions, indices, rays, hits]: [raykd::wgpu::Buffer; 4] = todo!();
     /// # let (queue, mut encoder): (raykd::wgpu::Queue, raykd::wgpu::CommandEncoder) = todo!();
     /// // Once a frame, after a shader has moved the vertices.
     /// scene.rebuild_on(positions.slice(..), indices.slice(..), &options)?;

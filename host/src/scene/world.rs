@@ -17,15 +17,15 @@ const BATCH: usize = 1 << 20;
 /// Every ray is taken to the space of each instance whose box it meets, and traced there by [`Scene::trace`], with the
 /// traversal and triangle test of that scene. Scenes may be on several devices. The hits are the same bytes on all.
 ///
-/// What is exact: the inverse of a transform and the ray are computed in `f64`, then the ray is rounded once, to the `f32` of
-/// a [`Ray`]. Its hits in the instance are those that the scene promises for that ray. So within one instance no ray slips
-/// through an edge or a vertex. Between two instances that touch, one may: it is rounded for each of them, by up to 2^-24
-/// of the numbers of its origin and direction there. Where transform and ray are such that nothing is rounded (whole
-/// numbers, powers of two, mirrors), hits are those of one mesh of all triangles, with the test `exact` for any such
-/// transform.
+/// What is exact: the inverse of a transform and the ray are computed in `f64`, then the ray is rounded once, to the
+/// `f32` of a [`Ray`]. Its hits in the instance are those that the scene promises for that ray. So within one
+/// instance no ray slips through an edge or a vertex. Between two instances that touch, one may: it is rounded for
+/// each of them, by up to 2^-24 of the numbers of its origin and direction there. Where transform and ray are such
+/// that nothing is rounded (whole numbers, powers of two, mirrors), hits are those of one mesh of all triangles, with
+/// the test `exact` for any such transform.
 ///
-/// Each instance takes a batch of its own, and the host puts them together: this is for few large instances. A world is made
-/// anew in no time where they move.
+/// Each instance takes a batch of its own, and the host puts them together: this is for few large instances. A world
+/// is made anew in no time where they move.
 ///
 /// ```
 /// use raykd::{BuildOptions, Device, Mesh, Ray, Scene, World};
@@ -82,8 +82,8 @@ impl World {
 
     /// Adds an instance of a scene, and returns its number: 0, 1, 2, … The memory of the scene is shared.
     ///
-    /// `transform` takes points of the mesh to the world. Its rows give x, y and z there: three factors of the mesh's x, y
-    /// and z, and what is added. It may scale each axis otherwise, shear and mirror.
+    /// `transform` takes points of the mesh to the world. Its rows give x, y and z there: three factors of the mesh's
+    /// x, y and z, and what is added. It may scale each axis otherwise, shear and mirror.
     ///
     /// # Errors
     /// A number of the transform is infinite or NaN, or it is singular: it makes the mesh flat.
@@ -111,8 +111,8 @@ impl World {
         self.instances.is_empty()
     }
 
-    /// The closest hit of every ray: of equal `t`, that of the instance with the lowest number, and there of the triangle with
-    /// the lowest.
+    /// The closest hit of every ray: of equal `t`, that of the instance with the lowest number, and there of the
+    /// triangle with the lowest.
     ///
     /// # Errors
     /// A device failed.
@@ -177,8 +177,9 @@ impl Instance {
     }
 }
 
-/// Whether a ray could hit something in a box, by any test: at the `t` of a hit it is within 2^-24 * 21 of the box, times the
-/// largest distance along an axis from its origin to a corner. Here that is 2^-18, which covers the rounding of `t` too.
+/// Whether a ray could hit something in a box, by any test: at the `t` of a hit it is within 2^-24 * 21 of the box,
+/// times the largest distance along an axis from its origin to a corner. Here that is 2^-18, which covers the
+/// rounding of `t` too.
 fn may_meet(ray: &Ray, (lo, hi): ([f64; 3], [f64; 3])) -> bool {
     const SLACK: f64 = 1.0 / (1 << 18) as f64;
     let origin = ray.origin.map(f64::from);
@@ -198,7 +199,8 @@ fn may_meet(ray: &Ray, (lo, hi): ([f64; 3], [f64; 3])) -> bool {
     enter <= leave
 }
 
-/// The inverse of a matrix of `f32`, if there is one. Products of two are exact, and so is whether the determinant is 0.
+/// The inverse of a matrix of `f32`, if there is one. Products of two are exact, and so is whether the determinant is
+/// 0.
 fn inverse([a, b, c]: [[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
     let point = |[x, y, z]: [f64; 3]| Coord3D { x, y, z };
     let determinant = orient3d(point(a), point(b), point(c), point([0.0; 3]));

@@ -1,5 +1,5 @@
-//! A rust-gpu kernel of one's own that finds the closest hit of each ray, compared with raykd's: `nearest MODULE`, with what
-//! `raykd-spirv compile shader MODULE` wrote.
+//! A rust-gpu kernel of one's own that finds the closest hit of each ray, compared with raykd's: `nearest MODULE`,
+//! with what `raykd-spirv compile shader MODULE` wrote.
 
 #[path = "../gpu.rs"]
 mod gpu;

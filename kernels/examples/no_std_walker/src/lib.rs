@@ -1,5 +1,5 @@
-//! Traces rays through a tree that `raykd build MESH -o FILE` saved, without the standard library, and without memory but
-//! what the caller lends: for a controller, or the kernel of a system.
+//! Traces rays through a tree that `raykd build MESH -o FILE` saved, without the standard library, and without memory
+//! but what the caller lends: for a controller, or the kernel of a system.
 #![no_std]
 #![forbid(unsafe_code)]
 
@@ -30,7 +30,8 @@ pub struct Lent<'a> {
     pub scratch: &'a mut [u32],
 }
 
-/// Writes the closest hit of each ray. Nothing comes back if the tree is damaged or not this mesh's, or memory is short.
+/// Writes the closest hit of each ray. Nothing comes back if the tree is damaged or not this mesh's, or memory is
+/// short.
 pub fn trace(
     tree: TreeView<'_>,
     (positions, triangles): (&[[f32; 3]], &[[u32; 3]]),
