@@ -218,8 +218,8 @@ pub enum MeshError {
     },
     /// A named scene has not been fetched.
     #[error(
-        "scene '{name}' is not here: there is no {file} in {}; in a checkout of raykd run: cargo xtask scenes, and --to \
-         FOLDER puts it there",
+        "scene '{name}' is not here: there is no {file} in {}; in a checkout of raykd run: cargo xtask scenes, and \
+         --to FOLDER puts it there",
         either(folders)
     )]
     MissingScene {
