@@ -103,11 +103,12 @@ fn budgets_are_kept() {
 }
 
 #[test]
-fn identical_triangles_end_in_one_leaf() {
+fn identical_triangles_end_in_few_leaves() {
     let mesh = Recipe { family: Family::Identical, size: 3000, seed: 1 }.mesh();
     let tree = build_everywhere(&mesh, &BuildOptions::default()).unwrap();
     assert_eq!(tree.validate().unwrap().largest_leaf, 3000);
-    assert!(tree.view().refs.len() <= 2 * 3000, "splitting cannot separate them");
+    // Planes that do not pay are tried three times in a row, in vain.
+    assert!(tree.view().refs.len() <= 8 * 3000, "splitting cannot separate them");
 }
 
 #[test]

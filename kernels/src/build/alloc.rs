@@ -5,8 +5,7 @@
 use super::{
     ARGS_ACTIVE, ARGS_BLOCKS, ARGS_CHUNKS, ARGS_SEVERAL_ACTIVE, ARGS_SEVERAL_CHUNKS, ARGS_TREELET_BLOCKS,
     ARGS_TREELETS, Item, LEVEL_ACTIVE, LEVEL_CHUNKS, LEVEL_DEPTH, LEVEL_REFS, LEVEL_TOP, LEVEL_TREELET_REFS,
-    LEVEL_TREELETS, STATE_STATUS, STATE_TOP, STATE_TREELET_REFS, STATE_TREELETS, SplitPlane, cut,
-    growth_left,
+    LEVEL_TREELETS, STATE_STATUS, STATE_TOP, STATE_TREELET_REFS, STATE_TREELETS, cut, growth_left, plane_of,
     scan::{LANES, before, total},
     tally::{
         ACTIVE, BLOCKS, CHUNKS, KINDS, PAIRS, REFS, SUMS, TREELET_REFS, TREELETS, blocks_of,
@@ -145,10 +144,9 @@ fn put_children(
     let mut treelet = bases.treelets + place(TREELETS);
     let mut treelet_ref = bases.refs + place(TREELET_REFS);
     let item = Item::load(active, k);
-    let plane = planes.at(k);
+    let plane = plane_of(planes, k);
     let size = sizes.at(k);
-    let is_leaf = plane.x == Node::LEAF;
-    let at = f32::from_bits(plane.y);
+    let is_leaf = plane.axis == Node::LEAF;
     // The node itself as a leaf counts as one child that keeps the slot and the box.
     let mut starts = [0u32; 2];
     let mut child = 0;
@@ -158,8 +156,8 @@ fn put_children(
         if !is_leaf {
             to.node = pair + child;
             to.extra = depth + 1;
-            to.growth = growth_left(item.growth, item.count, size.x + size.y);
-            let (hi_below, lo_above) = cut(item.lo, item.hi, SplitPlane { axis: plane.x, at });
+            to.growth = growth_left(item.growth, item.count, size.x + size.y, plane.pays);
+            let (hi_below, lo_above) = cut(item.lo, item.hi, plane);
             if child == 0 {
                 to.hi = hi_below;
             } else {
@@ -183,7 +181,7 @@ fn put_children(
         child += 1;
     }
     if !is_leaf {
-        let (word0, word1) = Node::inner(plane.x, at, pair).words();
+        let (word0, word1) = Node::inner(plane.axis, plane.at, pair).words();
         top.put(item.node, UVec2::new(word0, word1));
     }
     targets.put(k, UVec2::new(starts.at(0), starts.at(1)));

@@ -47,11 +47,11 @@ pub const KERNELS: &[&crate::Kernel] = &[
 
 use crate::{
     glam::{UVec2, UVec4, Vec3},
-    math::{Number, abs, cycle, div, high, low},
+    math::{Number, abs, component, cycle, div, high, low},
     mem::{Buf, Slots},
 };
 use raykd_shared::{
-    BuildParams,
+    BuildParams, Node,
     limits::{CHUNK, TREELET},
 };
 
@@ -137,10 +137,16 @@ const DEAREST_SHORT: u32 = 16;
 /// counts planes as thicker than a dozen such nodes, so a ray that enters one would visit all leaves in it.
 const THIN: f32 = crate::math::exp2(-24);
 
+/// Nodes longer than so many times [`Costs::long`] may be cut by [`Sah::middle`].
+const MUCH_LONGER: u32 = 4;
+
+/// A plane that does not pay takes so many times the growth of another one.
+const DEAR: f32 = 2.0;
+
 /// Of what each reference of a node may become, what is left to its children's: its `count` became `now`.
 #[inline(always)]
-pub fn growth_left(growth: f32, count: u32, now: u32) -> f32 {
-    div(growth * count as f32, now as f32)
+pub fn growth_left(growth: f32, count: u32, now: u32, pays: bool) -> f32 {
+    div(growth * count as f32, now as f32 * if pays { 1.0 } else { DEAR })
 }
 
 /// A node or treelet in a list: three words of four.
@@ -209,8 +215,7 @@ pub fn chunk_of(chunk: u32, chunks: &Buf<u32>, active: &Buf<UVec4>) -> (u32, Ite
 /// The plane of active node `node`.
 #[inline(always)]
 pub fn plane_of(planes: &Buf<UVec2>, node: u32) -> SplitPlane {
-    let words = planes.at(node);
-    SplitPlane { axis: words.x, at: f32::from_bits(words.y) }
+    SplitPlane::from_words(planes.at(node))
 }
 
 #[inline(always)]
@@ -227,17 +232,30 @@ pub fn to_bits(v: Vec3, last: u32) -> UVec4 {
 /// A plane that cuts a node.
 #[derive(Clone, Copy, Debug)]
 pub struct SplitPlane {
-    /// Axis it is perpendicular to, or [`raykd_shared::Node::LEAF`] for none: the node becomes a leaf.
+    /// Axis it is perpendicular to, or [`Node::LEAF`] for none: the node becomes a leaf.
     pub axis: u32,
     /// Its position.
     pub at: f32,
+    /// Whether it makes the node cheaper: see [`Sah::middle`].
+    pub pays: bool,
 }
 
+/// Of a plane's first word, the bits that tell its axis; others say that it does not pay.
+const AXIS: u32 = 3;
+
 impl SplitPlane {
+    /// None.
+    pub const LEAF: Self = Self { axis: Node::LEAF, at: 0.0, pays: true };
+
+    #[inline(always)]
+    fn from_words(words: UVec2) -> Self {
+        Self { axis: words.x & AXIS, at: f32::from_bits(words.y), pays: words.x <= AXIS }
+    }
+
     /// As it stands in a list.
     #[inline(always)]
     pub fn words(&self) -> UVec2 {
-        UVec2::new(self.axis, self.at.to_bits())
+        UVec2::new(self.axis | if self.pays { 0 } else { AXIS + 1 }, self.at.to_bits())
     }
 }
 
@@ -296,6 +314,18 @@ pub struct Costs {
     pub empty: f32,
     /// Extent under which large nodes are not split.
     pub thin: f32,
+}
+
+/// Number of the longest axis.
+#[inline(always)]
+fn longest_axis(d: Vec3) -> u32 {
+    if d.x >= d.y && d.x >= d.z {
+        0
+    } else if d.y >= d.z {
+        1
+    } else {
+        2
+    }
 }
 
 /// The longest of three extents.
@@ -381,6 +411,19 @@ impl Sah {
             leaf: tests + count as f32 * costs.price,
             may_pay: (tests > area * costs.step) & (most >= 0.0),
         }
+    }
+
+    /// The plane that cuts a long node though none pays, if any does: the middle of its longest axis. Several
+    /// planes may pay together, as those that cut a bundle of diagonal sticks: the first leaves all on both
+    /// sides, and empty space on each. It is dear, as it may be in vain.
+    #[inline(always)]
+    pub fn middle(&self, count: u32) -> SplitPlane {
+        let axis = longest_axis(self.hi - self.lo);
+        let (lo, hi) = (component(self.lo, axis), component(self.hi, axis));
+        let at = lo + (hi - lo) * 0.5;
+        let is_long = (count > TREELET) & (count / MUCH_LONGER > self.costs.long);
+        let may = is_long & (2.0 * DEAR * count as f32 <= self.most) & self.across(axis).holds(at);
+        if may { SplitPlane { axis, at, pays: false } } else { SplitPlane::LEAF }
     }
 
     /// What planes across `axis` cost.

@@ -4,15 +4,16 @@
 use super::{
     Costs, Item, LEVEL_ACTIVE, LEVEL_DEPTH, Sah, SplitPlane,
     bin::{BEFORE, ENDS, FIRST_STARTS, HIST_WORDS, LAST_ENDS, STARTS, TABLE, UNTOLD, unordered},
+    longest_axis,
     scan::{serial, serial_back},
 };
 use crate::{
     Group,
-    glam::{UVec2, UVec4, Vec3},
+    glam::{UVec2, UVec4},
     math::{Number, Wide as Bins, component},
     mem::{Atomics, Buf, Slots},
 };
-use raykd_shared::{BuildParams, Node, limits::BINS, rule};
+use raykd_shared::{BuildParams, limits::BINS, rule};
 
 // What is found: the cheapest plane by each border, what it costs, its axis and its place;
 const AXES: u32 = BINS;
@@ -21,25 +22,15 @@ const PLACES: u32 = 2 * BINS;
 const COST: u32 = 3 * BINS;
 /// and by which border it is, or [`NONE`].
 const BORDER: u32 = COST + 1;
+/// If by none, [`SplitPlane::words`] of the plane there is instead.
+const INSTEAD: u32 = BORDER + 1;
 /// Words of that.
-pub const FOUND: usize = BORDER as usize + 1;
+pub const FOUND: usize = INSTEAD as usize + 2;
 const NONE: u32 = u32::MAX;
 /// Nothing ends in the bin, or its first start is not told.
 const BEFORE_ALL: f32 = f32::NEG_INFINITY;
 /// Nothing starts in the bin.
 const BEHIND_ALL: f32 = f32::INFINITY;
-
-/// Number of the longest axis.
-#[inline(always)]
-fn longest(d: Vec3) -> u32 {
-    if d.x >= d.y && d.x >= d.z {
-        0
-    } else if d.y >= d.z {
-        1
-    } else {
-        2
-    }
-}
 
 /// Without the surface area heuristic (Zhou et al. 2008, section 3.2): cut off empty space where that is at
 /// least a quarter of an axis, the more the better, else take the middle of the longest axis.
@@ -57,7 +48,7 @@ fn median_cost(border: Bins, below: Bins, above: Bins, longest: bool) -> Bins {
 
 /// Turns the last ends and first starts of bins into places, and there is nothing found yet.
 #[inline(always)]
-fn start(group: Group, table: &mut [u32; TABLE], found: &mut [u32; FOUND], leaf: u32) {
+fn start(group: Group, table: &mut [u32; TABLE], found: &mut [u32; FOUND], leaf: u32, instead: SplitPlane) {
     let step = group.sharers();
     lanes!(group, ..step, |lane| {
         let mut word = BEFORE + lane;
@@ -72,6 +63,9 @@ fn start(group: Group, table: &mut [u32; TABLE], found: &mut [u32; FOUND], leaf:
         if lane == 0 {
             found.put(COST, leaf);
             found.put(BORDER, NONE);
+            let words = instead.words();
+            found.put(INSTEAD, words.x);
+            found.put(INSTEAD + 1, words.y);
         }
     });
 }
@@ -166,7 +160,9 @@ pub fn find(
     let sah = Sah::new(item.lo, item.hi, item.count, most, costs);
     let median = (params.rule & rule::MEDIAN) != 0;
     let leaf = if median { f32::INFINITY } else { sah.leaf }.to_bits();
-    start(group, table, found, leaf);
+    let pays = sah.may_pay & !median & (depth < params.max_depth);
+    let instead = if pays { sah.middle(item.count) } else { SplitPlane::LEAF };
+    start(group, table, found, leaf, instead);
     // How many start before each border, and how many end behind it.
     lanes!(group, ..6, |lane| {
         let first = BEFORE + (lane >> 1) * BINS;
@@ -176,7 +172,7 @@ pub fn find(
             serial_back(table, ENDS + first, BINS);
         }
     });
-    let longest = longest(item.hi - item.lo);
+    let longest = longest_axis(item.hi - item.lo);
     lanes!(group, ..BINS / Bins::WIDTH, |lane| {
         let all = Bins::all;
         let bin = lane * Bins::WIDTH;
@@ -224,11 +220,12 @@ pub fn find(
 pub fn chosen(found: &[u32; FOUND]) -> SplitPlane {
     let border = found.at(BORDER);
     if border == NONE {
-        SplitPlane { axis: Node::LEAF, at: 0.0 }
+        SplitPlane::from_words(UVec2::new(found.at(INSTEAD), found.at(INSTEAD + 1)))
     } else {
         SplitPlane {
             axis: f32::from_bits(found.at(AXES + border)) as u32,
             at: f32::from_bits(found.at(PLACES + border)),
+            pays: true,
         }
     }
 }

@@ -67,7 +67,7 @@ impl Cell {
     /// The same, where `count` references became those of two sets.
     fn cut_to(&self, plane: &Plane, count: usize, halves: &[Set; 2]) -> [Self; 2] {
         let now: usize = halves.iter().map(|half| half.references.len).sum();
-        let growth = growth_left(self.growth, count as u32, now as u32);
+        let growth = growth_left(self.growth, count as u32, now as u32, plane.pays());
         self.cut(plane).map(|half| Self { growth, ..half })
     }
 }
@@ -287,13 +287,17 @@ impl Builder<'_> {
     fn choose(&self, set: &Set, cell: &Cell, parallel: bool) -> Option<Plane> {
         let sah = self.sah(cell, set.references.len)?;
         let sweep = |axis, cost| cheapest_across(set, axis, &sah, cost);
-        if parallel {
+        let best = if parallel {
             let leaf = sah.leaf;
             let (x, (y, z)) =
                 rayon::join(|| sweep(0, leaf), || rayon::join(|| sweep(1, leaf), || sweep(2, leaf)));
-            return cheaper(cheaper(x, y), z);
-        }
-        (0..3).fold(None, |best, axis| sweep(axis, best.map_or(sah.leaf, |plane: Plane| plane.cost)).or(best))
+            cheaper(cheaper(x, y), z)
+        } else {
+            (0..3).fold(None, |best, axis| {
+                sweep(axis, best.map_or(sah.leaf, |plane: Plane| plane.cost)).or(best)
+            })
+        };
+        best.or_else(|| Plane::middle(&sah, set.references.len))
     }
 
     /// What planes cost in a node of so many references, if any may pay.

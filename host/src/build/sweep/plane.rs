@@ -8,13 +8,14 @@
 use super::events::{Event, KIND, PLANAR, REFERENCE, START, Set, extent, position};
 use raykd_kernels::{
     build::{
-        Across, Sah,
+        Across, Sah, SplitPlane,
         faces::{Flat, cheapest},
         reference::Reference,
     },
     glam::Vec4,
     math::Number,
 };
+use raykd_shared::Node;
 
 /// A plane that cuts a node.
 #[derive(Clone, Copy, Debug)]
@@ -26,6 +27,21 @@ pub(super) struct Plane {
     pub(super) cost: f32,
     /// How many go below and above at most.
     pub(super) most: [usize; 2],
+}
+
+impl Plane {
+    /// [`Sah::middle`] of a node of so many references.
+    pub(super) fn middle(sah: &Sah, count: usize) -> Option<Self> {
+        let SplitPlane { axis, at, .. } = sah.middle(count as u32);
+        let plane =
+            Self { axis: axis as usize, at, flat: Flat::Below, cost: f32::INFINITY, most: [count; 2] };
+        (axis != Node::LEAF).then_some(plane)
+    }
+
+    /// Whether it makes the node cheaper.
+    pub(super) fn pays(&self) -> bool {
+        self.cost < f32::INFINITY
+    }
 }
 
 /// The cheapest plane across an axis, if one costs less than `cost`.

@@ -31,7 +31,7 @@ pub fn children(
         let room = room(&params);
         let cell = Cell::load(cells, i);
         let (from, to) = (cell.first, cell.first + cell.count);
-        let plane = decide(&cell, bests, &params).plane;
+        let plane = decide(&cell, bests).plane;
         let place = ranked(ranks, totals, room, LEAVES, from);
         let mut node = Node::leaf(level.at(LEVEL_LEAVES) + place.x, cell.count);
         if plane.axis != Node::LEAF {
@@ -46,7 +46,7 @@ pub fn children(
             let (freshes, beside_freshes) = (clipped_end.x - clipped.x, clipped_end.y - clipped.y);
             let count = whole_end.x - whole.x + freshes;
             let beside_count = whole_end.y - whole.y + beside_freshes;
-            let growth = growth_left(cell.growth, cell.count, count + beside_count);
+            let growth = growth_left(cell.growth, cell.count, count + beside_count, plane.pays);
             let child = Cell {
                 first: whole.x + whole.y + fresh,
                 count,

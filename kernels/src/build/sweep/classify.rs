@@ -27,7 +27,7 @@ pub fn classify(
         let params = params.at(0);
         let reference = Reference::load(refs, i);
         let cell = Cell::load(cells, reference.cell);
-        let cutting = decide(&cell, bests, &params);
+        let cutting = decide(&cell, bests);
         let mut code = LEAF;
         if cutting.plane.axis != Node::LEAF {
             let (bounds, at) = (reference.bounds, cutting.plane.at);

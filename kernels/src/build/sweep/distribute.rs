@@ -46,7 +46,7 @@ pub fn distribute(
             let cell = Cell::load(cells, reference.cell);
             let mut parts = (reference.bounds, reference.bounds);
             if (code & CUT) != 0 {
-                let plane = decide(&cell, bests, &params).plane;
+                let plane = decide(&cell, bests).plane;
                 parts = in_two(&reference.bounds, plane);
                 if (params.rule & rule::CLIP) != 0 {
                     let (a, b, c) = triangle(positions, indices, reference.triangle);

@@ -293,11 +293,10 @@ fn better(a: UVec4, b: UVec4) -> UVec4 {
 
 /// What becomes of a cell, once [`cheapest`] has left its best candidate with its first reference.
 #[inline(always)]
-fn decide(cell: &Cell, bests: &Buf<UVec4>, params: &BuildParams) -> Cutting {
+fn decide(cell: &Cell, bests: &Buf<UVec4>) -> Cutting {
     let best = if cell.count > 0 { bests.at(cell.first) } else { NONE };
-    let sah = cell.sah(params);
-    let axis = if f32::from_bits(best.x) < sah.leaf { best.y } else { Node::LEAF };
-    Cutting { plane: SplitPlane { axis, at: unordered(best.z) }, flat_above: best.w == 0 }
+    let plane = SplitPlane { axis: best.y, at: unordered(best.z), pays: best.x != NONE.x };
+    Cutting { plane, flat_above: best.w == 0 }
 }
 
 /// A box cut by a plane.

@@ -105,6 +105,13 @@ fn in_list(best: UVec4, i: u32, list: u32, cell: &Cell, sah: &Sah, faces: &Buf<U
     }
 }
 
+/// The candidate that any plane which pays is better than.
+#[inline(always)]
+fn instead(sah: &Sah, cell: &Cell) -> UVec4 {
+    let plane = sah.middle(cell.count);
+    UVec4::new(NONE.x, plane.axis, ordered(plane.at), 1)
+}
+
 /// Weighs for reference `i`.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn weigh(
@@ -130,6 +137,9 @@ pub fn weigh(
                 }
             } else {
                 best = one_by_one(i, &cell, &sah, refs);
+            }
+            if f32::from_bits(best.x) >= sah.leaf {
+                best = instead(&sah, &cell);
             }
         }
         bests.put(i, best);
