@@ -14,7 +14,7 @@ use crate::{
 };
 use clap::Parser;
 use raykd::{
-    BuildOptions, Device, Error, Query, Ray, hits_digest,
+    Device, Error, Query, Ray, hits_digest,
     rays::{self, sets::Sets},
 };
 use std::{
@@ -244,7 +244,7 @@ fn bench(
     let stage =
         |what: &str| notes.stage(format_args!("{name}: {what} on the {}", device.kind().to_uppercase()));
     stage("building");
-    let options = BuildOptions { profile: args.profile, ..amount.options.clone() };
+    let options = amount.options.clone().with_profile(args.profile);
     let mut built = measure::build(device, mesh, &options)?;
     // By the default triangle test: whatever is measured, the rays are the same.
     let sets = Sets::new(name, mesh, |rays| built.scene.closest(rays))?;

@@ -152,7 +152,7 @@ fn run(args: &BuildArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
     let device = &args.on;
     let (machine, amount) = amount::decide(&args.how, Traversal::default(), device, job, &notes)?;
     notes.stage(format_args!("{}: building", input.name));
-    let options = BuildOptions { profile: args.profile, ..amount.options };
+    let options = amount.options.with_profile(args.profile);
     let (mut told, tree) = machine.run(&notes, |device| build(device, &input, &options))?;
     let before = told.upload_ms + told.build_ms + told.layout_ms;
     told.auto = amount.plan.map(|plan| amount::Told::new(&plan, before, None));

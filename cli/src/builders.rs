@@ -7,7 +7,9 @@ use crate::{
     notes::Notes,
     report::{Table, bytes, count, three, write_json},
 };
-use raykd::{BuildOptions, Builder, Device, Error, Mesh, Query, mesh::teapot_level_for, rays::sets::Sets};
+use raykd::{
+    BuildOptions, Builder, Device, Error, Mesh, Query, internals::teapot_level_for, rays::sets::Sets,
+};
 use std::{
     io::{StdoutLock, Write as _},
     process::ExitCode,
@@ -69,7 +71,7 @@ pub(super) fn compare(
                 builder.name(),
                 device.kind().to_uppercase()
             ));
-            let options = BuildOptions { builder, profile: false, ..options.clone() };
+            let options = options.clone().with_builder(builder).with_profile(false);
             match row(device, input, &options, &mut sets) {
                 Ok(row) => rows.push(row),
                 Err(error) if machines.can_spare(device, &error) => {
@@ -192,7 +194,7 @@ pub(super) fn scaling(
                 count(number as u64),
                 device.kind().to_uppercase()
             ));
-            let options = BuildOptions { profile: false, ..options.clone() };
+            let options = options.clone().with_profile(false);
             let built = match measure::build(device, &mesh, &options) {
                 Ok(built) => built,
                 Err(error) if at_fault(&error) => {

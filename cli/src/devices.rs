@@ -122,6 +122,7 @@ fn adapters() -> Vec<Told> {
             Verdict::Exact { subnormals } => ("exact", None, Some(subnormals)),
             Verdict::Inexact(reason) => ("inexact", Some(reason), None),
             Verdict::Unusable(reason) => ("unusable", Some(reason), None),
+            other => ("unknown", Some(format!("{other:?}")), None),
         };
         let vulkan = Vulkan {
             kind: report.kind,

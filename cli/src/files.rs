@@ -3,7 +3,7 @@
 use raykd::{
     Error,
     internals::{files_beside, output, quoted},
-    mesh::{Scene, scenes_folder},
+    mesh::Scene,
 };
 use same_file::Handle;
 use std::{
@@ -54,11 +54,7 @@ impl Files {
 
 /// The file of a scene, if it has one.
 fn file_of(scene: &OsStr) -> Option<PathBuf> {
-    match Scene::try_from(scene).ok()? {
-        Scene::Teapot(_) => None,
-        Scene::Fetched { file, .. } => Some(scenes_folder().join(file)),
-        Scene::File(path) => Some(path),
-    }
+    Scene::try_from(scene).ok()?.path()
 }
 
 /// A regular file, whatever it is called; nothing if it cannot be read, as then it is no input.

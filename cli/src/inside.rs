@@ -122,7 +122,7 @@ fn run(args: &InsideArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
         Ok((found, scene.times().clone(), device.kind(), device.name().to_owned()))
     };
     let (found, times, device, adapter) = machine.run(&notes, work)?;
-    let Counted { counts, upload, trace, download, invalid } = found;
+    let Counted { counts, upload, trace, download, invalid, .. } = found;
     let told = Told {
         scene: input.name.clone(),
         triangles: input.mesh.triangles().len(),

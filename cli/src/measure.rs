@@ -86,7 +86,7 @@ pub(super) fn kernel_table(title: &str, kernels: &[Kernel]) -> Table {
 
 /// Builds once to warm up, then several times.
 pub(super) fn build(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Result<BuildMeasure, Error> {
-    let plain = BuildOptions { profile: false, ..options.clone() };
+    let plain = options.clone().with_profile(false);
     let start = Instant::now();
     let mut scene = Scene::build(device, mesh, &plain)?;
     let times = if start.elapsed() > SLOW { SLOW_TIMES } else { TIMES };
@@ -105,7 +105,7 @@ pub(super) fn build(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Res
     if options.profile {
         let profiled = Scene::build(device, mesh, options)?;
         let moved = moved(device, mesh, options)?;
-        let row = |&KernelTimes { name, dispatches, time, bytes }: &KernelTimes| Kernel {
+        let row = |&KernelTimes { name, dispatches, time, bytes, .. }: &KernelTimes| Kernel {
             name,
             dispatches,
             ms: ms(time),
@@ -135,7 +135,8 @@ fn moved(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Result<Vec<Ker
 
 /// Traces rays once to warm up, then several times while they stay on the device.
 pub(super) fn trace(scene: &Scene, query: Query, rays: &[Ray]) -> Result<Traced, Error> {
-    let mut total = Traced { hits: Vec::with_capacity(rays.len()), ..Traced::default() };
+    let mut total = Traced::default();
+    total.hits.reserve(rays.len());
     for part in rays.chunks(batch(scene)) {
         let mut upload = Vec::new();
         let mut resident = None;
@@ -261,7 +262,7 @@ mod tests {
         let mesh = Mesh::teapot(2);
         let mut rays = raykd::rays::random(mesh.bounds(), 100, 1);
         rays[3].t_max = f32::NAN;
-        let measured = build(&device, &mesh, &BuildOptions { profile: true, ..Default::default() }).unwrap();
+        let measured = build(&device, &mesh, &BuildOptions::default().with_profile(true)).unwrap();
         assert!(!measured.kernels.is_empty());
         let traced = trace(&measured.scene, Query::Closest, &rays).unwrap();
         assert_eq!(traced.hits, measured.scene.closest(&rays).unwrap());

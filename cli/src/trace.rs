@@ -315,7 +315,7 @@ fn answer(scene: &Scene, ask: Ask, limit: u32, rays: &[Ray]) -> Result<Answer, E
         Ask::Closest => Query::Closest,
         Ask::Any => Query::Any,
         Ask::Count | Ask::All => {
-            let AllHits { hits, totals, upload, trace, download, invalid } =
+            let AllHits { hits, totals, upload, trace, download, invalid, .. } =
                 measure::all(scene, rays, if ask == Ask::All { limit } else { 0 })?;
             return Ok(Answer {
                 hits: totals.iter().filter(|&&n| n > 0).count(),
@@ -328,7 +328,7 @@ fn answer(scene: &Scene, ask: Ask, limit: u32, rays: &[Ray]) -> Result<Answer, E
             });
         }
     };
-    let Traced { hits, upload, trace, download, invalid } = measure::trace(scene, query, rays)?;
+    let Traced { hits, upload, trace, download, invalid, .. } = measure::trace(scene, query, rays)?;
     Ok(Answer {
         hits: hits.iter().filter(|hit| hit.is_hit()).count(),
         total_hits: None,

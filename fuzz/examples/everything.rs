@@ -26,7 +26,7 @@ fn main() {
         let rays = &rays::random(mesh.bounds(), 1000, 1);
         let mut expected = None;
         for builder in Builder::ALL {
-            let options = BuildOptions { builder, ..BuildOptions::default() };
+            let options = BuildOptions::default().with_builder(builder);
             let mut scene = Scene::build(device, mesh, &options).expect("it builds");
             let tree = scene.tree().expect("it is read");
             tree.validate().expect("it is valid");

@@ -128,7 +128,7 @@ pub fn triangles(bytes: &[u8]) {
         rays.extend(around(&mesh));
         trace(&mesh, &scene, &rays);
         // The two forms of `exact`, lists of faces in all but the smallest nodes.
-        let exact = BuildOptions { builder: Builder::Exact, ..BuildOptions::default() };
+        let exact = BuildOptions::default().with_builder(Builder::Exact);
         let kernels = Scene::sweep_by_kernels(&CPU, &mesh, &exact, 5).expect("kernels build it");
         let host = Scene::build(&CPU, &mesh, &exact).expect("a CPU builds it");
         assert_eq!(kernels.tree().expect("it is read").digest(), host.tree().expect("it is read").digest());
@@ -143,7 +143,7 @@ pub fn api(bytes: &[u8]) {
     // What is not there counts as 0.
     let mut byte = || bytes.next().unwrap_or(0);
     let mut word = || u32::from_le_bytes([byte(), byte(), byte(), byte()]);
-    let mut options = BuildOptions { max_depth: word() % 64, ..BuildOptions::default() };
+    let mut options = BuildOptions::default().with_max_depth(word() % 64);
     options.builder = Builder::ALL[word() as usize % Builder::ALL.len()];
     options.clip = word().is_multiple_of(2);
     for field in [&mut options.cost_step, &mut options.cost_test, &mut options.price, &mut options.empty] {

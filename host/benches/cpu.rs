@@ -2,14 +2,14 @@
 //! `-- --baseline NAME` compare two commits.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use raykd::{BuildOptions, Builder, Device, Mesh, Query, Scene, Traversal, plan::usual_rays};
+use raykd::{BuildOptions, Builder, Device, Mesh, Query, Scene, Traversal, internals::usual_rays};
 
 fn builds(criterion: &mut Criterion) {
     let (device, mesh) = (Device::cpu(), Mesh::teapot(16));
     let mut group = criterion.benchmark_group("build");
     group.throughput(Throughput::Elements(mesh.triangles().len() as u64));
     for builder in Builder::ALL {
-        let options = BuildOptions { builder, ..BuildOptions::default() };
+        let options = BuildOptions::default().with_builder(builder);
         group.bench_function(builder.name(), |bench| {
             bench.iter(|| Scene::build(&device, &mesh, &options).expect("a small build"));
         });

@@ -42,5 +42,8 @@ fn all_threads_find_the_same() -> Result<(), Error> {
     assert!(here.is_hit());
     let there = std::thread::spawn(|| WORLD.get().expect("made above").below(0.1, 0.2)).join();
     assert_eq!(there.expect("no panic")?, here);
+    // The same bytes as on the CPU.
+    let scene = Scene::build(&Device::cpu(), &Mesh::teapot(4), &BuildOptions::default())?;
+    assert_eq!(scene.closest(&[Ray::new([0.1, 0.2, 100.0], [0.0, 0.0, -1.0])])?, [here]);
     Ok(())
 }

@@ -45,5 +45,10 @@ fn threads_agree() -> Result<(), Error> {
     let mesh = Mesh::teapot(4);
     assert_eq!(thickest(&mesh, 1)?.to_bits(), thickest(&mesh, 4)?.to_bits());
     assert!(thickest(&mesh, 4)? > 0.0);
+    // The same bytes as by the batch.
+    let scene = Scene::build(&Device::cpu(), &mesh, &BuildOptions::default())?;
+    let (rays, tracer) = (raykd::rays::random(mesh.bounds(), 1000, 1), scene.tracer()?);
+    let alone: Vec<_> = rays.iter().map(|ray| tracer.closest(ray).unwrap_or(raykd::Hit::NONE)).collect();
+    assert_eq!(raykd::hits_digest(&alone), raykd::hits_digest(&scene.closest(&rays)?));
     Ok(())
 }

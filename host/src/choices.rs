@@ -11,12 +11,13 @@ macro_rules! choices {
     ) => {
         $(#[$attribute])*
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+        #[non_exhaustive]
         pub enum $Enum {
             $($(#[doc = $about])+ $Variant,)+
         }
 
         impl $Enum {
-            /// All of them, in the order of their declaration.
+            /// All of them, in the order of their declaration. Later versions may have more.
             pub const ALL: [Self; [$($name),+].len()] = [$(Self::$Variant),+];
 
             /// Its name on the command line.

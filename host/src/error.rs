@@ -117,6 +117,14 @@ pub enum Error {
     /// What was given to be used with wgpu cannot be.
     #[error("{0}")]
     Wgpu(String),
+    /// A transform of a [`World`](crate::World) cannot be undone.
+    #[error("the transform of instance {instance} {why}")]
+    Transform {
+        /// The number that the instance would have.
+        instance: u32,
+        /// What is wrong with it.
+        why: &'static str,
+    },
     /// An option of a build is out of its range.
     #[error("{name} is {value}, and must be from {least} to {most}")]
     Options {

@@ -69,6 +69,7 @@ impl Intersector {
     ///
     /// # Errors
     /// It does not keep the contract.
+    #[doc(hidden)]
     pub fn check_query(self, asked: &str) -> Result<(), Error> {
         if self.keeps_contract() {
             return Ok(());

@@ -24,6 +24,7 @@
 //! * [`Mesh`]: a checked triangle mesh, from a file or from memory. [`mesh`] lists what is repaired and refused.
 //! * [`Device`]: the CPU, or a GPU with Vulkan. A GPU that rounds differently from the CPU is refused.
 //! * [`Scene`]: a mesh and its tree on a device, ready for rays. [`BuildOptions`] choose the [`Builder`].
+//! * [`World`]: several scenes, or one several times, each moved, turned and scaled.
 //! * [`Scene::crossings`] and [`Scene::winding`]: how often rays cross the mesh, and which points are inside;
 //!   [`Mesh::edges`] tells whether it is closed.
 //! * [`Traversal`] and [`Intersector`]: ways through the tree, and triangle tests.
@@ -42,7 +43,7 @@
 //! * `stress`: scenes in which ray tracers fail, and the exact judge of what happens there.
 //! * `traffic`: count the bytes that kernels move on the CPU, for profiles. Slower.
 //!
-//! The minimum supported Rust version is 1.95.
+//! The minimum supported Rust version is 1.88.
 
 mod build;
 mod choices;
@@ -75,7 +76,7 @@ pub use raykd_shared as shared;
 pub use raykd_shared::{Crossings, Hit, Ray};
 pub use rays::Ray64;
 pub use read::usual_max_bytes;
-pub use scene::{AllHits, Counted, RaySteps, Resident, Scene, Traced, Tracer};
+pub use scene::{AllHits, Counted, RaySteps, Resident, Scene, Traced, Tracer, World, WorldHit};
 #[cfg(feature = "gpu")]
 pub use scene::{Encoded, RayCount, SceneBuffers, WGSL};
 pub use traversal::Traversal;
@@ -96,13 +97,13 @@ pub mod internals {
     #[cfg(feature = "plan")]
     pub use crate::plan::{
         calibration::rays_for,
-        cost::{speed, wake},
+        cost::{Moving, measure, speed, usual_rays, wake},
     };
     pub use crate::{
         build::LISTED as SWEEP_LISTED,
         error::{QUOTED, quoted},
         exec::{AnyBuffer, Buffer, Cpu, Groups, Launch, OnDevice, Out, Step, Timing, watch},
-        mesh::ply_vertices,
+        mesh::{ply_vertices, teapot_level_for},
         read::all_of,
         tree::digest_of,
     };

@@ -2,6 +2,7 @@
 
 /// What is asked of each ray.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Query {
     /// The hit with the smallest `t`; of several, the one with the lowest triangle number.
     #[default]

@@ -4,6 +4,7 @@
 //! the mesh's own coordinates; where those have more digits than that, make them for the mesh as
 //! [`Mesh::into_local`] gives it, and trace them there.
 
+#[doc(hidden)]
 pub mod sets;
 mod wide;
 
@@ -48,11 +49,13 @@ impl Random {
     }
 
     /// A point of the cube from -1 to 1.
+    #[doc(hidden)]
     pub fn point(&mut self) -> [f32; 3] {
         [(); 3].map(|()| self.signed())
     }
 
     /// A point at most `size` from `p` along every axis.
+    #[doc(hidden)]
     pub fn near(&mut self, p: [f32; 3], size: f32) -> [f32; 3] {
         p.map(|x| x + size * self.signed())
     }

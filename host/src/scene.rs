@@ -8,8 +8,10 @@ mod crossings;
 mod encode;
 #[cfg(feature = "gpu")]
 mod on;
+mod rebuild;
 mod trace;
 mod tracer;
+mod world;
 
 pub use batch::Resident;
 pub use crossings::Counted;
@@ -17,6 +19,7 @@ pub use crossings::Counted;
 pub use encode::{Encoded, RayCount, SceneBuffers, WGSL};
 pub use trace::{AllHits, RaySteps, Traced};
 pub use tracer::Tracer;
+pub use world::{World, WorldHit};
 
 use crate::{
     BuildTimes, Error, Intersector, KdTree,

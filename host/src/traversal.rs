@@ -143,14 +143,14 @@ impl Extras {
         let parents = match self.parents.take() {
             Some(parents) => parents,
             None => {
-                let made = device.alloc("parents", u64::from(count / 2))?;
+                let made = device.room("parents", u64::from(count / 2))?;
                 let parents = parents::Buffers { header, pairs, parents: made.out() };
                 device.dispatch(&[parents.over(count)], false)?;
                 made
             }
         };
         if needs == Needs::Boxes && self.boxes.is_none() {
-            let made = device.alloc("node boxes", 2 * u64::from(count))?;
+            let made = device.room("node boxes", 2 * u64::from(count))?;
             let boxes = node_boxes::Buffers { header, pairs, parents: &parents, boxes: made.out() };
             device.dispatch(&[boxes.over(count)], false)?;
             self.boxes = Some(made);
@@ -158,8 +158,8 @@ impl Extras {
         if let Needs::Ropes { optimised } = needs
             && self.ropes[usize::from(optimised)].is_none()
         {
-            let job = &device.upload("job", &[u32::from(optimised), 0, 0, 0])?;
-            let made = device.alloc("ropes", 3 * u64::from(count))?;
+            let job = &device.put("job", &[u32::from(optimised), 0, 0, 0])?;
+            let made = device.room("ropes", 3 * u64::from(count))?;
             let ropes = rope_links::Buffers { job, header, pairs, parents: &parents, links: made.out() };
             device.dispatch(&[ropes.over(count)], false)?;
             self.ropes[usize::from(optimised)] = Some(made);

@@ -59,12 +59,12 @@ pub struct Peer<'a> {
 
 /// raykd's trees as they are unless told otherwise.
 fn usual(builder: Builder) -> BuildOptions {
-    BuildOptions { builder, ..BuildOptions::default() }
+    BuildOptions::default().with_builder(builder)
 }
 
 /// Trees of fewer nodes and references, which suit a CPU's caches: `--price 20 --cost-step 1.4 --empty 0.8`.
 fn small(builder: Builder) -> BuildOptions {
-    BuildOptions { price: 20.0, cost_step: 1.4, empty: 0.8, ..usual(builder) }
+    usual(builder).with_price(20.0).with_cost_step(1.4).with_empty(0.8)
 }
 
 /// raykd with one of its trees; its times are those of its kernels.

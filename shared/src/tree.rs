@@ -49,6 +49,7 @@ pub struct TreeView<'a> {
 
 /// What [`TreeView::validate`] counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct Report {
     /// Nodes with two children.
     pub inner: u32,
@@ -71,6 +72,7 @@ pub struct Report {
 
 /// Why a tree is not valid.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Fault {
     /// A length in the header differs from what is there.
     Length,

@@ -40,7 +40,7 @@ fn hash(words: &[u32]) -> u64 {
     sums.into_iter().fold(words.len() as u64, step)
 }
 
-/// The kernel that only encoders of wgpu programs use.
+/// One of the kernels that only encoders of wgpu programs use.
 fn number_rays(device: &Device, rays: u32) -> Result<(), Error> {
     let (count, job) = (device.upload("count", &[rays])?, device.upload("job", &[500, 0, 0, 0])?);
     let args = device.upload("workgroups", &[0; 3])?;
@@ -54,7 +54,7 @@ fn number_rays(device: &Device, rays: u32) -> Result<(), Error> {
 fn exact_queries(device: &Device, seed: u64) -> Result<(), Error> {
     let corners = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
     let mesh = Mesh::new(corners, vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]).expect("a tetrahedron");
-    let leaf = BuildOptions { max_depth: 0, ..BuildOptions::default() };
+    let leaf = BuildOptions::default().with_max_depth(0);
     let mut scene = Scene::build(device, &mesh, &leaf)?;
     scene.intersect_by(Intersector::Exact)?;
     let mut random = Random::new(seed);
@@ -65,13 +65,14 @@ fn exact_queries(device: &Device, seed: u64) -> Result<(), Error> {
     scene.steps(&rays)?;
     scene.trace_except(Query::Closest, &rays, &vec![0; rays.len()])?;
     scene.crossings(&rays)?;
+    scene.crossings_at_once(&rays)?;
     Ok(())
 }
 
 impl Job<'_> {
     fn run(&self, device: &Device) -> Result<(), Error> {
         // As if the mesh lay on the device. A leaf is enough: the builders follow.
-        let leaf = BuildOptions { max_depth: 0, ..self.options.clone() };
+        let leaf = self.options.clone().with_max_depth(0);
         built_from(device, self.mesh.positions(), self.mesh.triangles(), &leaf)?;
         let mut scene = match self.options.builder {
             // The CPU's own way has no kernels.

@@ -76,16 +76,16 @@ pub fn any_options(builder: impl Strategy<Value = Builder>) -> impl Strategy<Val
     let long = prop::sample::select(vec![0, 16, u32::MAX]);
     let depth = prop_oneof![Just(48), 0u32..=48];
     (costs.clone(), costs, (price, long), empty, depth, builder, any::<bool>()).prop_map(
-        |(cost_step, cost_test, (price, long), empty, max_depth, builder, clip)| BuildOptions {
-            cost_step,
-            cost_test,
-            price,
-            long,
-            empty,
-            max_depth,
-            builder,
-            clip,
-            ..BuildOptions::default()
+        |(cost_step, cost_test, (price, long), empty, max_depth, builder, clip)| {
+            BuildOptions::default()
+                .with_cost_step(cost_step)
+                .with_cost_test(cost_test)
+                .with_price(price)
+                .with_long(long)
+                .with_empty(empty)
+                .with_max_depth(max_depth)
+                .with_builder(builder)
+                .with_clip(clip)
         },
     )
 }

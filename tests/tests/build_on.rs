@@ -111,7 +111,7 @@ proptest! {
     #![proptest_config(cases(64))]
     #[test]
     fn all_builders_do(recipe in any_mesh(), builder in prop::sample::select(Builder::ALL.to_vec()), depth in 0u32..=48) {
-        let options = BuildOptions { builder, max_depth: depth, ..BuildOptions::default() };
+        let options = BuildOptions::default().with_builder(builder).with_max_depth(depth);
         compare(gpu(), &arrays(&recipe.mesh()), &options)?;
     }
 }
@@ -158,7 +158,7 @@ fn many_blocks_do() -> Result<(), Failure> {
         }
     }
     assert!(number > 256 * 1024, "{number} triangles");
-    compare(cpu(), &arrays, &BuildOptions { builder: Builder::Median, ..BuildOptions::default() })
+    compare(cpu(), &arrays, &BuildOptions::default().with_builder(Builder::Median))
 }
 
 /// Whether corners lie on no line, in numbers without rounding.
@@ -394,7 +394,7 @@ fn scenes_in_memory_used_again_are_the_usual_ones() -> Result<(), Failure> {
     let fresh = alone()?;
     let device = fresh.recycling();
     for builder in [Builder::Binned, Builder::Exact, Builder::Median] {
-        let options = BuildOptions { builder, ..BuildOptions::default() };
+        let options = BuildOptions::default().with_builder(builder);
         let mut old: Option<(Scene, (KdTree, Vec<Hit>))> = None;
         for (family, size) in [
             (Family::Soup, 900),
@@ -465,7 +465,7 @@ fn rebuilding_allocates_nothing() -> Result<(), Failure> {
     let gpu = alone.as_gpu().expect("a GPU");
     let mesh = Mesh::teapot(8);
     for builder in Builder::ALL {
-        let (device, options) = (alone.recycling(), BuildOptions { builder, ..BuildOptions::default() });
+        let (device, options) = (alone.recycling(), BuildOptions::default().with_builder(builder));
         builds_in_place(&format!("{builder} on the device"), gpu, |frame| {
             let mut arrays = arrays(&mesh);
             // It moves, and so do planes.
@@ -477,6 +477,69 @@ fn rebuilding_allocates_nothing() -> Result<(), Failure> {
         })?;
         let device = alone.recycling();
         builds_in_place(&format!("{builder}"), gpu, |_| Scene::build(&device, &mesh, &options))?;
+    }
+    Ok(())
+}
+
+/// A scene that moves, by the host's numbers and by the device's, while a thread traces its last frame.
+#[test]
+fn rebuilt_scenes_are_the_usual_ones_and_allocate_nothing() -> Result<(), Failure> {
+    let alone = alone()?;
+    let (theirs, _) = alone.wgpu().expect("a GPU");
+    let gpu = alone.as_gpu().expect("a GPU");
+    let options = BuildOptions::default();
+    for (traversal, on_device) in [
+        (Traversal::Stack, false),
+        (Traversal::Stack, true),
+        (Traversal::Backtrack, true),
+        (Traversal::OptimisedRopes, false),
+    ] {
+        let frame = |number: u16| {
+            let mut arrays = arrays(&Mesh::teapot(6));
+            for (i, p) in (0u8..7).cycle().zip(&mut arrays.0) {
+                p[1] += (0.1 + 0.001 * f32::from(number)) * f32::from(i);
+            }
+            arrays
+        };
+        let usual = |number| told(&built(cpu(), &frame(number), &options)?);
+        let mut scene = built(&alone, &frame(0), &options)?;
+        scene.traverse_by(traversal)?;
+        for number in 1..6 {
+            let (arrays, old) = (frame(number), scene.clone());
+            let (buffer, end, next) = own(theirs, &arrays);
+            let mesh = Mesh::new(arrays.0.clone(), arrays.1.clone()).map_err(Error::from)?;
+            let before = gpu.allocated();
+            match on_device {
+                true => scene.rebuild_on(buffer.slice(256..end), buffer.slice(next..), &options)?,
+                false => scene.rebuild(&mesh, &options)?,
+            }
+            let allocated = gpu.allocated() - before;
+            if (allocated == 0) != (number > 2) {
+                return Err(Failure(format!("{traversal}, rebuild {number}: {allocated} buffers")));
+            }
+            assert!(
+                told(&old)? == usual(number - 1)?,
+                "{traversal}: the scene before frame {number} changed"
+            );
+            assert!(told(&scene)? == usual(number)?, "{traversal}: frame {number}");
+            assert_eq!(scene.traversal(), traversal);
+        }
+        // A clone is traced meanwhile.
+        let mut next = scene.clone();
+        std::thread::scope(|threads| -> Result<(), Failure> {
+            let tracing = threads.spawn(|| (0..5).map(|_| told(&scene)).collect::<Result<Vec<_>, _>>());
+            for number in [6, 7, 8] {
+                next.rebuild(&Mesh::new(frame(number).0, frame(number).1).map_err(Error::from)?, &options)?;
+            }
+            let (traced, usual) = (tracing.join().expect("no panic")?, usual(5)?);
+            assert!(traced.iter().all(|it| *it == usual), "{traversal}: a clone changed");
+            Ok(())
+        })?;
+        assert!(told(&next)? == usual(8)?);
+        // What fails changes nothing.
+        let (buffer, ..) = own(theirs, &frame(0));
+        assert!(scene.rebuild_on(buffer.slice(..13), buffer.slice(..12), &options).is_err());
+        assert!(told(&scene)? == usual(5)?);
     }
     Ok(())
 }

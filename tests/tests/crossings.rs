@@ -127,7 +127,7 @@ fn check(kind: u32, seed: u64, count: usize) -> Result<(), Failure> {
         .collect();
     let wanted: Vec<Crossings> = rays.iter().map(|ray| expected(&triangles, ray)).collect();
     let builder = Builder::ALL[random.below(Builder::ALL.len())];
-    let options = BuildOptions { builder, ..BuildOptions::default() };
+    let options = BuildOptions::default().with_builder(builder);
     for named in devices() {
         let scene = Scene::build(&named.device, &mesh, &options)?;
         let Some(found) = unless_cut(scene.crossings(&rays))? else { continue };

@@ -1,10 +1,12 @@
 //! The examples, built and run.
 
 use raykd::{
-    BuildOptions, Mesh, Scene,
+    BuildOptions, Hit, Mesh, Scene,
+    kernels::trace::single::LeafTriangle,
+    rays::random,
     shared::{Content, LAYOUT_VERSION},
 };
-use raykd_tests::cpu;
+use raykd_tests::{cpu, same};
 use std::{
     env,
     path::{Path, PathBuf},
@@ -39,6 +41,53 @@ fn minimal_prints_hits() {
     assert!(text.lines().filter(|line| line.contains(": triangle ")).count() > 3, "{text}");
     let lines = include_str!("../../host/examples/minimal.rs").lines().count();
     assert!(lines <= 60, "{lines} lines are not minimal");
+}
+
+/// Programs that use raykd in one way each; `own_kernel`'s are run where rust-gpu is.
+#[test]
+fn examples_are_short() {
+    for (name, text) in [
+        ("own_wgpu", include_str!("../../host/examples/own_wgpu.rs")),
+        ("build_on", include_str!("../../host/examples/build_on.rs")),
+        ("scene_in_a_struct", include_str!("../../host/examples/scene_in_a_struct.rs")),
+        ("single_rays", include_str!("../../host/examples/single_rays.rs")),
+        ("nearest, the kernel", include_str!("../../examples/own_kernel/shader/src/nearest.rs")),
+        ("nearest, the program", include_str!("../../examples/own_kernel/src/bin/nearest.rs")),
+        ("no_std_walker", include_str!("../../kernels/examples/no_std_walker/src/lib.rs")),
+    ] {
+        assert!(text.lines().count() <= 60, "{name} has {} lines", text.lines().count());
+    }
+}
+
+/// A saved tree, walked without the standard library: the hits of the batch.
+#[test]
+fn no_std_walker_finds_the_hits_of_the_batch() {
+    let mesh = Mesh::teapot(6);
+    let scene = Scene::build(cpu(), &mesh, &BuildOptions::default()).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("teapot.kd");
+    scene.tree().unwrap().save(&path).unwrap();
+    let words: Vec<u32> = bytemuck::pod_collect_to_vec(&std::fs::read(&path).unwrap());
+    let rays = random(mesh.bounds(), 5000, 1);
+    let walk = |words: &[u32], fewer: usize| {
+        let tree = no_std_walker::tree(words)?;
+        let mut leaves = vec![LeafTriangle::default(); tree.refs.len() - fewer];
+        let lent = no_std_walker::Lent { leaves: &mut leaves, scratch: &mut vec![0; tree.scratch_words()] };
+        let mut hits = vec![Hit::NONE; rays.len()];
+        no_std_walker::trace(tree, (mesh.positions(), mesh.triangles()), lent, &rays, &mut hits)
+            .map(|()| hits)
+    };
+    same("hits", &scene.closest(&rays).unwrap(), &walk(&words, 0).unwrap()).unwrap();
+    // What is cut off, changed, or too small for the tree is refused.
+    assert!(walk(&words, 1).is_none());
+    for length in [0, 1, 2, 10, 19, 100] {
+        assert!(walk(&words[..length], 0).is_none(), "{length} words");
+    }
+    for place in [0, 2, 6, 25] {
+        let mut words = words.clone();
+        words[place] ^= 8;
+        assert!(walk(&words, 0).is_none(), "word {place}");
+    }
 }
 
 #[test]

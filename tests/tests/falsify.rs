@@ -48,7 +48,7 @@ fn one_flipped_bit_in_a_tree_is_found_and_named() {
 #[test]
 fn a_dropped_reference_breaks_the_tree() {
     let mesh = soup();
-    let whole = BuildOptions { clip: false, ..BuildOptions::default() };
+    let whole = BuildOptions::default().with_clip(false);
     let tree = Scene::build(cpu(), &mesh, &whole).unwrap().tree().unwrap();
     check(&mesh, tree.view(), false).unwrap();
     for n in (0..tree.view().refs.len() as u32).step_by(17) {
@@ -98,7 +98,7 @@ fn one_changed_hit_is_found() {
 fn one_wrong_word_in_one_dispatch_is_traced_to_its_kernel() {
     let mesh = soup();
     let options = BuildOptions::default();
-    let exact = BuildOptions { builder: Builder::Exact, ..options.clone() };
+    let exact = options.clone().with_builder(Builder::Exact);
     let [job, exact] = [&options, &exact].map(|options| Job { mesh: &mesh, options, seed: 1 });
     job.compare(&[cpu(), cpu()]).unwrap();
     let traces = ["closest", "except", "transforms", "woop", "moeller", "plane", "baldwin"];

@@ -75,9 +75,10 @@ proptest! {
         clip: bool,
     ) {
         let mesh = recipe.mesh();
-        let plain = Scene::build(cpu(), &mesh, &BuildOptions { clip: false, ..BuildOptions::default() })?;
+        let plain = Scene::build(cpu(), &mesh, &BuildOptions::default().with_clip(false))?;
         let rays = rays(&mesh, plain.tree()?.view(), 400, seed);
-        let options = BuildOptions { cost_step, cost_test, max_depth, builder, clip, ..BuildOptions::default() };
+        let options = BuildOptions::default().with_cost_step(cost_step).with_cost_test(cost_test);
+        let options = options.with_max_depth(max_depth).with_builder(builder).with_clip(clip);
         let other = Scene::build(cpu(), &mesh, &options)?;
         let hits = |scene: &Scene| scene.closest(&rays);
         same(&format!("hits with {options:?}"), &hits(&plain)?, &hits(&other)?)?;

@@ -31,14 +31,14 @@ proptest! {
     #![proptest_config(cases(48))]
     #[test]
     fn each_kernel_writes_the_same_bytes_on_every_device(recipe in small_mesh(), seed: u64, max_depth in 1u32..=48, builder in either()) {
-        let options = BuildOptions { max_depth, builder, ..BuildOptions::default() };
+        let options = BuildOptions::default().with_max_depth(max_depth).with_builder(builder);
         let devices: Vec<_> = devices().iter().map(|named| &named.device).collect();
         Job { mesh: &recipe.mesh(), options: &options, seed }.compare(&devices)?;
     }
 
     #[test]
     fn lane_order_changes_no_byte(recipe in small_mesh(), seed: u64, shuffle: u32, builder in either()) {
-        let options = BuildOptions { builder, ..BuildOptions::default() };
+        let options = BuildOptions::default().with_builder(builder);
         let shuffled = Device::from(Cpu::default().in_order(Order::Shuffled(shuffle)));
         Job { mesh: &recipe.mesh(), options: &options, seed }.compare(&[cpu(), &shuffled])?;
     }
@@ -56,7 +56,7 @@ fn each_kernel_does_so_over_several_chunks_too() {
     for family in [Family::Soup, Family::Lattice] {
         for (builder, size) in LARGE {
             let mesh = Recipe { family, size, seed: 1 }.mesh();
-            let options = BuildOptions { builder, ..BuildOptions::default() };
+            let options = BuildOptions::default().with_builder(builder);
             if family == Family::Soup {
                 let tree = Scene::build(devices[0], &mesh, &options).unwrap().tree().unwrap();
                 let most = widest(&tree);
@@ -88,7 +88,7 @@ fn widest(tree: &KdTree) -> usize {
 fn every_kernel_is_compared() {
     let kernels = |(builder, size)| {
         let mesh = Recipe { family: Family::Soup, size, seed: 1 }.mesh();
-        let options = BuildOptions { builder, ..BuildOptions::default() };
+        let options = BuildOptions::default().with_builder(builder);
         Job { mesh: &mesh, options: &options, seed: 1 }.kernels(gpu()).unwrap()
     };
     let small = BUILDERS.map(|builder| (builder, 60));

@@ -50,7 +50,7 @@ struct Case {
 
 impl Case {
     fn new(device: &Device, mesh: Mesh, builder: Builder) -> Self {
-        let options = BuildOptions { builder, ..BuildOptions::default() };
+        let options = BuildOptions::default().with_builder(builder);
         let scene = Scene::build(device, &mesh, &options).unwrap();
         let tree = scene.tree().unwrap();
         let TreeView { header, nodes, refs } = tree.view();

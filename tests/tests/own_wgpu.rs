@@ -1,7 +1,8 @@
 //! raykd on a device of somebody else's, and on its buffers.
 
 use raykd::{
-    BuildOptions, Device, Error, Hit, Mesh, Query, Ray, Scene, Traversal, hits_digest, rays::random, wgpu,
+    BuildOptions, Crossings, Device, Error, Hit, Mesh, Query, Ray, RayCount, Scene, Traversal, hits_digest,
+    rays::random, wgpu,
 };
 use raykd_tests::{Failure, cpu, same};
 use std::sync::LazyLock;
@@ -107,6 +108,40 @@ fn hits_in_own_buffers_are_those_of_the_batch() -> Result<(), Failure> {
     same("behind the last", &blank[516..], &found[516..])
 }
 
+/// What is asked of rays and their number go to the device, and the status comes back if it is asked for: as many words
+/// whatever the number.
+#[test]
+fn no_ray_or_hit_crosses_the_bus() -> Result<(), Failure> {
+    let limits = raykd::required_limits(wgpu::Limits::default());
+    let (device, queue) = request(raykd::required_features(), limits).expect("the least that is needed");
+    let raykd = Device::from_wgpu(&device, &queue)?;
+    let mesh = Mesh::teapot(6);
+    let scene = Scene::build(&raykd, &mesh, &BuildOptions::default())?;
+    let own = Own { device, queue, mesh, scene };
+    let crossed = || raykd.as_gpu().expect("a GPU").crossed();
+    for count in [100, 10_000] {
+        let rays = own.buffer(&random(own.mesh.bounds(), count, 1), Use::STORAGE);
+        let [hits, counts] = [16, 8].map(|bytes| own.buffer(&vec![0u8; bytes * count], Use::STORAGE));
+        let number = own.buffer(&[count as u32], Use::STORAGE);
+        let before = crossed();
+        let mut encoded = Vec::new();
+        own.encode(|encoder| {
+            let (rays, hits, counts) = (rays.slice(..), hits.slice(..), counts.slice(..));
+            for count in [RayCount::Rays(count as u32), RayCount::InBuffer(number.slice(..))] {
+                encoded.push(own.scene.encode(encoder, Query::Closest, rays, hits, count).expect("encoded"));
+                encoded.push(own.scene.encode_crossings(encoder, rays, counts, count).expect("encoded"));
+            }
+        });
+        let (job, workgroups, outcome) = (16, 12, 16);
+        assert_eq!(crossed(), [before[0] + 4 * job + 2 * workgroups, before[1]]);
+        for encoded in encoded {
+            assert_eq!(encoded.invalid()?, 0);
+        }
+        assert_eq!(crossed()[1], before[1] + 4 * outcome);
+    }
+    Ok(())
+}
+
 /// The number of rays is what an earlier command wrote, and no more than there is room for.
 #[test]
 fn the_number_of_rays_may_be_on_the_device() -> Result<(), Failure> {
@@ -133,6 +168,62 @@ fn the_number_of_rays_may_be_on_the_device() -> Result<(), Failure> {
     Ok(())
 }
 
+/// Rays of which floats tell, and such through vertices and along edges, of which they do not.
+fn undecided(count: usize) -> Vec<Ray> {
+    let mut rays = random(OWN.mesh.bounds(), count, 3);
+    let positions = OWN.mesh.positions();
+    for (i, ray) in rays.iter_mut().enumerate().skip(1) {
+        // None in the first blocks, then some, then more than a workgroup has lanes.
+        if i > 2048 && (i % 50 == 0 || i > 4850) {
+            let vertex = positions[i * 7 % positions.len()];
+            ray.direction = [0, 1, 2].map(|axis| vertex[axis] - ray.origin[axis]);
+        }
+    }
+    rays
+}
+
+/// What floats leave undecided is decided without the host, for the same bytes.
+#[test]
+fn crossings_in_own_buffers_are_those_of_the_batch() -> Result<(), Failure> {
+    let own = &*OWN;
+    let mut rays = undecided(5000);
+    rays[17].direction = [0.0; 3];
+    let input = own.buffer(&rays, Use::STORAGE);
+    let host = Scene::build(cpu(), &own.mesh, &BuildOptions::default())?;
+    let expected = host.crossings(&rays)?;
+    assert_eq!(expected.invalid, 1);
+    let (at_once, undecided) = host.crossings_at_once(&rays)?;
+    same("the kernels of encoders on the CPU", &expected.counts, &at_once)?;
+    assert!((100..1000).contains(&undecided), "{undecided} rays");
+    let blank = vec![Crossings { leaving: 7, entering: 7 }; 5100];
+    let number = own.buffer(&[4321u32], Use::STORAGE);
+    // The traversal of the scene has no part in this.
+    let mut scene = own.scene.clone();
+    scene.traverse_by(Traversal::Restart)?;
+    for (count, rays) in [
+        (RayCount::Rays(5000), 5000),
+        (RayCount::Rays(1023), 1023),
+        (RayCount::Rays(1), 1),
+        (RayCount::Rays(0), 0),
+        (RayCount::InBuffer(number.slice(..)), 4321),
+    ] {
+        let found = own.buffer(&blank, Use::STORAGE | Use::COPY_SRC);
+        let mut encoded = None;
+        own.encode(|encoder| {
+            let crossings = found.slice(ALIGNED..);
+            encoded =
+                Some(scene.encode_crossings(encoder, input.slice(..), crossings, count).expect("encoded"));
+        });
+        let invalid = encoded.map(|encoded| encoded.invalid()).transpose()?;
+        assert_eq!(invalid, Some(u32::from(rays > 17)));
+        let (found, first) = (own.read::<Crossings>(&found), ALIGNED as usize / size_of::<Crossings>());
+        same("before the first", &blank[..first], &found[..first])?;
+        same(&format!("{rays} rays"), &expected.counts[..rays], &found[first..first + rays])?;
+        same("behind the last", &blank[first + rays..], &found[first + rays..])?;
+    }
+    Ok(())
+}
+
 #[test]
 fn what_cannot_be_used_is_refused() {
     let own = &*OWN;
@@ -154,6 +245,9 @@ fn what_cannot_be_used_is_refused() {
             let error = refused.expect_err(word).to_string();
             assert!(error.contains(word), "{error}");
         }
+        let few = own.buffer(&[0u32; 19], Use::STORAGE);
+        let refused = own.scene.encode_crossings(encoder, rays.slice(..), few.slice(..), 10);
+        assert!(refused.expect_err("too few").to_string().contains("room for 9"));
         // The encoder is none the worse for it.
         own.scene.encode(encoder, Query::Closest, rays.slice(..), hits.slice(..), 10).expect("encoded");
     });

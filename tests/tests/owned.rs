@@ -1,6 +1,6 @@
 //! Devices, scenes and rays at home in other people's programs: in structs, statics and threads.
 
-use raykd::{BuildOptions, Device, Hit, KdTree, Mesh, Query, Ray, Resident, Scene, Traversal, rays};
+use raykd::{BuildOptions, Device, Hit, KdTree, Mesh, Query, Ray, Resident, Scene, Traversal, World, rays};
 use raykd_tests::{devices, same};
 use std::{sync::OnceLock, thread};
 
@@ -39,6 +39,7 @@ fn everything_may_go_to_other_threads_and_be_seen_by_several() {
     check::<Resident>();
     check::<KdTree>();
     check::<Mesh>();
+    check::<World>();
     check::<raykd::Error>();
 }
 

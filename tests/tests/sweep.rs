@@ -14,14 +14,14 @@ use raykd_tests::{
 
 /// The tree by the host's form, which a CPU uses.
 fn build(mesh: &Mesh, options: &BuildOptions) -> KdTree {
-    let options = BuildOptions { builder: Builder::Exact, profile: true, ..options.clone() };
+    let options = options.clone().with_builder(Builder::Exact).with_profile(true);
     let scene = Scene::build(cpu(), mesh, &options).expect("a CPU builds it");
     assert!(scene.times().kernels.is_empty(), "it was built by kernels");
     scene.tree().expect("a CPU gives it back")
 }
 
 fn clipped(mesh: &Mesh, clip: bool) -> KdTree {
-    build(mesh, &BuildOptions { clip, ..BuildOptions::default() })
+    build(mesh, &BuildOptions::default().with_clip(clip))
 }
 
 /// By kernels on every device, with lists of faces in nodes of more than `small` references: each tree is the host's.
@@ -113,7 +113,7 @@ fn every_family_ends_with_few_references() -> Result<(), Failure> {
 #[test]
 fn where_splitting_separates_nothing_kernels_halve_the_depth_too() -> Result<(), Failure> {
     let mesh = Recipe { family: Family::Flat, size: 150, seed: 1 }.mesh();
-    let options = BuildOptions { price: 0.0, cost_step: 0.0, ..BuildOptions::default() };
+    let options = BuildOptions::default().with_price(0.0).with_cost_step(0.0);
     same_by_kernels(&mesh, &options, 64)?;
     let scene = Scene::sweep_by_kernels(cpu(), &mesh, &options, 64)?;
     println!("{:?}, {} retries", scene.header(), scene.times().retries);
@@ -148,7 +148,7 @@ fn where_lists_of_faces_end_does_not_show() -> Result<(), Failure> {
 #[test]
 fn what_a_device_has_no_room_for_the_host_builds() -> Result<(), Failure> {
     let mesh = Mesh::teapot(140);
-    let options = BuildOptions { builder: Builder::Exact, ..BuildOptions::default() };
+    let options = BuildOptions::default().with_builder(Builder::Exact);
     let scene = Scene::build(gpu(), &mesh, &options)?;
     // Six lists of 8 bytes a face, with room for 2.25 references a triangle.
     let fits = 108 * mesh.kept().len() as u64 <= gpu().limit().bytes;

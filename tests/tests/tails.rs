@@ -15,7 +15,7 @@ use std::{f64::consts::TAU, time::Instant};
 const BY_COST: [Builder; 2] = [Builder::Binned, Builder::Exact];
 
 fn options(builder: Builder) -> BuildOptions {
-    BuildOptions { builder, ..BuildOptions::default() }
+    BuildOptions::default().with_builder(builder)
 }
 
 /// A teapot of 4032 triangles and six units in the middle of a box, so many times larger, with a few large triangles.

@@ -98,7 +98,7 @@ proptest! {
         cost_step in prop::sample::select(vec![0.0, 1.0]),
     ) {
         // Free steps give the deepest trees and the thinnest leaves.
-        let options = BuildOptions { max_depth, cost_step, ..BuildOptions::default() };
+        let options = BuildOptions::default().with_max_depth(max_depth).with_cost_step(cost_step);
         traverse_everywhere(&recipe.mesh(), &options, seed, count)?;
     }
 

@@ -91,7 +91,7 @@ fn budgets_are_kept() {
     let meshes = [Mesh::teapot(10), Recipe { family: Family::Soup, size: 500, seed: 3 }.mesh()];
     for (mesh, builder) in meshes.iter().flat_map(|m| [Builder::Binned, Builder::Exact].map(|b| (m, b))) {
         let refs = |budget| {
-            let options = BuildOptions { budget, builder, price: 0.0, ..BuildOptions::default() };
+            let options = BuildOptions::default().with_budget(budget).with_builder(builder).with_price(0.0);
             build_everywhere(mesh, &options).unwrap().view().refs.len() as f32 / mesh.kept().len() as f32
         };
         let free = refs(None);

@@ -58,16 +58,15 @@ impl TreeArgs {
     /// As the library is told.
     pub(crate) fn options(&self) -> BuildOptions {
         let usual = BuildOptions::default();
-        BuildOptions {
-            builder: self.builder,
-            clip: !self.no_clip,
-            cost_step: self.cost_step.unwrap_or(usual.cost_step),
-            cost_test: self.cost_test.unwrap_or(usual.cost_test),
-            price: self.price.unwrap_or(usual.price),
-            budget: self.budget,
-            empty: self.empty.unwrap_or(usual.empty),
-            ..usual
-        }
+        usual
+            .clone()
+            .with_builder(self.builder)
+            .with_clip(!self.no_clip)
+            .with_cost_step(self.cost_step.unwrap_or(usual.cost_step))
+            .with_cost_test(self.cost_test.unwrap_or(usual.cost_test))
+            .with_price(self.price.unwrap_or(usual.price))
+            .with_budget(self.budget)
+            .with_empty(self.empty.unwrap_or(usual.empty))
     }
 }
 

@@ -11,8 +11,8 @@ use crate::{
 use anyhow::Context as _;
 use raykd::{
     BuildOptions, Builder, Device, Error, Intersector, Mesh, Ray, Scene, Traversal,
-    mesh::teapot_level_for,
-    plan::{CHOICES, Calibration, Choice, Cost, Moving, measure, usual_rays},
+    internals::{Moving, measure, teapot_level_for, usual_rays},
+    plan::{CHOICES, Calibration, Choice, Cost},
     shared::Report,
     stress::{Method, Rule, Way, cases::CASES},
 };
@@ -261,7 +261,7 @@ pub(super) fn accuracy<'a>(input: &'a Input, machines: &'a Machines, effort: Eff
     let fits = |method: &Method| match method.way {
         Way::Brute => true,
         Way::Tree(builder, _) => builder == Builder::Binned,
-        Way::Except | Way::Textbook(_) => false,
+        _ => false,
     };
     let methods: Vec<Method> = Method::all().into_iter().filter(fits).collect();
     let mut jobs: Vec<Job<'a>> = Vec::new();

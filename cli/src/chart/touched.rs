@@ -2,7 +2,7 @@
 
 use raykd::{
     Error, Hit, Mesh, Ray, Scene,
-    plan::usual_rays,
+    internals::usual_rays,
     shared::{Content, Node},
 };
 

@@ -169,6 +169,40 @@ fn known() -> ([[f32; 8]; 7], [Record; 7]) {
     (rays, hits)
 }
 
+/// An installed program has no checkout.
+#[test]
+fn scenes_are_found_here_above_and_in_the_users_data() {
+    let (here, data, named) = (folder(), folder(), folder());
+    fs::create_dir_all(here.path().join("work/deeper")).unwrap();
+    let find = |variable: Option<&TempDir>| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_raykd"));
+        command.args(["check", "sponza", "--json"]).current_dir(here.path().join("work/deeper"));
+        command.env_remove("RAYKD_SCENES").env("XDG_DATA_HOME", data.path());
+        if let Some(folder) = variable {
+            command.env("RAYKD_SCENES", folder.path());
+        }
+        let output = command.stdin(Stdio::null()).output().unwrap();
+        let json: Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
+        (json["triangles"].as_u64(), text(&output.stderr))
+    };
+    let put = |folder: &Path, triangles: usize| {
+        fs::create_dir_all(folder).unwrap();
+        let mesh = "v 0 0 0\nv 4 0 0\nv 0 4 0\n".to_owned() + &"f 1 2 3\n".repeat(triangles);
+        fs::write(folder.join("sponza.obj"), mesh).unwrap();
+    };
+    let users = data.path().join("raykd/scenes");
+    has(&find(None).1, &["no sponza.obj in", users.to_str().unwrap(), "cargo xtask scenes", "--to FOLDER"]);
+    put(&users, 1);
+    assert_eq!(find(None).0, Some(1));
+    // One that is empty hides nothing.
+    fs::create_dir_all(here.path().join("work/scenes")).unwrap();
+    put(&here.path().join("scenes"), 2);
+    assert_eq!(find(None).0, Some(2));
+    has(&find(Some(&named)).1, &["no sponza.obj in", named.path().to_str().unwrap()]);
+    put(named.path(), 3);
+    assert_eq!(find(Some(&named)).0, Some(3));
+}
+
 #[test]
 fn help_has_examples() {
     let general = good(&["--help"]);

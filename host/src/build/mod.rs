@@ -10,6 +10,7 @@ mod retry;
 mod room;
 mod survey;
 mod sweep;
+mod with;
 
 pub(crate) use built::{Built, Given, Kept, MeshBuffers, upload};
 pub use options::{BuildOptions, BuildTimes, Builder, KernelTimes};

@@ -46,6 +46,7 @@ impl Builder {
 
 /// What a build may be told.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct BuildOptions {
     /// SAH cost of one traversal step, from 0 to [`Self::MOST`].
     pub cost_step: f32,
@@ -122,6 +123,7 @@ impl BuildOptions {
 
 /// How long a build took and what it needed.
 #[derive(Clone, Debug, Default)]
+#[non_exhaustive]
 pub struct BuildTimes {
     /// Mesh to device.
     pub upload: Duration,
@@ -144,6 +146,7 @@ pub struct BuildTimes {
 
 /// What all dispatches of a kernel took.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct KernelTimes {
     /// Its name.
     pub name: &'static str,

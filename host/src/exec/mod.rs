@@ -235,6 +235,7 @@ pub struct Timing {
 
 /// The most that one buffer may hold, and why.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct Limit {
     /// Bytes.
     pub bytes: u64,
@@ -252,7 +253,7 @@ impl Device {
     }
 
     /// The same device, which keeps the memory of scenes built with it for the next ones: for meshes that change, and
-    /// are built again and again.
+    /// are built again and again. [`Scene::rebuild`](crate::Scene::rebuild) does this by itself.
     ///
     /// What a build needs only while it runs is free for the next one, and so is what a scene takes as soon as its last
     /// clone is dropped. Keep the old scene until the new one is built, and tracing goes on: from the third build on

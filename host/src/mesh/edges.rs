@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 /// Edges of one kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct EdgeCount {
     /// How many there are.
     pub count: u64,
@@ -14,6 +15,7 @@ pub struct EdgeCount {
 
 /// How triangles meet at edges; vertices at one place are one vertex. See [`Mesh::edges`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Edges {
     /// All edges.
     pub count: u64,

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 /// Where in a mesh something is wrong. Displays as `dragon.ply, vertex 17`; a mesh handed over in memory has
 /// no file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Place {
     /// The file, if the mesh came from one.
     pub file: Option<PathBuf>,
@@ -16,6 +17,7 @@ pub struct Place {
 
 /// A spot inside a mesh or its file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Spot {
     /// No place in particular.
     #[default]
@@ -82,6 +84,14 @@ pub(crate) fn quoted_bytes(text: &[u8]) -> String {
         }
     }
     quote
+}
+
+/// Folders as messages name them.
+fn either(folders: &[PathBuf]) -> String {
+    if folders.is_empty() {
+        return "any folder; RAYKD_SCENES may name one".to_owned();
+    }
+    folders.iter().map(|folder| quoted(folder.display())).collect::<Vec<_>>().join(" or ")
 }
 
 /// Why a mesh cannot be used.
@@ -207,12 +217,18 @@ pub enum MeshError {
         extent: f64,
     },
     /// A named scene has not been fetched.
-    #[error("scene '{name}' is not here ({} is missing); run: cargo xtask scenes", quoted(path.display()))]
+    #[error(
+        "scene '{name}' is not here: there is no {file} in {}; in a checkout of raykd run: cargo xtask scenes, and \
+         --to FOLDER puts it there",
+        either(folders)
+    )]
     MissingScene {
         /// Its name.
         name: String,
         /// The file looked for.
-        path: PathBuf,
+        file: String,
+        /// Where it was looked for, see [`scenes_folders`](super::scenes_folders).
+        folders: Vec<PathBuf>,
     },
     /// Neither a scene's name nor a file.
     #[error(

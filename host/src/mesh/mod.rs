@@ -73,7 +73,10 @@ pub use error::{MeshError, Place, Spot};
 pub use ply::ply_vertices;
 pub(crate) use repair::Measure;
 pub use repair::Repairs;
-pub use scenes::{Scene, folder as scenes_folder, scene};
+#[cfg(feature = "plan")]
+pub(crate) use scenes::of_user;
+pub use scenes::{Scene, folders as scenes_folders, scene};
+#[doc(hidden)]
 pub use teapot::teapot_level_for;
 
 use crate::rays::below;

@@ -8,6 +8,7 @@ use robust::{Coord, orient2d};
 
 /// What was set aside or changed on the way from the file to the kernels.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct Repairs {
     /// Triangles without area: kept out of the tree, but they keep their number.
     pub zero_area: u32,

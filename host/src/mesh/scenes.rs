@@ -23,6 +23,7 @@ const DEFAULT_LEVEL: u32 = 4;
 /// `teapot`, `teapot:LEVEL`, `dragon`, `dragon_res2`, `dragon_res3`, `dragon_res4`, `sponza`, or the path of a
 /// file. A scene's name comes first; write `./dragon` for a file of that name.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Scene {
     /// The Utah teapot with each of its patches cut into so many by so many quads.
     Teapot(u32),
@@ -30,7 +31,7 @@ pub enum Scene {
     Fetched {
         /// Its name.
         name: &'static str,
-        /// Its file in [`folder`].
+        /// Its file in one of [`folders`].
         file: &'static str,
     },
     /// A mesh file.
@@ -85,6 +86,15 @@ impl Scene {
         Err(MeshError::UnknownScene { name: quoted_bytes(path.as_os_str().as_encoded_bytes()) })
     }
 
+    /// Its file, if it has one, and if it is one that is fetched, was.
+    pub fn path(&self) -> Option<PathBuf> {
+        match self {
+            Self::Teapot(_) => None,
+            Self::Fetched { file, .. } => folders().iter().map(|f| f.join(file)).find(|path| path.exists()),
+            Self::File(path) => Some(path.clone()),
+        }
+    }
+
     /// Reads or makes the mesh.
     ///
     /// # Errors
@@ -104,14 +114,14 @@ impl Scene {
     fn load_by(&self, load: impl FnOnce(&Path) -> Result<Mesh, MeshError>) -> Result<Mesh, MeshError> {
         match self {
             Self::Teapot(level) => Ok(Mesh::teapot(*level)),
-            Self::Fetched { name, file } => {
-                let path = folder().join(file);
-                if path.exists() {
-                    load(&path)
-                } else {
-                    Err(MeshError::MissingScene { name: (*name).to_owned(), path })
-                }
-            }
+            Self::Fetched { name, file } => match self.path() {
+                Some(path) => load(&path),
+                None => Err(MeshError::MissingScene {
+                    name: (*name).to_owned(),
+                    file: (*file).to_owned(),
+                    folders: folders(),
+                }),
+            },
             Self::File(path) => load(path),
         }
     }
@@ -125,14 +135,24 @@ pub fn scene(name: &str) -> Result<Mesh, MeshError> {
     name.parse::<Scene>()?.load()
 }
 
-/// Where fetched scenes are looked for: the folder `RAYKD_SCENES` names, else `scenes` here, else `scenes` in
-/// the checkout that this library was built from.
-pub fn folder() -> PathBuf {
+/// Where fetched scenes are looked for: in the folder that `RAYKD_SCENES` names; else in `scenes` here and in the
+/// folders above, as in a checkout of raykd, then in `raykd/scenes` of the user's data folder.
+pub fn folders() -> Vec<PathBuf> {
     if let Some(folder) = std::env::var_os("RAYKD_SCENES").filter(|f| !f.is_empty()) {
-        return folder.into();
+        return vec![folder.into()];
     }
-    let here = PathBuf::from("scenes");
-    if here.is_dir() { here } else { Path::new(env!("CARGO_MANIFEST_DIR")).join("../scenes") }
+    let here = std::env::current_dir().unwrap_or_default();
+    let above = here.ancestors().map(|folder| folder.join("scenes")).filter(|folder| folder.is_dir());
+    let users = of_user("XDG_DATA_HOME", ".local/share", "Library/Application Support");
+    above.chain(users.map(|folder| folder.join("scenes"))).collect()
+}
+
+/// raykd's folder among the user's own: in the one that a variable names, or the system's.
+pub(crate) fn of_user(variable: &str, at_home: &str, on_mac: &str) -> Option<PathBuf> {
+    let folder = |name| std::env::var_os(name).filter(|folder| !folder.is_empty()).map(PathBuf::from);
+    let at_home = if cfg!(target_os = "macos") { on_mac } else { at_home };
+    let own = folder(variable).or_else(|| folder("LOCALAPPDATA"));
+    Some(own.or_else(|| Some(folder("HOME")?.join(at_home)))?.join("raykd"))
 }
 
 /// The names of the fetched scenes, for messages.

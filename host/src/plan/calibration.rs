@@ -1,10 +1,15 @@
 //! What choices cost on one device, measured on meshes of several sizes, kept in a file.
 
 use super::{
-    CHOICES, Choice, Cost, Moving, Seen, cost,
+    CHOICES, Choice, Cost, Seen,
+    cost::{self, Moving},
     look::{LOOKS, Looking},
 };
-use crate::{BuildOptions, Device, Error, Mesh, Scene, Traversal, error::quoted, mesh::teapot_level_for};
+use crate::{
+    BuildOptions, Device, Error, Mesh, Scene, Traversal,
+    error::quoted,
+    mesh::{of_user, teapot_level_for},
+};
 use std::{
     io::{Read as _, Write as _},
     path::{Path, PathBuf},
@@ -62,7 +67,7 @@ impl Calibration {
         for (at, &size) in sizes.iter().enumerate() {
             let mesh = leaning(teapot_level_for(size));
             let usual = Scene::build(device, &mesh, &BuildOptions::default())?;
-            let rays = super::usual_rays(&mesh, rays_for(device), |rays| usual.closest(rays))?;
+            let rays = super::cost::usual_rays(&mesh, rays_for(device), |rays| usual.closest(rays))?;
             let slow = usual.times().build.as_secs_f64() * 1e3 > SLOW;
             let moving = Moving::measure(&usual, &rays)?;
             drop(usual);
@@ -208,16 +213,8 @@ fn power(points: &[(f64, f64)], x: f64) -> f64 {
 /// # Errors
 /// No folder is named, and the system has none.
 pub fn cache(device: &Device) -> Result<PathBuf, Error> {
-    let folder = |name: &str, more: &str| {
-        let folder = std::env::var_os(name).filter(|folder| !folder.is_empty());
-        folder.map(|folder| Path::new(&folder).join(more))
-    };
-    let folder = folder("RAYKD_CACHE", "")
-        .or_else(|| folder("XDG_CACHE_HOME", "raykd"))
-        .or_else(|| folder("LOCALAPPDATA", "raykd"))
-        .or_else(|| {
-            folder("HOME", if cfg!(target_os = "macos") { "Library/Caches/raykd" } else { ".cache/raykd" })
-        });
+    let named = std::env::var_os("RAYKD_CACHE").filter(|folder| !folder.is_empty()).map(PathBuf::from);
+    let folder = named.or_else(|| of_user("XDG_CACHE_HOME", ".cache", "Library/Caches"));
     let letter = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '-' };
     let name: String = format!("{}-{}", device.kind(), device.name()).chars().map(letter).collect();
     let missing = || Error::Calibration {

@@ -49,16 +49,19 @@ pub struct Cost {
 
 impl Cost {
     /// All but the rays, in milliseconds.
+    #[doc(hidden)]
     pub fn before_ms(&self) -> f64 {
         self.upload_ms + self.build_ms
     }
 
     /// What depends on the tree: building it and tracing so many rays, in milliseconds.
+    #[doc(hidden)]
     pub fn own_ms(&self, rays: f64) -> f64 {
         self.build_ms + self.launch_ms + rays * self.ray_ns * 1e-6
     }
 
     /// Tracing so many rays and moving them, in milliseconds.
+    #[doc(hidden)]
     pub fn rays_ms(&self, rays: f64) -> f64 {
         self.launch_ms + rays * (self.ray_ns + self.transfer_ns) * 1e-6
     }
@@ -76,6 +79,7 @@ impl Cost {
 
 /// What it takes to move rays to a device and their hits back; no tree has a say in that.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Moving {
     /// Of however few, in milliseconds.
     pub once_ms: f64,

@@ -1,6 +1,6 @@
 //! A quick look at a mesh: how many steps a ray of the usual kind takes there, in a coarse copy of it.
 
-use super::{grid::Grid, usual_rays};
+use super::{cost::usual_rays, grid::Grid};
 use crate::{BuildOptions, Builder, Device, Error, Hit, Mesh, Ray, Scene, rays::Camera};
 use raykd_kernels::{
     glam::Vec3,

@@ -21,7 +21,7 @@ mod grid;
 mod look;
 
 pub use calibration::{Calibration, cache};
-pub use cost::{Cost, Moving, measure, usual_rays};
+pub use cost::Cost;
 pub use look::Seen;
 
 use crate::{BuildOptions, Builder, Mesh, Traversal};
@@ -29,6 +29,7 @@ use look::{LOOKS, Looking};
 
 /// A kind of tree, or none, and a way through it.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Choice {
     /// What it is called.
     pub name: &'static str,
@@ -64,7 +65,8 @@ impl Choice {
         CHOICES.into_iter().find(|choice| choice.name == name)
     }
 
-    /// A choice of one's own: a builder and the price of a reference.
+    /// For charts: a builder and the price of a reference.
+    #[doc(hidden)]
     pub const fn of(name: &'static str, builder: Builder, price: f32) -> Self {
         Self { price: Some(price), ..choice(name, builder) }
     }
@@ -82,7 +84,7 @@ impl Choice {
     }
 
     /// Whether there is more than one leaf.
-    pub const fn has_tree(&self) -> bool {
+    pub(crate) const fn has_tree(&self) -> bool {
         !matches!(self.depth, Some(0))
     }
 
@@ -100,6 +102,7 @@ impl Choice {
 
 /// What [`choose`] chose.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Plan {
     /// Which of the calibrations, and so which device.
     pub device: usize,
@@ -123,7 +126,7 @@ const SLACK: f64 = 1.05;
 
 /// Of all choices on all devices that were calibrated, the one that takes the least time in all; or a smaller tree on
 /// that device, if building and tracing, and the whole job, take at most 5 % longer by it.
-/// The rays are taken to be of the usual kind, see [`usual_rays`].
+/// The rays are taken to be of the usual kind, those of a picture and a bounce from each hit.
 ///
 /// # Panics
 /// There is no calibration.

@@ -32,15 +32,22 @@ impl Ray64 {
 /// What a scene takes for rays, in its mesh's own coordinates: [`Ray`] and [`Ray64`].
 pub trait AnyRay: Copy + Send + Sync + sealed::Sealed {
     /// The rays as the mesh's positions are: less its translation, in `f32`.
+    #[doc(hidden)]
     fn local(rays: &[Self], translation: [f64; 3]) -> Cow<'_, [Ray]>;
 
     /// The same of one ray.
+    #[doc(hidden)]
     fn alone(&self, translation: [f64; 3]) -> Ray;
+
+    /// The same ray in `f64`.
+    #[doc(hidden)]
+    fn wide(&self) -> Ray64;
 }
 
 /// What a scene takes for points, in its mesh's own coordinates: three `f32` or `f64`.
 pub trait AnyPoint: Copy + Send + Sync + sealed::Sealed {
     /// The point as the mesh's positions are: less its translation, in `f32`.
+    #[doc(hidden)]
     fn local(&self, translation: [f64; 3]) -> [f32; 3];
 }
 
@@ -81,6 +88,15 @@ impl AnyRay for Ray {
         let origin = if moves { moved(self.origin.map(f64::from), translation) } else { self.origin };
         Self { origin, ..*self }
     }
+
+    fn wide(&self) -> Ray64 {
+        Ray64 {
+            origin: self.origin.map(f64::from),
+            direction: self.direction.map(f64::from),
+            t_min: self.t_min.into(),
+            t_max: self.t_max.into(),
+        }
+    }
 }
 
 impl AnyRay for Ray64 {
@@ -95,6 +111,10 @@ impl AnyRay for Ray64 {
             t_min: -below(-self.t_min),
             t_max: below(self.t_max),
         }
+    }
+
+    fn wide(&self) -> Ray64 {
+        *self
     }
 }
 

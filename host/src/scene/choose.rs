@@ -30,7 +30,7 @@ impl Scene {
     pub fn intersect_by(&mut self, intersector: Intersector) -> Result<(), Error> {
         intersector.check(self.traversal)?;
         if intersector == Intersector::Baldwin && self.transforms.is_none() {
-            let made = self.device.alloc("transforms", 3 * u64::from(self.header.refs))?;
+            let made = self.device.room("transforms", 3 * u64::from(self.header.refs))?;
             let transforms = transforms::Buffers {
                 header: &self.header_buffer,
                 positions: &self.mesh.positions,

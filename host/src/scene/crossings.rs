@@ -6,13 +6,17 @@ use crate::{
     exec::Launch as _,
     rays::{AnyPoint, AnyRay},
 };
-use raykd_kernels::trace::queries::{self, crossings, quick_crossings};
+use raykd_kernels::trace::{
+    queries::{self, crossings, quick_crossings},
+    undecided,
+};
 use raykd_shared::{Crossings, Ray};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
 
 /// What was counted for every ray or point, and what that took: see [`Scene::crossings`] and [`Scene::winding`].
 #[derive(Clone, Debug, Default)]
+#[non_exhaustive]
 pub struct Counted<T> {
     /// One a ray or point.
     pub counts: Vec<T>,
@@ -27,12 +31,13 @@ pub struct Counted<T> {
 }
 
 impl Scene {
-    /// How often every ray crosses the mesh in its range of `t`, and from which sides. A ray through an edge or a vertex
-    /// of a closed surface crosses it there once or not at all, never once for each triangle; one along a triangle's plane
-    /// does not cross that triangle. Signs are exact, whatever the scene's triangle test is.
+    /// How often every ray crosses the mesh in its range of `t`, and from which sides. A ray through an edge or a
+    /// vertex of a closed surface crosses it there once or not at all, never once for each triangle; one along a
+    /// triangle's plane does not cross that triangle. Signs are exact, whatever the scene's triangle test is.
     ///
-    /// The rule: the ray counts as if its origin were moved by `(e, e^2, e^3)` for an infinitely small positive `e` (Edelsbrunner
-    /// & Mücke 1990, "Simulation of simplicity"). So an origin on the surface is on one side of it, always the same.
+    /// The rule: the ray counts as if its origin were moved by `(e, e^2, e^3)` for an infinitely small positive `e`
+    /// (Edelsbrunner & Mücke 1990, "Simulation of simplicity"). So an origin on the surface is on one side of it,
+    /// always the same.
     ///
     /// # Errors
     /// The device failed.
@@ -47,12 +52,32 @@ impl Scene {
         Ok(counted)
     }
 
-    /// How often the surface goes round each point: 0 outside of a closed mesh, 1 inside if triangles are counterclockwise
-    /// seen from outside, -1 if clockwise, and larger numbers where it overlaps itself. Points on the surface count as if
-    /// moved by `(e, e^2, e^3)`, see [`Scene::crossings`].
+    /// For tests: what `Scene::encode_crossings` makes a GPU do, on any device, and how many rays floats leave
+    /// undecided.
     ///
-    /// Only of closed meshes ([`Edges::are_closed`](crate::mesh::Edges::are_closed)) is that a property of the point; of others it is
-    /// what the ray to the nearest face of the scene's box crosses.
+    /// # Errors
+    /// The device failed, or more rays than a batch holds.
+    #[doc(hidden)]
+    pub fn crossings_at_once(&self, rays: &[Ray]) -> Result<(Vec<Crossings>, usize), Error> {
+        let batch = Batch::new(self, rays)?;
+        let crossings = self.device.alloc::<u32>("crossings", 2 * rays.len() as u64)?;
+        let query = || queries::Query { corners: &self.corners, ..batch.query(self) };
+        let quick = quick_crossings::Buffers { query: query() }.over(batch.count);
+        let rest = undecided::Buffers { query: query(), crossings: crossings.out() }.over(batch.count);
+        batch.begin(&self.device, 0)?;
+        self.device.dispatch(&[quick, rest], false)?;
+        batch.outcome(&self.device)?;
+        let found: Vec<[u32; 4]> = self.device.read(&batch.hits.view(), 0, rays.len())?;
+        let undecided = found.iter().filter(|found| found[2] != 0).count();
+        Ok((self.device.read(&crossings.view(), 0, rays.len())?, undecided))
+    }
+
+    /// How often the surface goes round each point: 0 outside of a closed mesh, 1 inside if triangles are
+    /// counterclockwise seen from outside, -1 if clockwise, and larger numbers where it overlaps itself. Points on
+    /// the surface count as if moved by `(e, e^2, e^3)`, see [`Scene::crossings`].
+    ///
+    /// Only of closed meshes ([`Edges::are_closed`](crate::mesh::Edges::are_closed)) is that a property of the point;
+    /// of others it is what the ray to the nearest face of the scene's box crosses.
     ///
     /// ```
     /// use raykd::{BuildOptions, Device, Mesh, Scene};
@@ -87,8 +112,8 @@ impl Scene {
         Ok(Counted { counts: windings, upload, trace, download, invalid })
     }
 
-    /// Counts for rays that are where the mesh is, as many as fit the device: by floats, then those again that floats do not
-    /// tell of.
+    /// Counts for rays that are where the mesh is, as many as fit the device: by floats, then those again that floats
+    /// do not tell of.
     fn count_local(&self, rays: &[Ray], counted: &mut Counted<Crossings>) -> Result<(), Error> {
         let (mut found, invalid) = self.dispatch_crossings(rays, true, counted)?;
         counted.invalid += invalid;

@@ -6,17 +6,23 @@ use crate::{
     exec::{Buffer, Device, Gpu, Size},
 };
 use raykd_kernels::{
-    Bindings as _, Host,
+    Bindings as _, Host, Kernel,
+    glam::Vec4,
     trace::{
         job::OUTCOME_WORDS,
         prepare::workgroups::{self, WORKGROUPS},
-        queries,
+        queries::{
+            self,
+            quick_crossings::{self, QUICK_CROSSINGS},
+        },
+        undecided::{self, UNDECIDED},
     },
 };
-use raykd_shared::{Hit, Ray};
+use raykd_shared::{Crossings, Hit, Ray};
 
 /// How many rays of a buffer are traced.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub enum RayCount<'a> {
     /// So many.
     Rays(u32),
@@ -37,7 +43,8 @@ impl<'a> From<wgpu::BufferSlice<'a>> for RayCount<'a> {
     }
 }
 
-/// The layouts of [`SceneBuffers`] in WGSL, and a walk through the tree for single rays, to put before a shader's own text.
+/// The layouts of [`SceneBuffers`] in WGSL, and a walk through the tree for single rays, to put before a shader's own
+/// text.
 ///
 /// Its first lines say how to bind the buffers, and which digits of a hit may differ from raykd's.
 pub const WGSL: &str = include_str!("raykd.wgsl");
@@ -47,6 +54,7 @@ pub const WGSL: &str = include_str!("raykd.wgsl");
 /// They hold coordinates times [`TreeHeader::scale`](raykd_shared::TreeHeader::scale), a power of two. A buffer may be
 /// longer than what it holds: the header says how many nodes and references there are.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct SceneBuffers<'a> {
     /// One [`TreeHeader`](raykd_shared::TreeHeader).
     pub header: &'a wgpu::Buffer,
@@ -77,6 +85,16 @@ impl Encoded {
     pub fn invalid(&self) -> Result<u32, Error> {
         super::batch::outcome(&self.device, &self.outcome)
     }
+}
+
+/// Rays in buffers, once they are counted.
+struct InBuffers {
+    job: wgpu::Buffer,
+    /// The workgroups that a kernel takes, if the device counts the rays.
+    args: Option<wgpu::Buffer>,
+    /// How many rays there are at most.
+    most: u32,
+    encoded: Encoded,
 }
 
 /// The error that something cannot be used with wgpu.
@@ -118,16 +136,20 @@ impl Host for InEncoder {
 }
 
 impl Scene {
-    /// Encodes the tracing of rays, which runs when the encoder's commands are submitted to the queue of the scene's device.
+    /// Encodes the tracing of rays, which runs when the encoder's commands are submitted to the queue of the scene's
+    /// device.
     ///
-    /// `rays` holds [`Ray`]s, 32 bytes each, less the [translation](crate::Mesh::translation) of the mesh; `hits` gets as many
+    /// `rays` holds [`Ray`]s, 32 bytes each, less the [translation](crate::Mesh::translation) of the mesh; `hits`
+    /// gets as many
     /// [`Hit`]s, 16 bytes each, the same bytes as [`Scene::trace`] gives. Both are parts of buffers with
-    /// `BufferUsages::STORAGE`, as is the number of rays, if that is in a buffer. Nothing is waited for, and no ray or hit
-    /// is copied.
+    /// `BufferUsages::STORAGE`, as is the number of rays, if that is in a buffer. Nothing is waited for, and no ray
+    /// or hit is copied. The example [own_wgpu] is a whole program.
+    ///
+    /// [own_wgpu]: https://docs.rs/crate/raykd/latest/source/examples/own_wgpu.rs
     ///
     /// # Errors
-    /// The scene is not on a GPU, its traversal is not the usual one, a buffer is too small or lacks a usage, or the device
-    /// failed.
+    /// The scene is not on a GPU, its traversal is not the usual one, a buffer is too small or lacks a usage, or the
+    /// device failed.
     pub fn encode<'a>(
         &self,
         encoder: &mut wgpu::CommandEncoder,
@@ -136,60 +158,127 @@ impl Scene {
         hits: wgpu::BufferSlice<'_>,
         count: impl Into<RayCount<'a>>,
     ) -> Result<Encoded, Error> {
-        let gpu = self.gpu()?;
         if self.traversal != Traversal::Stack {
             let (asked, usual) = (self.traversal, Traversal::Stack);
             return Err(refused(format!(
                 "rays in buffers are traced by {usual}, the scene's traversal is {asked}"
             )));
         }
-        if rays.buffer() == hits.buffer() {
-            return Err(refused("rays and hits are parts of one buffer; give each its own"));
+        let any = u32::from(query == Query::Any);
+        let job = self.job_in::<Hit>(encoder, ("hits", hits), rays, count.into(), any)?;
+        let bound = self.bound(&job, self.leaf_triangles(), rays, bind(hits));
+        let (kernel, resources) = self.intersector.stack::<InEncoder>(bound, query);
+        self.encode_over(encoder, &job, kernel, &resources)?;
+        Ok(job.encoded)
+    }
+
+    /// Encodes the counting of crossings as [`Scene::encode`] encodes tracing, for any traversal of the scene:
+    /// `crossings` gets [`Crossings`], 8 bytes a ray, the same bytes as [`Scene::crossings`] gives. What is undecided
+    /// by floats is decided without the host. Besides, 16 bytes a ray are allocated for as long as the commands need
+    /// them.
+    ///
+    /// ```no_run
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # let (scene, mut encoder): (raykd::Scene, raykd::wgpu::CommandEncoder) = todo!();
+    /// # let (rays, crossings, queue): (raykd::wgpu::Buffer, raykd::wgpu::Buffer, raykd::wgpu::Queue) = todo!();
+    /// let encoded = scene.encode_crossings(&mut encoder, rays.slice(..), crossings.slice(..), 1000)?;
+    /// queue.submit([encoder.finish()]);
+    /// println!("{} of the rays are none", encoded.invalid()?);
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
+    /// # Errors
+    /// The scene is not on a GPU, a buffer is too small or lacks a usage, or the device failed.
+    pub fn encode_crossings<'a>(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        rays: wgpu::BufferSlice<'_>,
+        crossings: wgpu::BufferSlice<'_>,
+        count: impl Into<RayCount<'a>>,
+    ) -> Result<Encoded, Error> {
+        let job = self.job_in::<Crossings>(encoder, ("crossings", crossings), rays, count.into(), 0)?;
+        let found = self.device.alloc::<[u32; 4]>("crossings by floats", job.most.into())?;
+        let query = || self.bound(&job, &self.corners, rays, found.as_wgpu().as_entire_binding());
+        let quick: Vec<_> = quick_crossings::Buffers { query: query() }.list().collect();
+        self.encode_over(encoder, &job, &QUICK_CROSSINGS, &quick)?;
+        let rest = undecided::Buffers { query: query(), crossings: bind(crossings) };
+        self.encode_over(encoder, &job, &UNDECIDED, &rest.list().collect::<Vec<_>>())?;
+        Ok(job.encoded)
+    }
+
+    /// Checks what rays are traced from and to, and makes the job of that many.
+    fn job_in<Answer>(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        (what, answers): (&str, wgpu::BufferSlice<'_>),
+        rays: wgpu::BufferSlice<'_>,
+        count: RayCount<'_>,
+        option: u32,
+    ) -> Result<InBuffers, Error> {
+        let gpu = self.gpu()?;
+        if rays.buffer() == answers.buffer() {
+            return Err(refused(format!("rays and {what} are parts of one buffer; give each its own")));
         }
-        let room = room::<Ray>("rays", rays)?.min(room::<Hit>("hits", hits)?);
-        let count = count.into();
-        let job_rays = match count {
+        let room = room::<Ray>("rays", rays)?.min(room::<Answer>(what, answers)?);
+        let most = match count {
             RayCount::Rays(rays) if rays > room => {
                 return Err(refused(format!("there are {rays} rays, and the buffers have room for {room}")));
             }
             RayCount::Rays(rays) => rays,
             RayCount::InBuffer(_) => room,
         };
-        let any = u32::from(query == Query::Any);
-        let job = gpu.filled("job", &[job_rays, 0, 0, any])?;
-        let outcome = self.device.alloc("outcome", u64::from(OUTCOME_WORDS))?;
-        let encoded = Encoded { device: self.device.clone(), outcome };
-        let (kernel, resources) = self.intersector.stack::<InEncoder>(
-            queries::Query {
-                job: job.as_entire_binding(),
-                header: self.header_buffer.as_wgpu().as_entire_binding(),
-                pairs: self.nodes.as_wgpu().as_entire_binding(),
-                corners: self.leaf_triangles().as_wgpu().as_entire_binding(),
-                rays: bind(rays),
-                hits: bind(hits),
-                outcome: encoded.outcome.as_wgpu().as_entire_binding(),
-            },
-            query,
-        );
-        match count {
-            RayCount::Rays(0) => {}
-            RayCount::Rays(rays) => gpu.encode_one(encoder, kernel, &resources, Size::Lanes(rays))?,
-            RayCount::InBuffer(number) => {
-                if self::room::<u32>("the number of rays", number)? == 0 {
-                    return Err(refused("the number of rays takes four bytes"));
-                }
-                let args = gpu.filled("workgroups", &[0; 3])?;
-                let counted = workgroups::Buffers::<InEncoder> {
-                    count: bind(number),
-                    job: job.as_entire_binding(),
-                    args: args.as_entire_binding(),
-                };
-                let counted: Vec<_> = counted.list().collect();
-                gpu.encode_one(encoder, &WORKGROUPS, &counted, Size::Lanes(1))?;
-                gpu.encode_one(encoder, kernel, &resources, Size::Words(&args))?;
+        let job = gpu.filled("job", &[most, 0, 0, option])?;
+        let mut args = None;
+        if let RayCount::InBuffer(number) = count {
+            if self::room::<u32>("the number of rays", number)? == 0 {
+                return Err(refused("the number of rays takes four bytes"));
             }
+            let args = args.insert(gpu.filled("workgroups", &[0; 3])?);
+            let counted = workgroups::Buffers::<InEncoder> {
+                count: bind(number),
+                job: job.as_entire_binding(),
+                args: args.as_entire_binding(),
+            };
+            let counted: Vec<_> = counted.list().collect();
+            gpu.encode_one(encoder, &WORKGROUPS, &counted, Size::Lanes(1))?;
         }
-        Ok(encoded)
+        let outcome = self.device.alloc("outcome", u64::from(OUTCOME_WORDS))?;
+        Ok(InBuffers { job, args, most, encoded: Encoded { device: self.device.clone(), outcome } })
+    }
+
+    /// What a query of rays in a buffer binds.
+    fn bound<'a>(
+        &'a self,
+        job: &'a InBuffers,
+        corners: &'a Buffer<Vec4>,
+        rays: wgpu::BufferSlice<'a>,
+        hits: wgpu::BindingResource<'a>,
+    ) -> queries::Query<'a, InEncoder> {
+        queries::Query {
+            job: job.job.as_entire_binding(),
+            header: self.header_buffer.as_wgpu().as_entire_binding(),
+            pairs: self.nodes.as_wgpu().as_entire_binding(),
+            corners: corners.as_wgpu().as_entire_binding(),
+            rays: bind(rays),
+            hits,
+            outcome: job.encoded.outcome.as_wgpu().as_entire_binding(),
+        }
+    }
+
+    /// Encodes a kernel over all rays of a job.
+    fn encode_over(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        job: &InBuffers,
+        kernel: &'static Kernel,
+        resources: &[wgpu::BindingResource<'_>],
+    ) -> Result<(), Error> {
+        match &job.args {
+            Some(args) => self.gpu()?.encode_one(encoder, kernel, resources, Size::Words(args)),
+            None if job.most == 0 => Ok(()),
+            None => self.gpu()?.encode_one(encoder, kernel, resources, Size::Lanes(job.most)),
+        }
     }
 
     /// The scene's buffers, for shaders of one's own.

@@ -24,7 +24,7 @@ impl Scene {
     /// each, with nothing between. Both are parts of buffers with `BufferUsages::STORAGE`, perhaps of one, and begin at a
     /// multiple of the device's `min_storage_buffer_offset_alignment`; how many there are is told by their sizes. They are
     /// read as commands that were submitted before have left them, and copied on the device: they may be changed as soon
-    /// as this returns. If the mesh changes often, give a [`Device::recycling`].
+    /// as this returns. If the mesh changes often, [`Scene::rebuild_on`] spares memory.
     ///
     /// The scene is the one that [`Scene::build`] makes of the same numbers: the same tree, the same hits, byte for byte.
     /// Nothing of the mesh passes the bus. What comes back are some words that say how large mesh and tree are.

@@ -27,6 +27,7 @@ pub struct RaySteps {
 
 /// All hits of some rays: see [`Scene::all`].
 #[derive(Clone, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct AllHits {
     /// The first hits of every ray, by rising (`t`, triangle): as many a ray as asked for, the rest misses.
     pub hits: Vec<Hit>,
@@ -44,6 +45,7 @@ pub struct AllHits {
 
 /// Hits and what they took.
 #[derive(Clone, Debug, Default)]
+#[non_exhaustive]
 pub struct Traced {
     /// One hit a ray.
     pub hits: Vec<Hit>,

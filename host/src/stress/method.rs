@@ -5,6 +5,7 @@ use crate::{BuildOptions, Builder, Device, Error, Hit, Intersector, KdTree, Mesh
 
 /// How triangles are found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Way {
     /// Every triangle is tested.
     Brute,

@@ -6,6 +6,7 @@
 pub mod cases;
 pub mod leaks;
 mod method;
+#[doc(hidden)]
 pub mod shapes;
 mod textbook;
 
@@ -33,6 +34,7 @@ pub const EXACT_SLACK: f64 = 1.0 / (1u64 << 46) as f64;
 
 /// A scene to be made.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct Case {
     /// Its name.
     pub name: &'static str,
@@ -45,6 +47,7 @@ pub struct Case {
 
 /// A mesh, rays, and what their answers must be. Some scenes have several.
 #[derive(Debug)]
+#[non_exhaustive]
 pub struct Part {
     /// What tells it from the others of its scene; may be empty.
     pub name: String,
@@ -58,6 +61,7 @@ pub struct Part {
 
 /// Which answers are right.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub enum Rule {
     /// Those that are exact for corners moved by at most [`SLACK`], or [`EXACT_SLACK`].
     Rounding,
@@ -82,6 +86,7 @@ pub enum Rule {
 
 /// Why an answer counts as a failure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum Failure {
     /// The oracle says so.
     Oracle(Fault),
@@ -118,12 +123,14 @@ impl Failure {
 }
 
 /// Whether this is a ray by the contract: finite, with a direction that is not zero, `t_min` and `t_max` numbers.
+#[doc(hidden)]
 pub fn is_ray(ray: &Ray) -> bool {
     let finite = ray.origin.iter().chain(&ray.direction).all(|x| x.is_finite());
     finite && ray.direction.iter().any(|x| x.is_normal()) && !ray.t_min.is_nan() && !ray.t_max.is_nan()
 }
 
 /// The ray with 0 for subnormal numbers, as which the contract takes them.
+#[doc(hidden)]
 pub fn settled(ray: &Ray) -> Ray {
     let settle = |x: f32| if x.is_subnormal() { 0.0 } else { x };
     Ray {

@@ -13,3 +13,4 @@ pub mod place;
 pub mod prepare;
 pub mod single;
 pub mod traverse;
+pub mod undecided;

@@ -363,4 +363,5 @@ pub const KERNELS: &[&crate::Kernel] = &[
     &exact_all::EXACT_ALL,
     &crossings::CROSSINGS,
     &quick_crossings::QUICK_CROSSINGS,
+    &super::undecided::UNDECIDED,
 ];

@@ -95,6 +95,7 @@ pub struct Tree<'a> {
 
 /// What became of a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Answer {
     /// The hit, or [`Hit::NONE`].
     pub hit: Hit,

@@ -2,6 +2,8 @@
 //! bytes: beside raykd it has integers, and floats with `+ - *` and comparisons alone.
 #![no_std]
 
+#[cfg(target_arch = "spirv")]
+pub mod nearest;
 mod random;
 
 use raykd_kernels::{glam::Vec3, trace::single::Tree};

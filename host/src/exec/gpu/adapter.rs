@@ -8,6 +8,7 @@ use std::sync::LazyLock;
 
 /// What `raykd devices` says about one adapter.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct AdapterReport {
     /// Name of the device.
     pub name: String,

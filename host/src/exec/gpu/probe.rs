@@ -14,6 +14,7 @@ const INPUTS: u32 = 4096;
 
 /// What the start-up probe says about an adapter.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Verdict {
     /// It computes float operations exactly.
     Exact {

@@ -110,20 +110,20 @@ fn options(tally: &mut Tally) {
     for builder in Builder::ALL {
         for odd in [0.0, -1.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, f32::MIN_POSITIVE, 1e-45]
         {
-            let base = BuildOptions { builder, ..usual.clone() };
+            let base = usual.clone().with_builder(builder);
             all.extend([
-                BuildOptions { cost_step: odd, ..base.clone() },
-                BuildOptions { cost_test: odd, ..base.clone() },
-                BuildOptions { price: odd, ..base.clone() },
-                BuildOptions { empty: odd, ..base.clone() },
-                BuildOptions { budget: Some(odd), ..base.clone() },
+                base.clone().with_cost_step(odd),
+                base.clone().with_cost_test(odd),
+                base.clone().with_price(odd),
+                base.clone().with_empty(odd),
+                base.clone().with_budget(Some(odd)),
             ]);
         }
         for max_depth in [0, 1, 2, 47, 48, 49, 1000, u32::MAX] {
-            all.push(BuildOptions { builder, max_depth, ..usual.clone() });
+            all.push(usual.clone().with_builder(builder).with_max_depth(max_depth));
         }
         for long in [0, 1, u32::MAX] {
-            all.push(BuildOptions { builder, long, clip: false, ..usual.clone() });
+            all.push(usual.clone().with_builder(builder).with_long(long).with_clip(false));
         }
     }
     for options in all {
@@ -375,7 +375,7 @@ fn two_threads(device: &Device, tally: &mut Tally) {
         tally.attempt(&format!("building, round {round}"), || {
             both(&|i| {
                 let builder = Builder::ALL[(round + i) % 4];
-                let options = BuildOptions { builder, ..BuildOptions::default() };
+                let options = BuildOptions::default().with_builder(builder);
                 let mut scene = Scene::build(device, &mesh, &options).map_err(|e| e.to_string())?;
                 let traversal = Traversal::ALL[(round * 2 + i) % 11];
                 scene.traverse_by(traversal).map_err(|e| e.to_string())?;

@@ -36,7 +36,7 @@ pub(crate) fn cases() -> Vec<Case> {
 fn hostile(recipe: Recipe, tally: &mut Tally) {
     let device = Device::from(Cpu::with_threads(1).expect("a thread"));
     let mesh = recipe.mesh();
-    let build = |builder| Scene::build(&device, &mesh, &BuildOptions { builder, ..BuildOptions::default() });
+    let build = |builder| Scene::build(&device, &mesh, &BuildOptions::default().with_builder(builder));
     let mut scene = build(Builder::Binned).expect("a CPU builds it");
     let tree = scene.tree().expect("a CPU has it");
     let rays = rays(&mesh, tree.view(), RAYS, recipe.seed);

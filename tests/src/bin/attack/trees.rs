@@ -28,7 +28,7 @@ impl Base {
     fn new(family: Family, size: u32, builder: Builder) -> Self {
         let device = Device::from(Cpu::with_threads(1).expect("a thread"));
         let mesh = Recipe { family, size, seed: 7 }.mesh();
-        let options = BuildOptions { builder, ..BuildOptions::default() };
+        let options = BuildOptions::default().with_builder(builder);
         let folder = tempfile::tempdir().expect("there is room");
         let path = folder.path().join("tree");
         let rays = random(mesh.bounds(), 64, 3);

@@ -1,0 +1,213 @@
+//! Several scenes in one, each moved, turned and scaled.
+
+use super::Scene;
+use crate::{
+    Error, Hit, Query, Ray,
+    rays::{AnyRay, Ray64},
+};
+use raykd_shared::MISS;
+use rayon::prelude::*;
+use robust::{Coord3D, orient3d};
+
+/// Rays that are looked at together.
+const BATCH: usize = 1 << 20;
+
+/// Instances of scenes: the same scene may stand in several places, at the price of one.
+///
+/// Every ray is taken to the space of each instance whose box it meets, and traced there by [`Scene::trace`], with the
+/// traversal and triangle test of that scene. Scenes may be on several devices. The hits are the same bytes on all.
+///
+/// What is exact: the inverse of a transform and the ray are computed in `f64`, then the ray is rounded once, to the
+/// `f32` of a [`Ray`]. Its hits in the instance are those that the scene promises for that ray. So within one
+/// instance no ray slips through an edge or a vertex. Between two instances that touch, one may: it is rounded for
+/// each of them, by up to 2^-24 of the numbers of its origin and direction there. Where transform and ray are such
+/// that nothing is rounded (whole numbers, powers of two, mirrors), hits are those of one mesh of all triangles, with
+/// the test `exact` for any such transform.
+///
+/// Each instance takes a batch of its own, and the host puts them together: this is for few large instances. A world
+/// is made anew in no time where they move.
+///
+/// ```
+/// use raykd::{BuildOptions, Device, Mesh, Ray, Scene, World};
+///
+/// # fn main() -> Result<(), raykd::Error> {
+/// let teapot = Scene::build(&Device::best(), &Mesh::teapot(4), &BuildOptions::default())?;
+/// let mut world = World::new();
+/// world.add(&teapot, [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])?;
+/// // Another, half as large, 40 to the right.
+/// world.add(&teapot, [[0.5, 0.0, 0.0, 40.0], [0.0, 0.5, 0.0, 0.0], [0.0, 0.0, 0.5, 0.0]])?;
+/// let hits = world.closest(&[0.0, 40.0, 80.0].map(|x| Ray::new([x, 0.0, 50.0], [0.0, 0.0, -1.0])))?;
+/// assert_eq!(hits.iter().map(|hit| hit.is_hit()).collect::<Vec<_>>(), [true, true, false]);
+/// assert_eq!((hits[0].instance, hits[1].instance), (0, 1));
+/// assert_eq!(hits[0].triangle, hits[1].triangle);
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Clone, Debug, Default)]
+pub struct World {
+    instances: Vec<Instance>,
+}
+
+/// The answer to one ray, see [`Hit`].
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
+pub struct WorldHit {
+    /// Number of the instance, in the order in which they were added, or [`MISS`].
+    pub instance: u32,
+    /// Triangle number in its mesh, or [`MISS`].
+    pub triangle: u32,
+    /// Ray parameter of the hit, in lengths of the ray's direction in the world.
+    pub t: f32,
+    /// Barycentric weight of the second vertex.
+    pub u: f32,
+    /// Barycentric weight of the third vertex.
+    pub v: f32,
+}
+
+impl WorldHit {
+    /// What a ray that hits nothing gets.
+    pub const NONE: Self = Self { instance: MISS, triangle: MISS, t: 0.0, u: 0.0, v: 0.0 };
+
+    /// Whether a triangle was hit.
+    pub const fn is_hit(&self) -> bool {
+        self.instance != MISS
+    }
+}
+
+impl World {
+    /// A world without instances, in which nothing is hit.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Adds an instance of a scene, and returns its number: 0, 1, 2, … The memory of the scene is shared.
+    ///
+    /// `transform` takes points of the mesh to the world. Its rows give x, y and z there: three factors of the mesh's
+    /// x, y and z, and what is added. It may scale each axis otherwise, shear and mirror.
+    ///
+    /// # Errors
+    /// A number of the transform is infinite or NaN, or it is singular: it makes the mesh flat.
+    pub fn add(&mut self, scene: &Scene, transform: [[f32; 4]; 3]) -> Result<u32, Error> {
+        let number = self.instances.len() as u32;
+        let refused = |why| Error::Transform { instance: number, why };
+        if !transform.iter().flatten().all(|x| x.is_finite()) {
+            return Err(refused("has a number that is infinite or NaN; give finite ones"));
+        }
+        let rows = transform.map(|[x, y, z, _]| [x, y, z].map(f64::from));
+        let inverse = inverse(rows)
+            .ok_or_else(|| refused("is singular (its determinant is 0); leave the instance out"))?;
+        let shift = transform.map(|row| f64::from(row[3]));
+        self.instances.push(Instance { scene: scene.clone(), inverse, shift });
+        Ok(number)
+    }
+
+    /// How many instances there are.
+    pub fn len(&self) -> usize {
+        self.instances.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.instances.is_empty()
+    }
+
+    /// The closest hit of every ray: of equal `t`, that of the instance with the lowest number, and there of the
+    /// triangle with the lowest.
+    ///
+    /// # Errors
+    /// A device failed.
+    pub fn closest(&self, rays: &[impl AnyRay]) -> Result<Vec<WorldHit>, Error> {
+        self.trace(Query::Closest, rays)
+    }
+
+    /// Some hit of every ray that has one.
+    ///
+    /// # Errors
+    /// A device failed.
+    pub fn any(&self, rays: &[impl AnyRay]) -> Result<Vec<WorldHit>, Error> {
+        self.trace(Query::Any, rays)
+    }
+
+    fn trace(&self, query: Query, rays: &[impl AnyRay]) -> Result<Vec<WorldHit>, Error> {
+        let mut all = Vec::with_capacity(rays.len());
+        for rays in rays.chunks(BATCH) {
+            let mut best = vec![WorldHit::NONE; rays.len()];
+            for (number, instance) in (0..).zip(&self.instances) {
+                let open = |best: &WorldHit| query == Query::Closest || !best.is_hit();
+                let pairs = rays.par_iter().zip(&best).enumerate().filter(|(_, (_, best))| open(best));
+                let met = pairs.filter_map(|(i, (ray, best))| Some((i, instance.take(ray, best)?)));
+                let (which, local): (Vec<usize>, Vec<Ray64>) = met.collect::<Vec<_>>().into_iter().unzip();
+                for (i, hit) in which.into_iter().zip(instance.scene.trace(query, &local)?.hits) {
+                    if hit.is_hit() && (!best[i].is_hit() || hit.t < best[i].t) {
+                        let Hit { triangle, t, u, v } = hit;
+                        best[i] = WorldHit { instance: number, triangle, t, u, v };
+                    }
+                }
+            }
+            all.extend(best);
+        }
+        Ok(all)
+    }
+}
+
+#[derive(Clone, Debug)]
+struct Instance {
+    scene: Scene,
+    /// Takes directions from the world to the mesh.
+    inverse: [[f64; 3]; 3],
+    /// What points lose before that.
+    shift: [f64; 3],
+}
+
+impl Instance {
+    /// The part of a ray that could be better than a hit, in the space of the mesh, if it meets its box.
+    fn take(&self, ray: &impl AnyRay, best: &WorldHit) -> Option<Ray64> {
+        let ray = ray.wide();
+        let to_mesh = |v: [f64; 3]| self.inverse.map(|[x, y, z]| x * v[0] + y * v[1] + z * v[2]);
+        let local = Ray64 {
+            origin: to_mesh([0, 1, 2].map(|i| ray.origin[i] - self.shift[i])),
+            direction: to_mesh(ray.direction),
+            t_max: if best.is_hit() { best.t.into() } else { ray.t_max },
+            ..ray
+        };
+        let header = self.scene.header();
+        let scaled = |corner: [f32; 3]| corner.map(|x| f64::from(x) / f64::from(header.scale));
+        let bounds = (scaled(header.lo), scaled(header.hi));
+        may_meet(&local.alone(self.scene.translation), bounds).then_some(local)
+    }
+}
+
+/// Whether a ray could hit something in a box, by any test: at the `t` of a hit it is within 2^-24 * 21 of the box,
+/// times the largest distance along an axis from its origin to a corner. Here that is 2^-18, which covers the
+/// rounding of `t` too.
+fn may_meet(ray: &Ray, (lo, hi): ([f64; 3], [f64; 3])) -> bool {
+    const SLACK: f64 = 1.0 / (1 << 18) as f64;
+    let origin = ray.origin.map(f64::from);
+    let far = (0..3).map(|i| (lo[i] - origin[i]).abs().max((hi[i] - origin[i]).abs())).fold(0.0, f64::max);
+    let around = SLACK * far + f64::from(f32::MIN_POSITIVE);
+    let widened = |t: f32, by: f64| f64::from(t) + by * SLACK * f64::from(t.abs());
+    let (mut enter, mut leave) = (widened(ray.t_min, -1.0), widened(ray.t_max, 1.0));
+    for axis in 0..3 {
+        let (lo, hi) = (lo[axis] - around - origin[axis], hi[axis] + around - origin[axis]);
+        if ray.direction[axis].is_normal() {
+            let (a, b) = (lo / f64::from(ray.direction[axis]), hi / f64::from(ray.direction[axis]));
+            (enter, leave) = (enter.max(a.min(b)), leave.min(a.max(b)));
+        } else if lo > 0.0 || hi < 0.0 {
+            return false;
+        }
+    }
+    enter <= leave
+}
+
+/// The inverse of a matrix of `f32`, if there is one. Products of two are exact, and so is whether the determinant is
+/// 0.
+fn inverse([a, b, c]: [[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
+    let point = |[x, y, z]: [f64; 3]| Coord3D { x, y, z };
+    let determinant = orient3d(point(a), point(b), point(c), point([0.0; 3]));
+    let cross = |a: [f64; 3], b: [f64; 3]| {
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    };
+    let columns = [cross(b, c), cross(c, a), cross(a, b)];
+    let inverse = [0, 1, 2].map(|i| columns.map(|column| column[i] / determinant));
+    (determinant != 0.0).then_some(inverse)
+}
