@@ -11,7 +11,7 @@ use raykd_kernels::{
     trace::{
         intersect::{
             baldwin::{self, Baldwin, brute_baldwin},
-            bounded::{self, open},
+            bounded::{self, BOUNDED, open},
             exact::{Exact, brute_exact},
             moeller::{self, Moeller, brute_moeller},
             plane::{self, Plane, brute_plane},
@@ -119,9 +119,12 @@ impl Intersector {
         })
     }
 
-    /// What goes before [`Intersector::stack`] for so many rays, if anything does.
-    pub(crate) fn first<'a>(self, query: queries::Query<'a, OnDevice>, count: u32) -> Option<Step<'a>> {
-        (self == Self::Exact).then(|| bounded::Buffers { query }.over(count))
+    /// What goes before [`Intersector::stack`], if anything does: the kernel and its buffers.
+    pub(crate) fn first<'a, H: Host>(
+        self,
+        query: queries::Query<'a, H>,
+    ) -> Option<(&'static Kernel, Vec<H::Any<'a>>)> {
+        (self == Self::Exact).then(|| (&BOUNDED, bounded::Buffers { query }.list().collect()))
     }
 
     /// With a full stack: the kernel and its buffers.

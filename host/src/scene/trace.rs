@@ -7,7 +7,7 @@ use crate::{
     rays::AnyRay,
     traversal::Traversal,
 };
-use raykd_kernels::trace::queries;
+use raykd_kernels::{Kernel, trace::queries};
 use raykd_shared::{Hit, Ray};
 use std::time::{Duration, Instant};
 
@@ -197,10 +197,10 @@ impl Scene {
         let steps = match self.walk(batch, traversal) {
             Some(step) => vec![step],
             None => {
-                let (kernel, buffers) = self.intersector.stack(batch.query(self), query);
-                let step =
-                    Step { kernel, buffers, groups: Groups::Fixed(batch.count.div_ceil(kernel.threads)) };
-                self.intersector.first(batch.query(self), batch.count).into_iter().chain([step]).collect()
+                let last = self.intersector.stack(batch.query(self), query);
+                let all = self.intersector.first(batch.query(self)).into_iter().chain([last]);
+                let groups = |kernel: &Kernel| Groups::Fixed(batch.count.div_ceil(kernel.threads));
+                all.map(|(kernel, buffers)| Step { kernel, buffers, groups: groups(kernel) }).collect()
             }
         };
         batch.run(&self.device, &steps, query)
