@@ -364,6 +364,9 @@ mod gpu {
 }
 
 #[cfg(not(target_arch = "spirv"))]
+pub(crate) use cpu::Stack;
+
+#[cfg(not(target_arch = "spirv"))]
 mod cpu {
     use super::{Atomics, Buf, Slots};
     use core::mem::MaybeUninit;
@@ -441,14 +444,14 @@ mod cpu {
     }
 
     /// Entries below `written` have been.
-    pub(super) struct Stack<T, const N: usize> {
+    pub(crate) struct Stack<T, const N: usize> {
         entries: [MaybeUninit<T>; N],
         written: usize,
     }
 
     impl<T: Copy, const N: usize> Stack<T, N> {
         #[inline(always)]
-        pub(super) const fn new() -> Self {
+        pub(crate) const fn new() -> Self {
             Self { entries: [MaybeUninit::uninit(); N], written: 0 }
         }
     }

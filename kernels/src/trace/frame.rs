@@ -30,17 +30,17 @@ const STEEPEST: i32 = 40;
 pub const HEADING: i32 = 127;
 
 /// Origins are accepted up to this power of two (in scaled units, where scenes are at most `2^20` wide).
-const FARTHEST: i32 = 30;
+pub(super) const FARTHEST: i32 = 30;
 
 /// And scenes up to this distance. Theirs is less than `2^45`, as coordinates have 24 digits, but for scenes
 /// that are flat across an axis: farther away, products of lengths would have no room.
-const FARTHEST_SCENE: i32 = 50;
+pub(super) const FARTHEST_SCENE: i32 = 50;
 
 /// What is smaller counts as 0, for origins (in scaled units, where scenes are at least `2^-10` wide) and for
 /// the shear: with coordinates of at least `2^-60` of the scene's width no sheared vertex is subnormal, and a
 /// ray strays by a small fraction of what rounding does.
-const DUST: f32 = exp2(-70);
-const NO_SHEAR: f32 = exp2(-30);
+pub(super) const DUST: f32 = exp2(-70);
+pub(super) const NO_SHEAR: f32 = exp2(-30);
 
 /// A ray in the form traversal and triangle test need.
 #[derive(Clone, Copy, Debug)]
@@ -87,7 +87,7 @@ pub fn flush<N: Digits>(a: N, floor: f32) -> N {
 
 /// The reciprocal of a direction component of size at most 2, kept finite.
 #[inline(always)]
-fn reciprocal<N: Digits>(d: N) -> N {
+pub(super) fn reciprocal<N: Digits>(d: N) -> N {
     let least = N::all(exp2(-STEEPEST));
     N::all(1.0).over(N::choose(d.abs().below(least), least.signed(d), d))
 }
@@ -115,6 +115,27 @@ fn bound(t: f32, stretch: i32, least: f32) -> f32 {
 }
 
 impl Frame {
+    /// No ray.
+    #[cfg(not(target_arch = "spirv"))]
+    pub(super) const NOTHING: Self = Self {
+        origin: Vec3::ZERO,
+        place: Vec3::ZERO,
+        inverse: Vec3::ZERO,
+        direction: Vec3::ZERO,
+        heading: Vec3::ZERO,
+        pad: 0.0,
+        main: 0,
+        shear_x: 0.0,
+        shear_y: 0.0,
+        enter: 0.0,
+        exit: 0.0,
+        t_min: 0.0,
+        t_max: f32::INFINITY,
+        stretch: 0,
+        scale: 0,
+        valid: false,
+    };
+
     /// Prepares a ray.
     #[inline(always)]
     pub fn of(ray: &Ray, header: &TreeHeader) -> Self {

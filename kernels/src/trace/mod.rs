@@ -9,6 +9,8 @@ pub mod queries;
 pub mod frame;
 pub mod intersect;
 pub mod job;
+#[cfg(not(target_arch = "spirv"))]
+pub mod packet;
 pub mod place;
 pub mod prepare;
 pub mod single;

@@ -1,0 +1,439 @@
+//! Eight rays side by side, on a CPU: they go through the tree together, each in its own interval of `t`, and those that
+//! a node does not concern wait. The answers are those of [`stack`](super::traverse::stack), which asks the same
+//! questions of one ray.
+//!
+//! Rays whose directions have the same signs come to all leaves in the same order, so each does what it does alone. Where
+//! signs differ most decide which child comes first, which changes no closest hit. Any hit is that of the first leaf that
+//! has one, so there signs must agree.
+
+use super::{
+    frame::{DUST, FARTHEST, FARTHEST_SCENE, Frame, NO_SHEAR, PAD, flush, reciprocal, slab},
+    intersect::{
+        Best, NORMAL,
+        strict::{self, Sheared, sheared, weights},
+    },
+    job::JOB_RAYS,
+    traverse::crossing::crossed,
+};
+use crate::{
+    Group,
+    glam::{UVec4, Vec3, Vec4},
+    math::{Sides, div, exp2},
+    mem::{Buf, Slots, Stack},
+};
+use raykd_shared::{MISS, Node, TreeHeader, limits::MAX_DEPTH};
+
+/// How many rays go together.
+pub const SIDE_BY_SIDE: u32 = 8;
+
+/// No triangle yet, as a float that is larger than any with a triangle's number and [`NORMAL`].
+const NONE: f32 = f32::INFINITY;
+
+/// A node for later: where the interval of each ray begins and ends there, and which rays have one.
+#[derive(Clone, Copy)]
+struct Entry<N> {
+    node: Node,
+    rays: u32,
+    enter: N,
+    exit: N,
+}
+
+/// The best hits so far.
+struct Bests<N> {
+    t: N,
+    triangle: N,
+    u: N,
+    v: N,
+    det: N,
+}
+
+/// Rays made ready, as [`Frame`] is.
+struct Packet<N: Sides> {
+    /// By axis; there is no fourth one, but its number is that of a leaf.
+    origins: [N; 4],
+    inverses: [N; 4],
+    /// Which rays go down on an axis.
+    back: [u32; 4],
+    pad: N,
+    /// What turns a corner so that a ray's main axis is the last.
+    turns: [N::Turn; 3],
+    /// The origins, turned.
+    seats: [N; 3],
+    shear_x: N,
+    shear_y: N,
+    /// Reciprocals of the main components.
+    along: N,
+    main: N,
+    enter: N,
+    exit: N,
+    t_min: N,
+    /// What makes of a scaled `t` one of the ray's own.
+    unstretch: N,
+    best: Bests<N>,
+}
+
+impl<N: Sides> Packet<N> {
+    /// Of rays as buffers hold them. Nothing if one is out of the ordinary: numbers so small or large that scaling them
+    /// is more than a multiplication, or none.
+    #[inline(always)]
+    fn new(rows: &[[Vec4; 8]; 2], header: &TreeHeader) -> Option<Self> {
+        let [ox, oy, oz, dx] = N::columns(&rows[0]);
+        let [dy, dz, from, to] = N::columns(&rows[1]);
+        let all = N::all;
+        let zero = all(0.0);
+        let (sx, sy, sz) = (dx.abs(), dy.abs(), dz.abs());
+        let most = sx.high(sy).high(sz);
+        let unit = most.unit();
+        let stretch = unit.unit() * all(header.scale);
+        let place = [ox * all(header.scale), oy * all(header.scale), oz * all(header.scale)];
+        let (t_min, t_max) = (from * stretch, to * stretch);
+        let origin = [flush(place[0], DUST), flush(place[1], DUST), flush(place[2], DUST)];
+        let mut far = all(exp2(-40));
+        let mut axis = 0;
+        while axis < 3 {
+            far = far.high((all(header.lo[axis]) - origin[axis]).abs());
+            far = far.high((all(header.hi[axis]) - origin[axis]).abs());
+            axis += 1;
+        }
+        // Comparisons with NaN are false.
+        let (large, close, normal) = (all(exp2(60)), all(exp2(FARTHEST)), all(f32::MIN_POSITIVE));
+        let sized = sx.below(large) & sy.below(large) & sz.below(large) & most.exceeds(all(exp2(-60)));
+        let placed =
+            place[0].abs().below(close) & place[1].abs().below(close) & place[2].abs().below(close);
+        let begun = from.is(zero) | !(from.abs().below(normal) | t_min.abs().below(normal));
+        let ended = to.is(zero) | !(to.abs().below(normal) | t_max.abs().below(normal));
+        let numbers = from.is(from) & to.is(to) & far.below(all(exp2(FARTHEST_SCENE)));
+        let scaled = header.scale > exp2(-40) && header.scale < exp2(40);
+        if !scaled || N::bits(sized & placed & begun & ended & numbers) != 0xFF {
+            return None;
+        }
+        let d = [dx * unit, dy * unit, dz * unit];
+        let inverse = [reciprocal(d[0]), reciprocal(d[1]), reciprocal(d[2])];
+        let pad = all(PAD) * far;
+        let (mut enter, mut exit) = (t_min, t_max);
+        let mut axis = 0;
+        while axis < 3 {
+            let (lo, hi) = (header.lo[axis], header.hi[axis]);
+            (enter, exit) = slab(lo, hi, origin[axis], inverse[axis], pad, enter, exit);
+            axis += 1;
+        }
+        // Of equal components the first is the main one.
+        let (second, third) = (sy.exceeds(sx), sz.exceeds(sx.high(sy)));
+        let by_main = |a, b, c| N::choose(third, c, N::choose(second, b, a));
+        let along = by_main(inverse[0], inverse[1], inverse[2]);
+        let back = |axis: usize| N::bits(inverse[axis].below(zero));
+        Some(Self {
+            origins: [origin[0], origin[1], origin[2], zero],
+            inverses: [inverse[0], inverse[1], inverse[2], zero],
+            back: [back(0), back(1), back(2), 0],
+            pad,
+            turns: [
+                N::turn(by_main(all(1.0), all(2.0), zero)),
+                N::turn(by_main(all(2.0), zero, all(1.0))),
+                N::turn(by_main(zero, all(1.0), all(2.0))),
+            ],
+            seats: [
+                by_main(origin[1], origin[2], origin[0]),
+                by_main(origin[2], origin[0], origin[1]),
+                by_main(origin[0], origin[1], origin[2]),
+            ],
+            shear_x: flush(by_main(d[1], d[2], d[0]) * along, NO_SHEAR),
+            shear_y: flush(by_main(d[2], d[0], d[1]) * along, NO_SHEAR),
+            along,
+            main: by_main(zero, all(1.0), all(2.0)),
+            enter,
+            exit,
+            t_min,
+            unstretch: stretch.unit(),
+            best: Bests { t: t_max, triangle: all(NONE), u: zero, v: zero, det: all(1.0) },
+        })
+    }
+
+    /// Whether all go up or down alike, on every axis.
+    #[inline(always)]
+    fn agree(&self) -> bool {
+        let alike = |axis: usize| self.back[axis] == 0 || self.back[axis] == 0xFF;
+        alike(0) & alike(1) & alike(2)
+    }
+
+    /// Finds the hits, as [`stack::walk`](super::traverse::stack::walk) does.
+    #[inline(always)]
+    fn walk<const ANY: bool>(&mut self, pairs: &Buf<UVec4>, corners: &Buf<Vec4>) {
+        let mut stack = Stack::<Entry<N>, { MAX_DEPTH as usize }>::new();
+        let mut top = 0;
+        let root = pairs.at(0);
+        let mut node = Node::from_words(root.x, root.y);
+        let (mut enter, mut exit) = (self.enter, self.exit);
+        let mut running = N::bits(!enter.exceeds(exit));
+        let mut rays = running;
+        while rays != 0 {
+            while !node.is_leaf() {
+                let pair = pairs.at(node.below() >> 1);
+                let axis = node.axis() as usize;
+                let (at, wide) = crossed(node.split(), self.origins[axis], self.inverses[axis], self.pad);
+                let (first, last) = (at - wide, at + wide);
+                let (past, before) = (last.below(enter), first.exceeds(exit));
+                let (near_rays, far_rays) = (rays & !N::bits(past), rays & !N::bits(before));
+                let (below, above) = (Node::from_words(pair.x, pair.y), Node::from_words(pair.z, pair.w));
+                let (begins, ends) = (enter.high(first), exit.low(last));
+                let back = self.back[axis] & rays;
+                let (next, later);
+                if back == 0 || back == rays {
+                    let near = if back == 0 { below } else { above };
+                    let far = if back == 0 { above } else { below };
+                    // A ray that goes to both begins in the far child where the plane does.
+                    let later_enter = N::choose(past, enter, first);
+                    next = Entry { node: near, rays: near_rays, enter, exit: ends };
+                    later = Entry { node: far, rays: far_rays, enter: later_enter, exit };
+                    if near.is_empty() || near_rays == 0 {
+                        (node, rays, enter) = (far, far_rays, begins);
+                        continue;
+                    }
+                } else {
+                    let down = N::mask(back);
+                    let one = Entry {
+                        node: below,
+                        rays: (near_rays & !back) | (far_rays & back),
+                        enter: N::choose(down, begins, enter),
+                        exit: N::choose(down, exit, ends),
+                    };
+                    let other = Entry {
+                        node: above,
+                        rays: (far_rays & !back) | (near_rays & back),
+                        enter: N::choose(down, enter, begins),
+                        exit: N::choose(down, ends, exit),
+                    };
+                    let turned = back.count_ones() * 2 > rays.count_ones();
+                    (next, later) = if turned { (other, one) } else { (one, other) };
+                    if next.node.is_empty() || next.rays == 0 {
+                        Entry { node, rays, enter, exit } = later;
+                        continue;
+                    }
+                }
+                if !later.node.is_empty() && later.rays != 0 {
+                    stack.put(top, later);
+                    top += 1;
+                }
+                Entry { node, rays, enter, exit } = next;
+            }
+            if rays != 0 {
+                self.visit(node, rays, corners);
+            }
+            if ANY {
+                running &= !N::bits(self.best.triangle.below(N::all(NONE)));
+            }
+            rays = 0;
+            while rays == 0 && top > 0 {
+                top -= 1;
+                let entry = stack.at(top);
+                (node, enter, exit) = (entry.node, entry.enter, entry.exit.low(self.best.t));
+                rays = entry.rays & running & !N::bits(enter.exceeds(self.best.t));
+            }
+        }
+    }
+
+    /// Tests the triangles of a leaf.
+    #[inline(always)]
+    fn visit(&mut self, leaf: Node, rays: u32, corners: &Buf<Vec4>) {
+        let end = leaf.first() + leaf.count();
+        let mut r = leaf.first();
+        while r < end {
+            let (a, b, c) = corners.three(3 * r);
+            r += 1;
+            let seen = |v: Vec4, k: usize| N::turned(v, self.turns[k]) - self.seats[k];
+            let (az, bz, cz) = (seen(a, 2), seen(b, 2), seen(c, 2));
+            let s = Sheared {
+                ax: sheared(seen(a, 0), self.shear_x, az),
+                ay: sheared(seen(a, 1), self.shear_y, az),
+                bx: sheared(seen(b, 0), self.shear_x, bz),
+                by: sheared(seen(b, 1), self.shear_y, bz),
+                cx: sheared(seen(c, 0), self.shear_x, cz),
+                cy: sheared(seen(c, 1), self.shear_y, cz),
+                az,
+                bz,
+                cz,
+            };
+            let may_hit = N::bits(s.agree()) & rays;
+            if may_hit != 0 {
+                let plain = N::bits(s.is_plain());
+                self.test(&s, a.w, may_hit & plain);
+                let mut odd = may_hit & !plain;
+                while odd != 0 {
+                    self.test_one(odd.trailing_zeros() as usize, (a, b, c));
+                    odd &= odd - 1;
+                }
+            }
+        }
+    }
+
+    /// [`strict::test`] of one triangle for some rays, whose coordinates are plain.
+    #[inline(always)]
+    fn test(&mut self, s: &Sheared<N>, triangle: f32, rays: u32) {
+        let (zero, triangle) = (N::all(0.0), N::all(triangle));
+        let (u, v, w) = s.edges();
+        let negative = u.below(zero) | v.below(zero) | w.below(zero);
+        let positive = u.exceeds(zero) | v.exceeds(zero) | w.exceeds(zero);
+        let hit = (negative | positive) & !(negative & positive);
+        let (u, v, w, det) = weights(u, v, w);
+        let t = s.depth(self.along, u, v, w).over(det);
+        let best = &mut self.best;
+        let better = t.below(best.t) | (t.is(best.t) & triangle.below(best.triangle));
+        let take = hit & better & !t.below(self.t_min) & N::mask(rays);
+        best.t = N::choose(take, t, best.t);
+        best.triangle = N::choose(take, triangle, best.triangle);
+        best.u = N::choose(take, v, best.u);
+        best.v = N::choose(take, w, best.v);
+        best.det = N::choose(take, det, best.det);
+    }
+
+    /// [`strict::test`] of one triangle for one ray.
+    #[inline(always)]
+    fn test_one(&mut self, ray: usize, corners: (Vec4, Vec4, Vec4)) {
+        let one = |numbers: N| numbers.numbers()[ray];
+        let three = |numbers: &[N; 4]| Vec3::new(one(numbers[0]), one(numbers[1]), one(numbers[2]));
+        let numbers = &self.best;
+        let triangle = one(numbers.triangle);
+        let mut best = Best {
+            t: one(numbers.t),
+            triangle: if triangle < NONE { triangle.to_bits() & !NORMAL } else { MISS },
+            u: one(numbers.u),
+            v: one(numbers.v),
+            det: one(numbers.det),
+        };
+        let frame = Frame {
+            origin: three(&self.origins),
+            inverse: three(&self.inverses),
+            main: one(self.main) as u32,
+            shear_x: one(self.shear_x),
+            shear_y: one(self.shear_y),
+            t_min: one(self.t_min),
+            ..Frame::NOTHING
+        };
+        offer(&frame, corners, &mut best);
+        if best.triangle != MISS {
+            let here = N::mask(1 << ray);
+            let numbers = &mut self.best;
+            numbers.t = N::choose(here, N::all(best.t), numbers.t);
+            numbers.triangle =
+                N::choose(here, N::all(f32::from_bits(best.triangle | NORMAL)), numbers.triangle);
+            numbers.u = N::choose(here, N::all(best.u), numbers.u);
+            numbers.v = N::choose(here, N::all(best.v), numbers.v);
+            numbers.det = N::choose(here, N::all(best.det), numbers.det);
+        }
+    }
+
+    /// Writes the hits, as [`record`](super::job::record) does, from `first` on.
+    #[inline(always)]
+    fn record(&self, first: u32, hits: &mut Buf<UVec4>) {
+        let best = &self.best;
+        // What is subnormal is 0, and no zero is negative.
+        let t = flush(best.t * self.unstretch, f32::MIN_POSITIVE) + N::all(0.0);
+        let (triangles, t) = (best.triangle.numbers(), t.numbers());
+        let (u, v) = (quotients(best.u, best.det), quotients(best.v, best.det));
+        let mut ray = 0;
+        while ray < SIDE_BY_SIDE as usize {
+            let hit = UVec4::new(
+                triangles[ray].to_bits() & !NORMAL,
+                t[ray].to_bits(),
+                u[ray].to_bits(),
+                v[ray].to_bits(),
+            );
+            let missed = UVec4::new(MISS, 0, 0, 0);
+            hits.put(first + ray as u32, if triangles[ray] < NONE { hit } else { missed });
+            ray += 1;
+        }
+    }
+}
+
+/// Quotients of weights by their sums.
+#[inline(always)]
+fn quotients<N: Sides>(a: N, sum: N) -> [f32; 8] {
+    let mut found = (a.over(sum) + N::all(0.0)).numbers();
+    // Few are so small that their quotients may not be normal.
+    let mut small = N::bits(a.is_small(exp2(-100)));
+    while small != 0 {
+        let ray = small.trailing_zeros() as usize;
+        found[ray] = div(a.numbers()[ray], sum.numbers()[ray]) + 0.0;
+        small &= small - 1;
+    }
+    found
+}
+
+/// [`strict::test`], for the few cases that need it.
+#[cold]
+#[inline(never)]
+fn offer(ray: &Frame, (a, b, c): (Vec4, Vec4, Vec4), best: &mut Best) {
+    strict::test(ray, a.w.to_bits() & !NORMAL, a.truncate(), b.truncate(), c.truncate(), best);
+}
+
+/// Answers those of the rays from `first` to `end` that go side by side, at most 64, and returns which are left: a bit a
+/// ray.
+#[inline(always)]
+fn answer<N: Sides, const ANY: bool>(
+    (first, end): (u32, u32),
+    header: &TreeHeader,
+    pairs: &Buf<UVec4>,
+    corners: &Buf<Vec4>,
+    rays: &Buf<Vec4>,
+    hits: &mut Buf<UVec4>,
+) -> u64 {
+    let mut left = u64::MAX;
+    let mut i = first;
+    while i + SIDE_BY_SIDE <= end {
+        let mut rows = [[Vec4::ZERO; 8]; 2];
+        let mut ray = 0;
+        while ray < SIDE_BY_SIDE {
+            rows[0][ray as usize] = rays.at(2 * (i + ray));
+            rows[1][ray as usize] = rays.at(2 * (i + ray) + 1);
+            ray += 1;
+        }
+        if let Some(mut packet) = Packet::<N>::new(&rows, header)
+            && (!ANY || packet.agree())
+        {
+            packet.walk::<ANY>(pairs, corners);
+            packet.record(i, hits);
+            left &= !(0xFF << (i - first));
+        }
+        i += SIDE_BY_SIDE;
+    }
+    left
+}
+
+/// [`answer`] compiled for AVX2.
+///
+/// # Safety
+/// The processor has these instructions.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+#[inline(never)]
+unsafe fn by_eight<const ANY: bool>(
+    range: (u32, u32),
+    header: &TreeHeader,
+    pairs: &Buf<UVec4>,
+    corners: &Buf<Vec4>,
+    rays: &Buf<Vec4>,
+    hits: &mut Buf<UVec4>,
+) -> u64 {
+    answer::<crate::eight::Eight, ANY>(range, header, pairs, corners, rays, hits)
+}
+
+/// Answers those of a workgroup's rays that go side by side, and returns which are left: a bit a ray.
+#[inline(always)]
+pub fn side_by_side<const ANY: bool>(
+    group: &Group,
+    job: &Buf<u32>,
+    header: &Buf<TreeHeader>,
+    pairs: &Buf<UVec4>,
+    corners: &Buf<Vec4>,
+    rays: &Buf<Vec4>,
+    hits: &mut Buf<UVec4>,
+) -> u64 {
+    let first = group.id * group.width;
+    let range = (first, job.at(JOB_RAYS).min(first + group.width));
+    #[cfg(target_arch = "x86_64")]
+    if group.usual {
+        // SAFETY: that it is usual says so.
+        return unsafe { by_eight::<ANY>(range, &header.at(0), pairs, corners, rays, hits) };
+    }
+    u64::MAX
+}
