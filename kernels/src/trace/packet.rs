@@ -18,13 +18,23 @@ use super::{
 use crate::{
     Group,
     glam::{UVec4, Vec3, Vec4},
-    math::{Sides, div, exp2},
+    math::{Digits, Sides, abs, div, exp2, high},
     mem::{Buf, Slots, Stack},
 };
 use raykd_shared::{MISS, Node, TreeHeader, limits::MAX_DEPTH};
 
 /// How many rays go together.
 pub const SIDE_BY_SIDE: u32 = 8;
+
+/// How near to each other rays start that go together, of the scene's largest extent.
+const NEAR: f32 = 1.0 / 16.0;
+/// How many of them there must be.
+const ENOUGH: u32 = 6;
+/// How far their directions must take them together, of how far they go each, squared: half of a hemisphere's do, rays to
+/// all sides do not.
+const ALONG: f32 = 0.3;
+/// Fewer rays are not worth a walk of their own.
+const FEW: u32 = 3;
 
 /// No triangle yet, as a float that is larger than any with a triangle's number and [`NORMAL`].
 const NONE: f32 = f32::INFINITY;
@@ -45,6 +55,74 @@ struct Bests<N> {
     u: N,
     v: N,
     det: N,
+}
+
+/// Rays scaled, as [`Frame`] does it, where that is a multiplication.
+struct Scaled<N> {
+    origin: [N; 3],
+    /// The largest component is of size 1 to 2.
+    direction: [N; 3],
+    t_min: N,
+    t_max: N,
+    stretch: N,
+    /// Which rays are ordinary: numbers, none so small or large that digits are lost.
+    rays: u32,
+}
+
+impl<N: Sides> Scaled<N> {
+    /// Of rays as buffers hold them.
+    #[inline(always)]
+    fn new(starts: &[Vec4; 8], ways: &[Vec4; 8], scale: f32) -> Self {
+        let [ox, oy, oz, dx] = N::columns(starts);
+        let [dy, dz, from, to] = N::columns(ways);
+        let (scale, zero) = (N::all(scale), N::all(0.0));
+        let (sx, sy, sz) = (dx.abs(), dy.abs(), dz.abs());
+        let most = sx.high(sy).high(sz);
+        let unit = most.unit();
+        let stretch = unit.unit() * scale;
+        let place = [ox * scale, oy * scale, oz * scale];
+        let (t_min, t_max) = (from * stretch, to * stretch);
+        // Comparisons with NaN are false.
+        let (large, close, normal) = (N::all(exp2(60)), N::all(exp2(FARTHEST)), N::all(f32::MIN_POSITIVE));
+        let sized = sx.below(large) & sy.below(large) & sz.below(large) & most.exceeds(N::all(exp2(-60)));
+        let placed = place[0].abs().below(close) & place[1].abs().below(close) & place[2].abs().below(close);
+        let begun = from.is(zero) | !(from.abs().below(normal) | t_min.abs().below(normal));
+        let ended = to.is(zero) | !(to.abs().below(normal) | t_max.abs().below(normal));
+        Self {
+            origin: [flush(place[0], DUST), flush(place[1], DUST), flush(place[2], DUST)],
+            direction: [dx * unit, dy * unit, dz * unit],
+            t_min,
+            t_max,
+            stretch,
+            rays: N::bits(sized & placed & begun & ended & from.is(from) & to.is(to)),
+        }
+    }
+
+    /// Whether directions do not cancel out.
+    #[inline(always)]
+    fn agree(&self) -> bool {
+        let [x, y, z] = self.direction;
+        let (sx, sy, sz) = (sum(x), sum(y), sum(z));
+        let most = SIDE_BY_SIDE as f32 * sum(x * x + y * y + z * z);
+        sx * sx + sy * sy + sz * sz > ALONG * most
+    }
+}
+
+/// Which of some rays start near the first one, on every axis.
+#[inline(always)]
+fn close<N: Sides>(rows: &[Vec4; 8], near: f32) -> u32 {
+    let first = rows[0];
+    let [x, y, z, _] = N::columns(rows);
+    let near = N::all(near);
+    let (x, y, z) = (x - N::all(first.x), y - N::all(first.y), z - N::all(first.z));
+    N::bits(x.abs().below(near) & y.abs().below(near) & z.abs().below(near))
+}
+
+/// The sum of all.
+#[inline(always)]
+fn sum<N: Sides>(numbers: N) -> f32 {
+    let [a, b, c, d, e, f, g, h] = numbers.numbers();
+    ((a + b) + (c + d)) + ((e + f) + (g + h))
 }
 
 /// Rays made ready, as [`Frame`] is.
@@ -73,98 +151,73 @@ struct Packet<N: Sides> {
 }
 
 impl<N: Sides> Packet<N> {
-    /// Of rays as buffers hold them. Nothing if one is out of the ordinary: numbers so small or large that scaling them
-    /// is more than a multiplication, or none.
     #[inline(always)]
-    fn new(rows: &[[Vec4; 8]; 2], header: &TreeHeader) -> Option<Self> {
-        let [ox, oy, oz, dx] = N::columns(&rows[0]);
-        let [dy, dz, from, to] = N::columns(&rows[1]);
-        let all = N::all;
-        let zero = all(0.0);
-        let (sx, sy, sz) = (dx.abs(), dy.abs(), dz.abs());
-        let most = sx.high(sy).high(sz);
-        let unit = most.unit();
-        let stretch = unit.unit() * all(header.scale);
-        let place = [ox * all(header.scale), oy * all(header.scale), oz * all(header.scale)];
-        let (t_min, t_max) = (from * stretch, to * stretch);
-        let origin = [flush(place[0], DUST), flush(place[1], DUST), flush(place[2], DUST)];
+    fn new(of: &Scaled<N>, header: &TreeHeader) -> Self {
+        let (all, zero) = (N::all, N::all(0.0));
+        let ([ox, oy, oz], [dx, dy, dz]) = (of.origin, of.direction);
+        let inverse = [reciprocal(dx), reciprocal(dy), reciprocal(dz)];
         let mut far = all(exp2(-40));
         let mut axis = 0;
         while axis < 3 {
-            far = far.high((all(header.lo[axis]) - origin[axis]).abs());
-            far = far.high((all(header.hi[axis]) - origin[axis]).abs());
+            far = far.high((all(header.lo[axis]) - of.origin[axis]).abs());
+            far = far.high((all(header.hi[axis]) - of.origin[axis]).abs());
             axis += 1;
         }
-        // Comparisons with NaN are false.
-        let (large, close, normal) = (all(exp2(60)), all(exp2(FARTHEST)), all(f32::MIN_POSITIVE));
-        let sized = sx.below(large) & sy.below(large) & sz.below(large) & most.exceeds(all(exp2(-60)));
-        let placed =
-            place[0].abs().below(close) & place[1].abs().below(close) & place[2].abs().below(close);
-        let begun = from.is(zero) | !(from.abs().below(normal) | t_min.abs().below(normal));
-        let ended = to.is(zero) | !(to.abs().below(normal) | t_max.abs().below(normal));
-        let numbers = from.is(from) & to.is(to) & far.below(all(exp2(FARTHEST_SCENE)));
-        let scaled = header.scale > exp2(-40) && header.scale < exp2(40);
-        if !scaled || N::bits(sized & placed & begun & ended & numbers) != 0xFF {
-            return None;
-        }
-        let d = [dx * unit, dy * unit, dz * unit];
-        let inverse = [reciprocal(d[0]), reciprocal(d[1]), reciprocal(d[2])];
         let pad = all(PAD) * far;
-        let (mut enter, mut exit) = (t_min, t_max);
+        let (mut enter, mut exit) = (of.t_min, of.t_max);
         let mut axis = 0;
         while axis < 3 {
             let (lo, hi) = (header.lo[axis], header.hi[axis]);
-            (enter, exit) = slab(lo, hi, origin[axis], inverse[axis], pad, enter, exit);
+            (enter, exit) = slab(lo, hi, of.origin[axis], inverse[axis], pad, enter, exit);
             axis += 1;
         }
         // Of equal components the first is the main one.
-        let (second, third) = (sy.exceeds(sx), sz.exceeds(sx.high(sy)));
+        let (sx, sy) = (dx.abs(), dy.abs());
+        let (second, third) = (sy.exceeds(sx), dz.abs().exceeds(sx.high(sy)));
         let by_main = |a, b, c| N::choose(third, c, N::choose(second, b, a));
         let along = by_main(inverse[0], inverse[1], inverse[2]);
+        let (one, two) = (all(1.0), all(2.0));
         let back = |axis: usize| N::bits(inverse[axis].below(zero));
-        Some(Self {
-            origins: [origin[0], origin[1], origin[2], zero],
+        Self {
+            origins: [ox, oy, oz, zero],
             inverses: [inverse[0], inverse[1], inverse[2], zero],
             back: [back(0), back(1), back(2), 0],
             pad,
             turns: [
-                N::turn(by_main(all(1.0), all(2.0), zero)),
-                N::turn(by_main(all(2.0), zero, all(1.0))),
-                N::turn(by_main(zero, all(1.0), all(2.0))),
+                N::turn(by_main(one, two, zero)),
+                N::turn(by_main(two, zero, one)),
+                N::turn(by_main(zero, one, two)),
             ],
-            seats: [
-                by_main(origin[1], origin[2], origin[0]),
-                by_main(origin[2], origin[0], origin[1]),
-                by_main(origin[0], origin[1], origin[2]),
-            ],
-            shear_x: flush(by_main(d[1], d[2], d[0]) * along, NO_SHEAR),
-            shear_y: flush(by_main(d[2], d[0], d[1]) * along, NO_SHEAR),
+            seats: [by_main(oy, oz, ox), by_main(oz, ox, oy), by_main(ox, oy, oz)],
+            shear_x: flush(by_main(dy, dz, dx) * along, NO_SHEAR),
+            shear_y: flush(by_main(dz, dx, dy) * along, NO_SHEAR),
             along,
-            main: by_main(zero, all(1.0), all(2.0)),
+            main: by_main(zero, one, two),
             enter,
             exit,
-            t_min,
-            unstretch: stretch.unit(),
-            best: Bests { t: t_max, triangle: all(NONE), u: zero, v: zero, det: all(1.0) },
-        })
+            t_min: of.t_min,
+            unstretch: of.stretch.unit(),
+            best: Bests { t: of.t_max, triangle: all(NONE), u: zero, v: zero, det: one },
+        }
     }
 
-    /// Whether all go up or down alike, on every axis.
+    /// Those of some rays whose directions have the signs of the first one's.
     #[inline(always)]
-    fn agree(&self) -> bool {
-        let alike = |axis: usize| self.back[axis] == 0 || self.back[axis] == 0xFF;
-        alike(0) & alike(1) & alike(2)
+    fn alike(&self, rays: u32) -> u32 {
+        let first = rays & rays.wrapping_neg();
+        let like = |back: u32| if back & first == 0 { !back } else { back };
+        rays & like(self.back[0]) & like(self.back[1]) & like(self.back[2])
     }
 
-    /// Finds the hits, as [`stack::walk`](super::traverse::stack::walk) does.
+    /// Finds the hits of some rays, as [`stack::walk`](super::traverse::stack::walk) does.
     #[inline(always)]
-    fn walk<const ANY: bool>(&mut self, pairs: &Buf<UVec4>, corners: &Buf<Vec4>) {
+    fn walk<const ANY: bool>(&mut self, rays: u32, pairs: &Buf<UVec4>, corners: &Buf<Vec4>) {
         let mut stack = Stack::<Entry<N>, { MAX_DEPTH as usize }>::new();
         let mut top = 0;
         let root = pairs.at(0);
         let mut node = Node::from_words(root.x, root.y);
         let (mut enter, mut exit) = (self.enter, self.exit);
-        let mut running = N::bits(!enter.exceeds(exit));
+        let mut running = rays & !N::bits(enter.exceeds(exit));
         let mut rays = running;
         while rays != 0 {
             while !node.is_leaf() {
@@ -187,6 +240,9 @@ impl<N: Sides> Packet<N> {
                     later = Entry { node: far, rays: far_rays, enter: later_enter, exit };
                     if near.is_empty() || near_rays == 0 {
                         (node, rays, enter) = (far, far_rays, begins);
+                        if rays == 0 {
+                            node = Node::PADDING;
+                        }
                         continue;
                     }
                 } else {
@@ -207,6 +263,9 @@ impl<N: Sides> Packet<N> {
                     (next, later) = if turned { (other, one) } else { (one, other) };
                     if next.node.is_empty() || next.rays == 0 {
                         Entry { node, rays, enter, exit } = later;
+                        if rays == 0 {
+                            node = Node::PADDING;
+                        }
                         continue;
                     }
                 }
@@ -322,9 +381,9 @@ impl<N: Sides> Packet<N> {
         }
     }
 
-    /// Writes the hits, as [`record`](super::job::record) does, from `first` on.
+    /// Writes the hits of some rays, as [`record`](super::job::record) does, from `first` on.
     #[inline(always)]
-    fn record(&self, first: u32, hits: &mut Buf<UVec4>) {
+    fn record(&self, rays: u32, first: u32, hits: &mut Buf<UVec4>) {
         let best = &self.best;
         // What is subnormal is 0, and no zero is negative.
         let t = flush(best.t * self.unstretch, f32::MIN_POSITIVE) + N::all(0.0);
@@ -339,7 +398,9 @@ impl<N: Sides> Packet<N> {
                 v[ray].to_bits(),
             );
             let missed = UVec4::new(MISS, 0, 0, 0);
-            hits.put(first + ray as u32, if triangles[ray] < NONE { hit } else { missed });
+            if rays >> ray & 1 != 0 {
+                hits.put(first + ray as u32, if triangles[ray] < NONE { hit } else { missed });
+            }
             ray += 1;
         }
     }
@@ -378,25 +439,53 @@ fn answer<N: Sides, const ANY: bool>(
     hits: &mut Buf<UVec4>,
 ) -> u64 {
     let mut left = u64::MAX;
+    let Some(near) = near(header) else { return left };
     let mut i = first;
     while i + SIDE_BY_SIDE <= end {
-        let mut rows = [[Vec4::ZERO; 8]; 2];
+        let (mut starts, mut ways) = ([Vec4::ZERO; 8], [Vec4::ZERO; 8]);
         let mut ray = 0;
         while ray < SIDE_BY_SIDE {
-            rows[0][ray as usize] = rays.at(2 * (i + ray));
-            rows[1][ray as usize] = rays.at(2 * (i + ray) + 1);
+            starts[ray as usize] = rays.at(2 * (i + ray));
+            ways[ray as usize] = rays.at(2 * (i + ray) + 1);
             ray += 1;
         }
-        if let Some(mut packet) = Packet::<N>::new(&rows, header)
-            && (!ANY || packet.agree())
-        {
-            packet.walk::<ANY>(pairs, corners);
-            packet.record(i, hits);
-            left &= !(0xFF << (i - first));
+        let mut waiting = close::<N>(&starts, near);
+        if waiting.count_ones() >= ENOUGH {
+            let scaled = Scaled::<N>::new(&starts, &ways, header.scale);
+            waiting &= scaled.rays;
+            if waiting.count_ones() >= ENOUGH && scaled.agree() {
+                let mut packet = Packet::new(&scaled, header);
+                let mut answered = 0;
+                while waiting != 0 {
+                    let some = if ANY { packet.alike(waiting) } else { waiting };
+                    if some.count_ones() >= FEW {
+                        packet.walk::<ANY>(some, pairs, corners);
+                        answered |= some;
+                    }
+                    waiting &= !some;
+                }
+                packet.record(answered, i, hits);
+                left &= !(u64::from(answered) << (i - first));
+            }
         }
         i += SIDE_BY_SIDE;
     }
     left
+}
+
+/// How near to each other rays start that go together; nothing if the scene's numbers are out of the ordinary.
+#[inline(always)]
+fn near(header: &TreeHeader) -> Option<f32> {
+    let (mut extent, mut most) = (0.0, 0.0);
+    let mut axis = 0;
+    while axis < 3 {
+        let (lo, hi) = (header.lo[axis], header.hi[axis]);
+        extent = high(extent, hi - lo);
+        most = high(most, high(abs(lo), abs(hi)));
+        axis += 1;
+    }
+    let ordinary = most < exp2(FARTHEST_SCENE - 1) && header.scale > exp2(-40) && header.scale < exp2(40);
+    if ordinary { Some(extent * NEAR * header.scale.unit()) } else { None }
 }
 
 /// [`answer`] compiled for AVX2.

@@ -1,6 +1,8 @@
 //! What can be asked of a ray, and how kernels that answer are declared. Those of the default test stand here; the
 //! other ways through the tree and triangle tests have theirs beside them.
 
+#[cfg(not(target_arch = "spirv"))]
+use super::packet::side_by_side;
 use super::{
     frame::Frame,
     intersect::{Intersector, exact::Exact, perturbed::Perturbed, strict::Strict},
@@ -12,8 +14,6 @@ use super::{
         stack::ASIDE,
     },
 };
-#[cfg(not(target_arch = "spirv"))]
-use super::packet::side_by_side;
 use crate::{
     glam::{UVec4, Vec4},
     mem::{Atomics, Buf, Slots, scratch},
