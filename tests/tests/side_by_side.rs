@@ -8,7 +8,7 @@ use raykd::{
 };
 use raykd_tests::{
     Failure, cases, cpu,
-    meshes::{Recipe, any_mesh, traceable_mesh},
+    meshes::{Family, Recipe, any_mesh, traceable_mesh},
     rays::{of_any_size, rays},
     same,
 };
@@ -98,6 +98,15 @@ proptest! {
     }
 }
 
+/// Here an interval that began elsewhere than a single ray's showed in any hits.
+#[test]
+fn crowds_begin_in_far_children_where_single_rays_do() -> Result<(), Failure> {
+    let far = Recipe { family: Family::Far, size: 4581, seed: 17_202_576_479_215_195_980 };
+    of_recipe(far, 8_954_388_402_308_631_604, 6)?;
+    let fan = Recipe { family: Family::Fan, size: 323, seed: 2_861_387_129_697_534_365 };
+    of_recipe(fan, 5_442_200_541_861_752_951, 20)
+}
+
 #[test]
 fn crowds_in_stress_scenes_find_what_each_ray_finds() -> Result<(), Failure> {
     for case in &CASES {
@@ -120,6 +129,43 @@ fn pictures_are_the_same_as_pixel_by_pixel() -> Result<(), Failure> {
         let picture = Camera::framing(mesh.bounds()).rays(301, 97);
         one_by_one(&scene, &picture)?;
         one_by_one(&scene, &bounces(&mesh, &picture, &scene.closest(&picture)?, 1))?;
+    }
+    Ok(())
+}
+
+/// Corners and origins that are the same but for next to nothing, distances near 0, and numbers near the ends of what goes
+/// side by side.
+#[test]
+fn crowds_at_the_ends_of_the_range_find_what_each_ray_finds() -> Result<(), Failure> {
+    let mut random = Random::new(5);
+    let mut near = move |size: i32| match random.below(4) {
+        0 => 0.0,
+        1 => [-1.0, 1.0, 0.5, -0.0][random.below(4)],
+        _ => 2f32.powi(-(random.below(size as usize) as i32)) * random.signed(),
+    };
+    for seed in 0..40 {
+        for power in [0, 39, -39, 24, -60] {
+            let size = 2f32.powi(power);
+            let mesh = Recipe { family: Family::Lattice, size: 12, seed }.mesh();
+            let points: Vec<_> = mesh.positions().iter().map(|p| p.map(|x| x * size)).collect();
+            let mesh = Mesh::new(points, mesh.triangles().to_vec()).unwrap();
+            let scene = Scene::build(cpu(), &mesh, &BuildOptions::default())?;
+            let mut rays = Vec::new();
+            for _ in 0..60 {
+                let axis = rays.len() / 8 % 3;
+                let mut origin = [near(60), near(80), near(80)].map(|x| x * size);
+                let mut direction =
+                    [1.0, near(50), near(50)].map(|x| x * 2f32.powi([0, 59, -59, 40][seed as usize % 4]));
+                origin.rotate_left(axis);
+                direction.rotate_left(axis);
+                for _ in 0..8 {
+                    origin[(axis + 1) % 3] = near(80) * size;
+                    let t_min = if axis == 0 { f32::NEG_INFINITY } else { 0.0 };
+                    rays.push(Ray { t_min, ..Ray::new(origin, direction) });
+                }
+            }
+            one_by_one(&scene, &rays)?;
+        }
     }
     Ok(())
 }

@@ -526,3 +526,52 @@ pub fn side_by_side<const ANY: bool>(
     }
     u64::MAX
 }
+
+#[cfg(all(test, target_arch = "x86_64"))]
+mod tests {
+    extern crate std;
+    use super::*;
+    use crate::{eight::Eight, math::Number, mem::view};
+
+    #[test]
+    fn quotients_of_any_size_are_those_of_single_numbers() {
+        if !std::is_x86_feature_detected!("avx2") {
+            return;
+        }
+        for e in -126..=1 {
+            for sum in [1.0, 1.000_001, 1.7, 2.0, 3.999, 4.0] {
+                let a = exp2(e) * 1.500_001;
+                for a in [a, -a, 0.0, -0.0] {
+                    let found = quotients(Eight::all(a), Eight::all(sum));
+                    assert_eq!(found.map(f32::to_bits), [(div(a, sum) + 0.0).to_bits(); 8], "{a:e} / {sum}");
+                }
+            }
+        }
+    }
+
+    /// A triangle, and the rays of a small picture: all go side by side but those of a group that is cut off.
+    #[test]
+    fn rays_that_start_together_go_side_by_side() {
+        if !std::is_x86_feature_detected!("avx2") {
+            return;
+        }
+        let corner = |x: f32, y: f32| Vec4::new(x, y, 0.0, f32::from_bits(NORMAL));
+        let corners = [corner(0.0, 0.0), corner(1.0, 0.0), corner(0.0, 1.0)];
+        let (leaf, pad) = (Node::leaf(0, 1).words(), Node::PADDING.words());
+        let pairs = [UVec4::new(leaf.0, leaf.1, pad.0, pad.1)];
+        let header = TreeHeader { hi: [1.0, 1.0, 0.0], scale: 1.0, ..bytemuck::Zeroable::zeroed() };
+        let mut rays = [Vec4::ZERO; 40];
+        for (i, ray) in rays.chunks_mut(2).enumerate() {
+            ray[0] = Vec4::new(0.2, 0.2, 1.0, 0.01 * i as f32);
+            ray[1] = Vec4::new(0.01, -1.0, 0.0, f32::INFINITY);
+        }
+        let mut hits = [UVec4::ZERO; 20];
+        // SAFETY: the array outlives the view, and nobody else has it.
+        let out = &mut unsafe { Buf::new(hits.as_mut_ptr(), hits.len()) };
+        let (pairs, corners, rays) = (view(&pairs), view(&corners), view(&rays));
+        let left = answer::<Eight, true>((0, 20), &header, &pairs, &corners, &rays, out);
+        assert_eq!(left, u64::MAX << 16);
+        assert!(hits[..16].iter().all(|hit| hit.x == 0 && f32::from_bits(hit.y) == 1.0));
+        assert_eq!(hits[16..], [UVec4::ZERO; 4]);
+    }
+}
