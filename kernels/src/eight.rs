@@ -4,8 +4,9 @@
 //! has them: see [`rays`](crate::trace::packet::answer).
 
 use crate::{
-    glam::Vec4,
+    glam::{UVec4, Vec4},
     math::{Digits, Number, Sides},
+    mem::Buf,
 };
 use core::{
     arch::x86_64::*,
@@ -15,7 +16,8 @@ use core::{
 /// Instructions of AVX2.
 macro_rules! avx2 {
     ($instructions:expr) => {
-        // SAFETY: an `Eight` is made only in functions that run where the processor has AVX2; pointers are to locals.
+        // SAFETY: an `Eight` is made only in functions that run where the processor has AVX2; what is read or written lies
+        // in an array of eight, or in a buffer, which was checked.
         unsafe { $instructions }
     };
 }
@@ -174,5 +176,55 @@ impl Sides for Eight {
             let v = v.into();
             _mm256_permutevar_ps(_mm256_set_m128(v, v), turn)
         }))
+    }
+    #[inline(always)]
+    fn of(numbers: &[f32; 8]) -> Self {
+        Self(avx2!(_mm256_loadu_ps(numbers.as_ptr())))
+    }
+    #[inline(always)]
+    fn leaves(tags: Self) -> Mask {
+        Mask(avx2!({
+            let leaf = _mm256_set1_epi32(3);
+            _mm256_castsi256_ps(_mm256_cmpeq_epi32(_mm256_and_si256(_mm256_castps_si256(tags.0), leaf), leaf))
+        }))
+    }
+    #[inline(always)]
+    fn on_axis(tags: Self, numbers: &[Self; 3]) -> Self {
+        let [x, y, z] = *numbers;
+        // A choice is by the highest bit.
+        let (is_y, is_z) = avx2!({
+            let tags = _mm256_castps_si256(tags.0);
+            (
+                _mm256_castsi256_ps(_mm256_slli_epi32::<31>(tags)),
+                _mm256_castsi256_ps(_mm256_slli_epi32::<30>(tags)),
+            )
+        });
+        Self::choose(Mask(is_z), z, Self::choose(Mask(is_y), y, x))
+    }
+    #[inline(always)]
+    fn child(tags: Self, above: Mask) -> Self {
+        Self(avx2!({
+            let below = _mm256_srli_epi32::<2>(_mm256_castps_si256(tags.0));
+            let one = _mm256_srli_epi32::<31>(_mm256_castps_si256(above.0));
+            _mm256_castsi256_ps(_mm256_or_si256(below, one))
+        }))
+    }
+    #[inline(always)]
+    fn nodes(pairs: &Buf<UVec4>, numbers: Self, some: Mask, rest: (Self, Self)) -> (Self, Self) {
+        let (start, length) = pairs.place();
+        avx2!({
+            let (numbers, some) = (_mm256_castps_si256(numbers.0), _mm256_castps_si256(some.0));
+            // As numbers with a sign: two words a node and indices of four bytes leave no more.
+            let most = _mm256_set1_epi32((2 * length).min(1 << 30) as i32);
+            let inside = _mm256_cmpgt_epi32(most, numbers);
+            assert!(_mm256_testc_si256(inside, some) != 0, "a node's children in a buffer of {length} pairs");
+            let word = |from: *const i32, rest: Self| {
+                let rest = _mm256_castps_si256(rest.0);
+                let words = _mm256_mask_i32gather_epi32::<8>(rest, from, numbers, some);
+                Self(_mm256_castsi256_ps(words))
+            };
+            let start = start.cast::<i32>();
+            (word(start, rest.0), word(start.add(1), rest.1))
+        })
     }
 }

@@ -5,6 +5,8 @@ use crate::{
     glam::{BVec4A, Vec3, Vec4},
     mem::Slots,
 };
+#[cfg(not(target_arch = "spirv"))]
+use crate::{glam::UVec4, mem::Buf};
 use core::ops::{Add, BitAnd, BitOr, Mul, Not, Sub};
 
 /// One number, or on a CPU several side by side.
@@ -62,6 +64,8 @@ pub trait Digits: Number {
 pub trait Sides: Digits {
     /// Which component of a vector each takes.
     type Turn: Copy;
+    /// These.
+    fn of(numbers: &[f32; 8]) -> Self;
     /// The components of eight vectors.
     fn columns(rows: &[Vec4; 8]) -> [Self; 4];
     /// One by one.
@@ -74,6 +78,14 @@ pub trait Sides: Digits {
     fn turn(numbers: Self) -> Self::Turn;
     /// Of one vector, the component that each takes.
     fn turned(v: Vec4, turn: Self::Turn) -> Self;
+    /// Whether nodes with these second words are leaves.
+    fn leaves(tags: Self) -> Self::Mask;
+    /// The numbers on the axes of inner nodes.
+    fn on_axis(tags: Self, numbers: &[Self; 3]) -> Self;
+    /// The numbers, as bits, of the children of inner nodes, those above the plane or those below.
+    fn child(tags: Self, above: Self::Mask) -> Self;
+    /// Both words of some nodes with these numbers, and for the rest what is given.
+    fn nodes(pairs: &Buf<UVec4>, numbers: Self, some: Self::Mask, rest: (Self, Self)) -> (Self, Self);
 }
 
 impl Number for f32 {

@@ -34,6 +34,11 @@ impl<T> Buf<T> {
         }
     }
 
+    /// Where it is, and its length.
+    pub(crate) const fn place(&self) -> (*const T, usize) {
+        (self.ptr, self.len)
+    }
+
     /// Bytes read and written through this view, if compiled to count them.
     pub const fn moved(&self) -> u64 {
         #[cfg(feature = "traffic")]

@@ -6,6 +6,8 @@
 
 #[macro_use]
 pub mod queries;
+#[cfg(not(target_arch = "spirv"))]
+mod apart;
 pub mod frame;
 pub mod intersect;
 pub mod job;

@@ -6,6 +6,8 @@
 //! signs differ most decide which child comes first, which changes no closest hit. Any hit is that of the first leaf that
 //! has one, so there signs must agree.
 
+#[cfg(target_arch = "x86_64")]
+use super::apart;
 use super::{
     frame::{DUST, FARTHEST, FARTHEST_SCENE, Frame, NO_SHEAR, PAD, flush, reciprocal, slab},
     intersect::{
@@ -15,6 +17,8 @@ use super::{
     job::JOB_RAYS,
     traverse::crossing::crossed,
 };
+#[cfg(target_arch = "x86_64")]
+use crate::eight::Eight;
 use crate::{
     Group,
     glam::{UVec4, Vec3, Vec4},
@@ -35,6 +39,8 @@ const ENOUGH: u32 = 6;
 const ALONG: f32 = 0.3;
 /// Fewer rays are not worth a walk of their own.
 const FEW: u32 = 3;
+/// Of rays that do not go together fewer go one by one.
+const MANY: u32 = 16;
 
 /// No triangle yet, as a float that is larger than any with a triangle's number and [`NORMAL`].
 const NONE: f32 = f32::INFINITY;
@@ -223,7 +229,8 @@ impl<N: Sides> Packet<N> {
             while !node.is_leaf() {
                 let pair = pairs.at(node.below() >> 1);
                 let axis = node.axis() as usize;
-                let (at, wide) = crossed(node.split(), self.origins[axis], self.inverses[axis], self.pad);
+                let (at, wide) =
+                    crossed(N::all(node.split()), self.origins[axis], self.inverses[axis], self.pad);
                 let (first, last) = (at - wide, at + wide);
                 let (past, before) = (last.below(enter), first.exceeds(exit));
                 let (near_rays, far_rays) = (rays & !N::bits(past), rays & !N::bits(before));
@@ -488,26 +495,36 @@ fn near(header: &TreeHeader) -> Option<f32> {
     if ordinary { Some(extent * NEAR * header.scale.unit()) } else { None }
 }
 
-/// [`answer`] compiled for AVX2.
+/// [`answer`] and [`apart::answer`], compiled for AVX2.
 ///
 /// # Safety
 /// The processor has these instructions.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
 #[inline(never)]
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 unsafe fn by_eight<const ANY: bool>(
-    range: (u32, u32),
+    (first, end): (u32, u32),
     header: &TreeHeader,
     pairs: &Buf<UVec4>,
     corners: &Buf<Vec4>,
     rays: &Buf<Vec4>,
     hits: &mut Buf<UVec4>,
+    outcome: &mut Buf<u32>,
 ) -> u64 {
-    answer::<crate::eight::Eight, ANY>(range, header, pairs, corners, rays, hits)
+    let left = answer::<Eight, ANY>((first, end), header, pairs, corners, rays, hits);
+    let left = left & u64::MAX.checked_shr(64 + first - end).unwrap_or(0);
+    // What is gathered is not counted.
+    if cfg!(feature = "traffic") || left.count_ones() < MANY {
+        return left;
+    }
+    apart::answer::<Eight, ANY>(first, left, header, pairs, corners, rays, hits, outcome);
+    0
 }
 
 /// Answers those of a workgroup's rays that go side by side, and returns which are left: a bit a ray.
 #[inline(always)]
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn side_by_side<const ANY: bool>(
     group: &Group,
     job: &Buf<u32>,
@@ -516,14 +533,16 @@ pub fn side_by_side<const ANY: bool>(
     corners: &Buf<Vec4>,
     rays: &Buf<Vec4>,
     hits: &mut Buf<UVec4>,
+    outcome: &mut Buf<u32>,
 ) -> u64 {
-    let first = group.id * group.width;
-    let range = (first, job.at(JOB_RAYS).min(first + group.width));
     #[cfg(target_arch = "x86_64")]
     if group.usual {
+        let first = group.id * group.width;
+        let range = (first, job.at(JOB_RAYS).min(first + group.width));
         // SAFETY: that it is usual says so.
-        return unsafe { by_eight::<ANY>(range, &header.at(0), pairs, corners, rays, hits) };
+        return unsafe { by_eight::<ANY>(range, &header.at(0), pairs, corners, rays, hits, outcome) };
     }
+    let _ = (group, job, header, pairs, corners, rays, hits, outcome);
     u64::MAX
 }
 
@@ -531,7 +550,7 @@ pub fn side_by_side<const ANY: bool>(
 mod tests {
     extern crate std;
     use super::*;
-    use crate::{eight::Eight, math::Number, mem::view};
+    use crate::{math::Number, mem::view};
 
     #[test]
     fn quotients_of_any_size_are_those_of_single_numbers() {

@@ -112,7 +112,7 @@ macro_rules! query {
                 trace::{job, queries::SHARED, traverse::{Steps, stack::ASIDE}},
             };
             #[cfg(not(target_arch = "spirv"))]
-            let left = u64::MAX $(& $beside(&group, job, header, $pairs, $corners, rays, hits))?;
+            let left = u64::MAX $(& $beside(&group, job, header, $pairs, $corners, rays, hits, outcome))?;
             lanes!(group, |lane| {
                 let i = group.id * group.width + lane;
                 if i < job.at(job::JOB_RAYS) && is_left!(left, lane) {

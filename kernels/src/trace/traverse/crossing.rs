@@ -55,7 +55,7 @@ pub fn thick(ray: &Frame, axis: u32, position: f32) -> (f32, f32) {
 /// The `t` at which rays cross a plane, and for how long before and after they are inside it, by what is known of them
 /// on its axis.
 #[inline(always)]
-pub fn crossed<N: Digits>(position: f32, origin: N, inverse: N, pad: N) -> (N, N) {
-    let at = (N::all(position) - origin) * inverse;
+pub fn crossed<N: Digits>(position: N, origin: N, inverse: N, pad: N) -> (N, N) {
+    let at = (position - origin) * inverse;
     (at, pad * inverse.abs())
 }
