@@ -31,7 +31,7 @@ struct Lanes {
     pads: [f32; SIDES],
     enter: [f32; SIDES],
     exit: [f32; SIDES],
-    /// The words of the nodes that they are at; those without a ray are at an empty leaf.
+    /// The words of the nodes that they are at; those without a ray are at a leaf.
     words: [[f32; SIDES]; 2],
     /// Which rays they are.
     rays: [u32; SIDES],
@@ -108,7 +108,7 @@ impl Lanes {
                     self.tops[lane] += 1;
                 }
             }
-            exit = N::choose(leaves | past, exit, exit.low(last));
+            exit = N::choose(past, exit, exit.low(last));
             (splits, tags) = N::nodes(pairs, N::choose(past, far, near), !leaves, (splits, tags));
         }
     }
@@ -187,7 +187,6 @@ pub(super) fn answer<N: Sides, const ANY: bool>(
         while free != 0 {
             let lane = free.trailing_zeros() as usize;
             free &= free - 1;
-            lanes.words[1][lane] = tag;
             lanes.live &= !(1 << lane);
             let mut begun = false;
             while left != 0 && !begun {
