@@ -104,7 +104,12 @@ fn crowds_begin_in_far_children_where_single_rays_do() -> Result<(), Failure> {
     let far = Recipe { family: Family::Far, size: 4581, seed: 17_202_576_479_215_195_980 };
     of_recipe(far, 8_954_388_402_308_631_604, 6)?;
     let fan = Recipe { family: Family::Fan, size: 323, seed: 2_861_387_129_697_534_365 };
-    of_recipe(fan, 5_442_200_541_861_752_951, 20)
+    of_recipe(fan, 5_442_200_541_861_752_951, 20)?;
+    // And behind an empty leaf.
+    let fan = Recipe { family: Family::Fan, size: 118, seed: 1_782_415_870_333_155_629 };
+    of_recipe(fan, 13_333_680_396_026_225_962, 2)?;
+    let wild = Recipe { family: Family::Wild, size: 226, seed: 9_976_298_145_784_343_851 };
+    of_recipe(wild, 1_470_896_805_091_175_230, 20)
 }
 
 #[test]
