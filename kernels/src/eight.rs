@@ -1,7 +1,7 @@
 //! Eight numbers side by side, in a register of AVX2.
 //!
 //! All of it must be inlined into a function compiled for these instructions, which is called only where the processor
-//! has them: see [`rays`](crate::trace::packet::answer).
+//! has them: see [`packet`](crate::trace::packet).
 
 use crate::{
     glam::{UVec4, Vec4},

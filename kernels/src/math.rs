@@ -5,7 +5,7 @@ use crate::{
     glam::{BVec4A, Vec3, Vec4},
     mem::Slots,
 };
-#[cfg(not(target_arch = "spirv"))]
+#[cfg(target_arch = "x86_64")]
 use crate::{glam::UVec4, mem::Buf};
 use core::ops::{Add, BitAnd, BitOr, Mul, Not, Sub};
 
@@ -43,7 +43,7 @@ pub trait Digits: Number {
     fn below(self, other: Self) -> Self::Mask;
     /// [`abs()`].
     fn abs(self) -> Self;
-    /// [`head()`].
+    /// The upper half of its 24 digits.
     fn head(self) -> Self;
     /// [`is_small()`].
     fn is_small(self, floor: f32) -> Self::Mask;
@@ -60,7 +60,7 @@ pub trait Digits: Number {
 }
 
 /// Eight numbers, one of each of eight rays.
-#[cfg(not(target_arch = "spirv"))]
+#[cfg(target_arch = "x86_64")]
 pub trait Sides: Digits {
     /// Which component of a vector each takes.
     type Turn: Copy;

@@ -35,6 +35,7 @@ impl<T> Buf<T> {
     }
 
     /// Where it is, and its length.
+    #[cfg(target_arch = "x86_64")]
     pub(crate) const fn place(&self) -> (*const T, usize) {
         (self.ptr, self.len)
     }
@@ -368,7 +369,7 @@ mod gpu {
     }
 }
 
-#[cfg(not(target_arch = "spirv"))]
+#[cfg(target_arch = "x86_64")]
 pub(crate) use cpu::Stack;
 
 #[cfg(not(target_arch = "spirv"))]

@@ -116,7 +116,7 @@ fn bound(t: f32, stretch: i32, least: f32) -> f32 {
 
 impl Frame {
     /// No ray.
-    #[cfg(not(target_arch = "spirv"))]
+    #[cfg(target_arch = "x86_64")]
     pub(super) const NOTHING: Self = Self {
         origin: Vec3::ZERO,
         place: Vec3::ZERO,

@@ -6,12 +6,12 @@
 
 #[macro_use]
 pub mod queries;
-#[cfg(not(target_arch = "spirv"))]
+#[cfg(target_arch = "x86_64")]
 mod apart;
 pub mod frame;
 pub mod intersect;
 pub mod job;
-#[cfg(not(target_arch = "spirv"))]
+#[cfg(target_arch = "x86_64")]
 pub mod packet;
 pub mod place;
 pub mod prepare;

@@ -6,9 +6,8 @@
 //! signs differ most decide which child comes first, which changes no closest hit. Any hit is that of the first leaf that
 //! has one, so there signs must agree.
 
-#[cfg(target_arch = "x86_64")]
-use super::apart;
 use super::{
+    apart,
     frame::{DUST, FARTHEST, FARTHEST_SCENE, Frame, NO_SHEAR, PAD, flush, reciprocal, slab},
     intersect::{
         Best, NORMAL,
@@ -17,10 +16,9 @@ use super::{
     job::JOB_RAYS,
     traverse::crossing::crossed,
 };
-#[cfg(target_arch = "x86_64")]
-use crate::eight::Eight;
 use crate::{
     Group,
+    eight::Eight,
     glam::{UVec4, Vec3, Vec4},
     math::{Digits, Sides, abs, div, exp2, high},
     mem::{Buf, Slots, Stack},
@@ -499,7 +497,6 @@ fn near(header: &TreeHeader) -> Option<f32> {
 ///
 /// # Safety
 /// The processor has these instructions.
-#[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
 #[inline(never)]
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
@@ -535,18 +532,16 @@ pub fn side_by_side<const ANY: bool>(
     hits: &mut Buf<UVec4>,
     outcome: &mut Buf<u32>,
 ) -> u64 {
-    #[cfg(target_arch = "x86_64")]
     if group.usual {
         let first = group.id * group.width;
         let range = (first, job.at(JOB_RAYS).min(first + group.width));
         // SAFETY: that it is usual says so.
         return unsafe { by_eight::<ANY>(range, &header.at(0), pairs, corners, rays, hits, outcome) };
     }
-    let _ = (group, job, header, pairs, corners, rays, hits, outcome);
     u64::MAX
 }
 
-#[cfg(all(test, target_arch = "x86_64"))]
+#[cfg(test)]
 mod tests {
     extern crate std;
     use super::*;

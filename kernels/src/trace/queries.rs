@@ -1,7 +1,7 @@
 //! What can be asked of a ray, and how kernels that answer are declared. Those of the default test stand here; the
 //! other ways through the tree and triangle tests have theirs beside them.
 
-#[cfg(not(target_arch = "spirv"))]
+#[cfg(target_arch = "x86_64")]
 use super::packet::side_by_side;
 use super::{
     frame::Frame,
@@ -59,6 +59,22 @@ of_brute! {
 
 /// Words of workgroup memory.
 pub const SHARED: usize = ASIDE * THREADS as usize;
+
+/// Answers no rays side by side.
+#[cfg(not(any(target_arch = "spirv", target_arch = "x86_64")))]
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+fn side_by_side<const ANY: bool>(
+    _group: &crate::Group,
+    _job: &Buf<u32>,
+    _header: &Buf<TreeHeader>,
+    _pairs: &Buf<UVec4>,
+    _corners: &Buf<Vec4>,
+    _rays: &Buf<Vec4>,
+    _hits: &mut Buf<UVec4>,
+    _outcome: &mut Buf<u32>,
+) -> u64 {
+    u64::MAX
+}
 
 /// Whether a lane's ray has no answer yet: on a CPU some go side by side.
 #[cfg(target_arch = "spirv")]
