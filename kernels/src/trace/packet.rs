@@ -1,10 +1,10 @@
-//! Eight rays side by side, on a CPU: they go through the tree together, each in its own interval of `t`, and those that
-//! a node does not concern wait. The answers are those of [`stack`](super::traverse::stack), which asks the same
+//! Eight rays side by side, on a CPU: they go through the tree together, each in its own interval of `t`, and those
+//! that a node does not concern wait. The answers are those of [`stack`](super::traverse::stack), which asks the same
 //! questions of one ray.
 //!
-//! Rays whose directions have the same signs come to all leaves in the same order, so each does what it does alone. Where
-//! signs differ most decide which child comes first, which changes no closest hit. Any hit is that of the first leaf that
-//! has one, so there signs must agree.
+//! Rays whose directions have the same signs come to all leaves in the same order, so each does what it does alone.
+//! Where signs differ most decide which child comes first, which changes no closest hit. Any hit is that of the first
+//! leaf that has one, so there signs must agree.
 
 use super::{
     apart,
@@ -32,8 +32,8 @@ pub const SIDE_BY_SIDE: u32 = 8;
 const NEAR: f32 = 1.0 / 16.0;
 /// How many of them there must be.
 const ENOUGH: u32 = 6;
-/// How far their directions must take them together, of how far they go each, squared: half of a hemisphere's do, rays to
-/// all sides do not.
+/// How far their directions must take them together, of how far they go each, squared: half of a hemisphere's do, rays
+/// to all sides do not.
 const ALONG: f32 = 0.3;
 /// Fewer rays are not worth a walk of their own.
 const FEW: u32 = 3;
