@@ -16,8 +16,8 @@ use core::{
 /// Instructions of AVX2.
 macro_rules! avx2 {
     ($instructions:expr) => {
-        // SAFETY: an `Eight` is made only in functions that run where the processor has AVX2; what is read or written lies
-        // in an array of eight, or in a buffer, which was checked.
+        // SAFETY: an `Eight` is made only in functions that run where the processor has AVX2; what is read or written
+        // lies in an array of eight, or in a buffer, which was checked.
         unsafe { $instructions }
     };
 }

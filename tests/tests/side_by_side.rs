@@ -138,8 +138,8 @@ fn pictures_are_the_same_as_pixel_by_pixel() -> Result<(), Failure> {
     Ok(())
 }
 
-/// Corners and origins that are the same but for next to nothing, distances near 0, and numbers near the ends of what goes
-/// side by side.
+/// Corners and origins that are the same but for next to nothing, distances near 0, and numbers near the ends of what
+/// goes side by side.
 #[test]
 fn crowds_at_the_ends_of_the_range_find_what_each_ray_finds() -> Result<(), Failure> {
     let mut random = Random::new(5);

@@ -32,8 +32,8 @@ pub const SIDE_BY_SIDE: u32 = 8;
 const NEAR: f32 = 1.0 / 16.0;
 /// How many of them there must be.
 const ENOUGH: u32 = 6;
-/// How far their directions must take them together, of how far they go each, squared: half of a hemisphere's do, rays
-/// to all sides do not.
+/// How far their directions must take them together, of how far they go each, squared: what bounces off a surface keeps
+/// 0.4, rays to all sides an eighth.
 const ALONG: f32 = 0.3;
 /// Fewer rays are not worth a walk of their own.
 const FEW: u32 = 3;
@@ -432,8 +432,8 @@ fn offer(ray: &Frame, (a, b, c): (Vec4, Vec4, Vec4), best: &mut Best) {
     strict::test(ray, a.w.to_bits() & !NORMAL, a.truncate(), b.truncate(), c.truncate(), best);
 }
 
-/// Answers those of the rays from `first` to `end` that go side by side, at most 64, and returns which are left: a bit a
-/// ray.
+/// Answers those of the rays from `first` to `end`, at most 64, that go together, and returns which are left, a bit
+/// a ray.
 #[inline(always)]
 fn answer<N: Sides, const ANY: bool>(
     (first, end): (u32, u32),
