@@ -260,13 +260,13 @@ macro_rules! run_twice {
         // A copy for the usual order, in which lanes are counted as in any loop.
         #[cfg_attr(target_arch = "x86_64", target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt"))]
         unsafe fn usual(group: $crate::Group, buffers: &[$crate::RawBuf]) -> u64 {
-            let group = $crate::Group { width: $n, order: $crate::Order::Forward, ..group };
+            let group = $crate::Group { width: $n, order: $crate::Order::Forward, usual: true, ..group };
             // SAFETY: as for the caller.
             unsafe { run(group, buffers) }
         }
         |group, buffers| {
             // SAFETY: as for the caller, who says that the processor has these instructions.
-            unsafe { if group.usual { usual(group, buffers) } else { run(group, buffers) } }
+            unsafe { if group.usual { usual(group, buffers) } else { run($crate::Group { usual: false, ..group }, buffers) } }
         }
     }};
 }

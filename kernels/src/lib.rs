@@ -86,6 +86,8 @@
 mod kernel;
 #[macro_use]
 mod words;
+#[cfg(target_arch = "x86_64")]
+mod eight;
 pub mod math;
 pub mod mem;
 pub mod mesh;

@@ -5,14 +5,14 @@ use crate::{
     glam::{BVec4A, Vec3, Vec4},
     mem::Slots,
 };
+#[cfg(target_arch = "x86_64")]
+use crate::{glam::UVec4, mem::Buf};
 use core::ops::{Add, BitAnd, BitOr, Mul, Not, Sub};
 
-/// One number, or on a CPU four side by side.
+/// One number, or on a CPU several side by side.
 pub trait Number: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
     /// An answer to each.
     type Mask: Copy + BitAnd<Output = Self::Mask> + BitOr<Output = Self::Mask> + Not<Output = Self::Mask>;
-    /// How many they are.
-    const WIDTH: u32;
     /// The same number everywhere.
     fn all(x: f32) -> Self;
     /// Whether it is larger.
@@ -21,6 +21,12 @@ pub trait Number: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = 
     fn is(self, other: Self) -> Self::Mask;
     /// `a` where the answer is yes, else `b`.
     fn choose(mask: Self::Mask, a: Self, b: Self) -> Self;
+}
+
+/// Numbers that stand in tables of words.
+pub trait Listed: Number {
+    /// How many they are.
+    const WIDTH: u32;
     /// `first`, `first + 1` and so on.
     fn numbers(first: u32) -> Self;
     /// Those whose bits stand at `i` and behind.
@@ -29,6 +35,57 @@ pub trait Number: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = 
     fn counts<const N: usize>(words: &[u32; N], i: u32) -> Self;
     /// Puts their bits there.
     fn put<const N: usize>(self, words: &mut [u32; N], i: u32);
+}
+
+/// Numbers of which more than the order is known: what tracing needs.
+pub trait Digits: Number {
+    /// Whether it is smaller.
+    fn below(self, other: Self) -> Self::Mask;
+    /// [`abs()`].
+    fn abs(self) -> Self;
+    /// The upper half of its 24 digits.
+    fn head(self) -> Self;
+    /// [`is_small()`].
+    fn is_small(self, floor: f32) -> Self::Mask;
+    /// Two to the negative [`exponent()`].
+    fn unit(self) -> Self;
+    /// [`low()`].
+    fn low(self, other: Self) -> Self;
+    /// [`high()`].
+    fn high(self, other: Self) -> Self;
+    /// This size with the sign of another number.
+    fn signed(self, sign: Self) -> Self;
+    /// [`div()`], of several numbers only where operands and result are 0 or normal.
+    fn over(self, divisor: Self) -> Self;
+}
+
+/// Eight numbers, one of each of eight rays.
+#[cfg(target_arch = "x86_64")]
+pub trait Sides: Digits {
+    /// Which component of a vector each takes.
+    type Turn: Copy;
+    /// These.
+    fn of(numbers: &[f32; 8]) -> Self;
+    /// The components of eight vectors.
+    fn columns(rows: &[Vec4; 8]) -> [Self; 4];
+    /// One by one.
+    fn numbers(self) -> [f32; 8];
+    /// A bit an answer, the first lowest.
+    fn bits(mask: Self::Mask) -> u32;
+    /// The answers with these bits.
+    fn mask(bits: u32) -> Self::Mask;
+    /// The components with these numbers.
+    fn turn(numbers: Self) -> Self::Turn;
+    /// Of one vector, the component that each takes.
+    fn turned(v: Vec4, turn: Self::Turn) -> Self;
+    /// Whether nodes with these second words are leaves.
+    fn leaves(tags: Self) -> Self::Mask;
+    /// The numbers on the axes of inner nodes.
+    fn on_axis(tags: Self, numbers: &[Self; 3]) -> Self;
+    /// The numbers, as bits, of the children of inner nodes, those above the plane or those below.
+    fn child(tags: Self, above: Self::Mask) -> Self;
+    /// Both words of some nodes with these numbers, and for the rest what is given.
+    fn nodes(pairs: &Buf<UVec4>, numbers: Self, some: Self::Mask, rest: (Self, Self)) -> (Self, Self);
 }
 
 impl Number for f32 {
@@ -49,6 +106,9 @@ impl Number for f32 {
     fn choose(mask: bool, a: Self, b: Self) -> Self {
         if mask { a } else { b }
     }
+}
+
+impl Listed for f32 {
     const WIDTH: u32 = 1;
     #[inline(always)]
     fn numbers(first: u32) -> Self {
@@ -65,6 +125,45 @@ impl Number for f32 {
     #[inline(always)]
     fn put<const N: usize>(self, words: &mut [u32; N], i: u32) {
         words.put(i, self.to_bits());
+    }
+}
+
+impl Digits for f32 {
+    #[inline(always)]
+    fn below(self, other: Self) -> bool {
+        self < other
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        abs(self)
+    }
+    #[inline(always)]
+    fn head(self) -> Self {
+        head(self)
+    }
+    #[inline(always)]
+    fn is_small(self, floor: f32) -> bool {
+        is_small(self, floor)
+    }
+    #[inline(always)]
+    fn unit(self) -> Self {
+        exp2(-exponent(self))
+    }
+    #[inline(always)]
+    fn low(self, other: Self) -> Self {
+        low(self, other)
+    }
+    #[inline(always)]
+    fn high(self, other: Self) -> Self {
+        high(self, other)
+    }
+    #[inline(always)]
+    fn signed(self, sign: Self) -> Self {
+        Self::from_bits((sign.to_bits() & 0x8000_0000) | self.to_bits())
+    }
+    #[inline(always)]
+    fn over(self, divisor: Self) -> Self {
+        div(self, divisor)
     }
 }
 
@@ -86,6 +185,9 @@ impl Number for Vec4 {
     fn choose(mask: Self::Mask, a: Self, b: Self) -> Self {
         Self::select(mask, a, b)
     }
+}
+
+impl Listed for Vec4 {
     const WIDTH: u32 = 4;
     #[inline(always)]
     fn numbers(first: u32) -> Self {
@@ -331,9 +433,9 @@ fn head(a: f32) -> f32 {
 /// `a * b`, and exactly what rounding took from it (Dekker 1971, with halves cut instead of rounded), for
 /// products that are 0 by a factor or at least `2^-78` in size.
 #[inline(always)]
-pub fn two_product(a: f32, b: f32) -> (f32, f32) {
+pub fn two_product<N: Digits>(a: N, b: N) -> (N, N) {
     let product = a * b;
-    let (ah, bh) = (head(a), head(b));
+    let (ah, bh) = (a.head(), b.head());
     let (al, bl) = (a - ah, b - bh);
     (product, al * bl - (((product - ah * bh) - al * bh) - ah * bl))
 }
@@ -344,7 +446,7 @@ pub fn two_product(a: f32, b: f32) -> (f32, f32) {
 /// If the rounded products are within a factor of two, their difference is exact (Sterbenz), and so is that
 /// of the two rounding errors, which share a grid of 24 bits; else nothing cancels.
 #[inline(always)]
-pub fn product_difference(a: f32, b: f32, c: f32, d: f32) -> f32 {
+pub fn product_difference<N: Digits>(a: N, b: N, c: N, d: N) -> N {
     let ((p, p_error), (q, q_error)) = (two_product(a, b), two_product(c, d));
     (p - q) + (p_error - q_error)
 }

@@ -34,6 +34,12 @@ impl<T> Buf<T> {
         }
     }
 
+    /// Where it is, and its length.
+    #[cfg(target_arch = "x86_64")]
+    pub(crate) const fn place(&self) -> (*const T, usize) {
+        (self.ptr, self.len)
+    }
+
     /// Bytes read and written through this view, if compiled to count them.
     pub const fn moved(&self) -> u64 {
         #[cfg(feature = "traffic")]
@@ -363,6 +369,9 @@ mod gpu {
     }
 }
 
+#[cfg(target_arch = "x86_64")]
+pub(crate) use cpu::Stack;
+
 #[cfg(not(target_arch = "spirv"))]
 mod cpu {
     use super::{Atomics, Buf, Slots};
@@ -441,14 +450,14 @@ mod cpu {
     }
 
     /// Entries below `written` have been.
-    pub(super) struct Stack<T, const N: usize> {
+    pub(crate) struct Stack<T, const N: usize> {
         entries: [MaybeUninit<T>; N],
         written: usize,
     }
 
     impl<T: Copy, const N: usize> Stack<T, N> {
         #[inline(always)]
-        pub(super) const fn new() -> Self {
+        pub(crate) const fn new() -> Self {
             Self { entries: [MaybeUninit::uninit(); N], written: 0 }
         }
     }

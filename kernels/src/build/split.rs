@@ -10,7 +10,7 @@ use super::{
 use crate::{
     Group,
     glam::{UVec2, UVec4},
-    math::{Number, Wide as Bins, component},
+    math::{Listed, Number, Wide as Bins, component},
     mem::{Atomics, Buf, Slots},
 };
 use raykd_shared::{BuildParams, limits::BINS, rule};

@@ -14,7 +14,7 @@
 
 use crate::{
     glam::{Vec3, Vec4},
-    math::{abs, component, cycle, div, exp2, exponent, high, is_nan, ldexp, low},
+    math::{Digits, abs, component, cycle, exp2, exponent, high, is_nan, ldexp},
 };
 use raykd_shared::{Ray, TreeHeader};
 
@@ -30,17 +30,17 @@ const STEEPEST: i32 = 40;
 pub const HEADING: i32 = 127;
 
 /// Origins are accepted up to this power of two (in scaled units, where scenes are at most `2^20` wide).
-const FARTHEST: i32 = 30;
+pub(super) const FARTHEST: i32 = 30;
 
 /// And scenes up to this distance. Theirs is less than `2^45`, as coordinates have 24 digits, but for scenes
 /// that are flat across an axis: farther away, products of lengths would have no room.
-const FARTHEST_SCENE: i32 = 50;
+pub(super) const FARTHEST_SCENE: i32 = 50;
 
 /// What is smaller counts as 0, for origins (in scaled units, where scenes are at least `2^-10` wide) and for
 /// the shear: with coordinates of at least `2^-60` of the scene's width no sheared vertex is subnormal, and a
 /// ray strays by a small fraction of what rounding does.
-const DUST: f32 = exp2(-70);
-const NO_SHEAR: f32 = exp2(-30);
+pub(super) const DUST: f32 = exp2(-70);
+pub(super) const NO_SHEAR: f32 = exp2(-30);
 
 /// A ray in the form traversal and triangle test need.
 #[derive(Clone, Copy, Debug)]
@@ -81,28 +81,28 @@ pub struct Frame {
 
 /// The number, or 0 if it is smaller than `floor` in size.
 #[inline(always)]
-pub fn flush(a: f32, floor: f32) -> f32 {
-    if abs(a) < floor { 0.0 } else { a }
+pub fn flush<N: Digits>(a: N, floor: f32) -> N {
+    N::choose(a.abs().below(N::all(floor)), N::all(0.0), a)
 }
 
 /// The reciprocal of a direction component of size at most 2, kept finite.
 #[inline(always)]
-fn reciprocal(d: f32) -> f32 {
-    let steep = abs(d) < exp2(-STEEPEST);
-    let signed = f32::from_bits((d.to_bits() & 0x8000_0000) | exp2(-STEEPEST).to_bits());
-    div(1.0, if steep { signed } else { d })
+pub(super) fn reciprocal<N: Digits>(d: N) -> N {
+    let least = N::all(exp2(-STEEPEST));
+    N::all(1.0).over(N::choose(d.abs().below(least), least.signed(d), d))
 }
 
 /// The part of `enter..exit` in which the ray is in the slab `lo..hi`, widened by `slack` in space; empty, with
 /// its ends in the wrong order, if there is none.
 #[inline(always)]
-pub fn slab(lo: f32, hi: f32, origin: f32, inverse: f32, slack: f32, enter: f32, exit: f32) -> (f32, f32) {
-    let to_lo = (lo - origin) * inverse;
-    let to_hi = (hi - origin) * inverse;
-    let wide = slack * abs(inverse);
-    let near = if inverse < 0.0 { to_hi } else { to_lo };
-    let far = if inverse < 0.0 { to_lo } else { to_hi };
-    (high(enter, near - wide), low(exit, far + wide))
+pub fn slab<N: Digits>(lo: f32, hi: f32, origin: N, inverse: N, slack: N, enter: N, exit: N) -> (N, N) {
+    let to_lo = (N::all(lo) - origin) * inverse;
+    let to_hi = (N::all(hi) - origin) * inverse;
+    let wide = slack * inverse.abs();
+    let back = inverse.below(N::all(0.0));
+    let near = N::choose(back, to_hi, to_lo);
+    let far = N::choose(back, to_lo, to_hi);
+    (enter.high(near - wide), exit.low(far + wide))
 }
 
 /// A scaled end of a ray's range, one to which there is no number moved inwards to the next: `least` is that
@@ -115,6 +115,27 @@ fn bound(t: f32, stretch: i32, least: f32) -> f32 {
 }
 
 impl Frame {
+    /// No ray.
+    #[cfg(target_arch = "x86_64")]
+    pub(super) const NOTHING: Self = Self {
+        origin: Vec3::ZERO,
+        place: Vec3::ZERO,
+        inverse: Vec3::ZERO,
+        direction: Vec3::ZERO,
+        heading: Vec3::ZERO,
+        pad: 0.0,
+        main: 0,
+        shear_x: 0.0,
+        shear_y: 0.0,
+        enter: 0.0,
+        exit: 0.0,
+        t_min: 0.0,
+        t_max: f32::INFINITY,
+        stretch: 0,
+        scale: 0,
+        valid: false,
+    };
+
     /// Prepares a ray.
     #[inline(always)]
     pub fn of(ray: &Ray, header: &TreeHeader) -> Self {

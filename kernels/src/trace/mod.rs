@@ -6,9 +6,13 @@
 
 #[macro_use]
 pub mod queries;
+#[cfg(target_arch = "x86_64")]
+mod apart;
 pub mod frame;
 pub mod intersect;
 pub mod job;
+#[cfg(target_arch = "x86_64")]
+pub mod packet;
 pub mod place;
 pub mod prepare;
 pub mod single;

@@ -1,6 +1,8 @@
 //! What can be asked of a ray, and how kernels that answer are declared. Those of the default test stand here; the
 //! other ways through the tree and triangle tests have theirs beside them.
 
+#[cfg(target_arch = "x86_64")]
+use super::packet::side_by_side;
 use super::{
     frame::Frame,
     intersect::{Intersector, exact::Exact, perturbed::Perturbed, strict::Strict},
@@ -58,6 +60,36 @@ of_brute! {
 /// Words of workgroup memory.
 pub const SHARED: usize = ASIDE * THREADS as usize;
 
+/// Answers no rays side by side.
+#[cfg(not(any(target_arch = "spirv", target_arch = "x86_64")))]
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+fn side_by_side<const ANY: bool>(
+    _group: &crate::Group,
+    _job: &Buf<u32>,
+    _header: &Buf<TreeHeader>,
+    _pairs: &Buf<UVec4>,
+    _corners: &Buf<Vec4>,
+    _rays: &Buf<Vec4>,
+    _hits: &mut Buf<UVec4>,
+    _outcome: &mut Buf<u32>,
+) -> u64 {
+    u64::MAX
+}
+
+/// Whether a lane's ray has no answer yet: on a CPU some go side by side.
+#[cfg(target_arch = "spirv")]
+macro_rules! is_left {
+    ($left:ident, $lane:ident) => {
+        true
+    };
+}
+#[cfg(not(target_arch = "spirv"))]
+macro_rules! is_left {
+    ($left:ident, $lane:ident) => {
+        $left >> $lane & 1 != 0
+    };
+}
+
 /// Declares the kernel of a query: how it answers ray `i`, whether it writes counts of its steps too, and buffers that
 /// only it binds. With a module's name before the kernel's it gets a module of its own.
 macro_rules! query {
@@ -69,7 +101,7 @@ macro_rules! query {
             query! { $(#[$doc])* $name $($rest)* }
         }
     };
-    ($(#[$doc:meta])* $name:ident $($counts:ident)? = |$i:pat_param, $ray:ident, $pairs:ident,
+    ($(#[$doc:meta])* $name:ident $(($beside:path))? $($counts:ident)? = |$i:pat_param, $ray:ident, $pairs:ident,
      $corners:ident, $any:pat_param, $aside:pat_param, $steps:ident| $walk:expr
      $(, { $($b:tt $more:ident: $t:ty),* $(,)? })?) => {
         #[cfg(not(target_arch = "spirv"))]
@@ -95,9 +127,11 @@ macro_rules! query {
                 mem::{Atomics as _, Slots as _, aside},
                 trace::{job, queries::SHARED, traverse::{Steps, stack::ASIDE}},
             };
+            #[cfg(not(target_arch = "spirv"))]
+            let left = u64::MAX $(& $beside(&group, job, header, $pairs, $corners, rays, hits, outcome))?;
             lanes!(group, |lane| {
                 let i = group.id * group.width + lane;
-                if i < job.at(job::JOB_RAYS) {
+                if i < job.at(job::JOB_RAYS) && is_left!(left, lane) {
                     let $ray = &mut job::load(i, rays, &header.at(0), outcome);
                     let ($i, $any) = (i, job.at(job::JOB_ANY) != 0);
                     let ($aside, $steps) = (&mut aside::<ASIDE, SHARED>(shared, lane), &mut Steps::default());
@@ -152,12 +186,12 @@ macro_rules! test {
 
 query! {
     /// The closest hit.
-    closest::CLOSEST = |_, ray, pairs, corners, _, aside, steps|
+    closest::CLOSEST(side_by_side::<false>) = |_, ray, pairs, corners, _, aside, steps|
         traverse::stack::walk::<Strict, Every, false>(ray, pairs, corners, Every, false, aside, steps)
 }
 query! {
     /// Any hit, for shadows.
-    any::ANY = |_, ray, pairs, corners, _, aside, steps|
+    any::ANY(side_by_side::<true>) = |_, ray, pairs, corners, _, aside, steps|
         traverse::stack::walk::<Strict, Every, false>(ray, pairs, corners, Every, true, aside, steps)
 }
 /// Answers ray `i`: its first hits in order, as many as the job's limit, the rest filled with misses; and how

@@ -126,7 +126,7 @@ fn by_floats(ray: &Frame, t_max: f32, (a, b, c): (Vec3, Vec3, Vec3)) -> Verdict 
     let unit = exp2(-exponent(u + v + w));
     let (u, v, w) = (u * unit, v * unit, w * unit);
     let inverse = div(1.0, u + v + w);
-    let t = s.depth(ray, u, v, w) * inverse;
+    let t = s.depth(component(ray.inverse, ray.main), u, v, w) * inverse;
     let along = component(ray.inverse, ray.main);
     let spread = abs(along) * (high(s.az, high(s.bz, s.cz)) - low(s.az, low(s.bz, s.cz)));
     let off = (eu + ev + ew) * unit * abs(inverse) * spread + ray.pad;

@@ -11,7 +11,7 @@
 use super::{Best, Intersector};
 use crate::{
     glam::{Vec3, Vec4},
-    math::{component, cycle, div, exp2, exponent, is_small, product_difference, product_difference_wide},
+    math::{Digits, Number, component, cycle, div, exp2, product_difference, product_difference_wide},
     trace::frame::{Frame, flush},
 };
 
@@ -23,16 +23,22 @@ const WEIGHT_FLOOR: f32 = exp2(-40);
 pub(super) const PRODUCT_FLOOR: f32 = exp2(-39);
 
 /// A triangle's vertices seen from a ray: moved to its origin, sheared along it.
-pub(super) struct Sheared {
-    pub ax: f32,
-    pub ay: f32,
-    pub bx: f32,
-    pub by: f32,
-    pub cx: f32,
-    pub cy: f32,
-    pub az: f32,
-    pub bz: f32,
-    pub cz: f32,
+pub(in crate::trace) struct Sheared<N = f32> {
+    pub ax: N,
+    pub ay: N,
+    pub bx: N,
+    pub by: N,
+    pub cx: N,
+    pub cy: N,
+    pub az: N,
+    pub bz: N,
+    pub cz: N,
+}
+
+/// A coordinate across the ray, of a corner at depth `z`.
+#[inline(always)]
+pub(in crate::trace) fn sheared<N: Number>(across: N, shear: N, z: N) -> N {
+    across - shear * z
 }
 
 #[inline(always)]
@@ -41,44 +47,44 @@ pub(super) fn shear(ray: &Frame, a: Vec3, b: Vec3, c: Vec3) -> Sheared {
     let rb = cycle(b - ray.origin, ray.main);
     let rc = cycle(c - ray.origin, ray.main);
     Sheared {
-        ax: ra.x - ray.shear_x * ra.z,
-        ay: ra.y - ray.shear_y * ra.z,
-        bx: rb.x - ray.shear_x * rb.z,
-        by: rb.y - ray.shear_y * rb.z,
-        cx: rc.x - ray.shear_x * rc.z,
-        cy: rc.y - ray.shear_y * rc.z,
+        ax: sheared(ra.x, ray.shear_x, ra.z),
+        ay: sheared(ra.y, ray.shear_y, ra.z),
+        bx: sheared(rb.x, ray.shear_x, rb.z),
+        by: sheared(rb.y, ray.shear_y, rb.z),
+        cx: sheared(rc.x, ray.shear_x, rc.z),
+        cy: sheared(rc.y, ray.shear_y, rc.z),
         az: ra.z,
         bz: rb.z,
         cz: rc.z,
     }
 }
 
-impl Sheared {
+impl<N: Digits> Sheared<N> {
     /// Whether no edge function contradicts another, by rounded products alone.
     #[inline(always)]
-    pub(super) fn agree(&self) -> bool {
+    pub(in crate::trace) fn agree(&self) -> N::Mask {
         let (up, uq) = (self.cx * self.by, self.cy * self.bx);
         let (vp, vq) = (self.ax * self.cy, self.ay * self.cx);
         let (wp, wq) = (self.bx * self.ay, self.by * self.ax);
-        let negative = (up < uq) | (vp < vq) | (wp < wq);
-        let positive = (up > uq) | (vp > vq) | (wp > wq);
+        let negative = up.below(uq) | vp.below(vq) | wp.below(wq);
+        let positive = up.exceeds(uq) | vp.exceeds(vq) | wp.exceeds(wq);
         !(negative & positive)
     }
 
     /// Whether no coordinate is too small for [`product_difference`].
     #[inline(always)]
-    pub(super) fn is_plain(&self) -> bool {
-        !(is_small(self.ax, PRODUCT_FLOOR)
-            | is_small(self.ay, PRODUCT_FLOOR)
-            | is_small(self.bx, PRODUCT_FLOOR)
-            | is_small(self.by, PRODUCT_FLOOR)
-            | is_small(self.cx, PRODUCT_FLOOR)
-            | is_small(self.cy, PRODUCT_FLOOR))
+    pub(in crate::trace) fn is_plain(&self) -> N::Mask {
+        !(self.ax.is_small(PRODUCT_FLOOR)
+            | self.ay.is_small(PRODUCT_FLOOR)
+            | self.bx.is_small(PRODUCT_FLOOR)
+            | self.by.is_small(PRODUCT_FLOOR)
+            | self.cx.is_small(PRODUCT_FLOOR)
+            | self.cy.is_small(PRODUCT_FLOOR))
     }
 
     /// The three edge functions, if coordinates are plain: exact signs, sizes within `2^-22`.
     #[inline(always)]
-    pub(super) fn edges(&self) -> (f32, f32, f32) {
+    pub(in crate::trace) fn edges(&self) -> (N, N, N) {
         (
             product_difference(self.cx, self.by, self.cy, self.bx),
             product_difference(self.ax, self.cy, self.ay, self.cx),
@@ -86,10 +92,9 @@ impl Sheared {
         )
     }
 
-    /// The depths' mean by the weights, which add up to 1 to 4, undivided.
+    /// The depths' mean by the weights, undivided; the main component of the direction is 1 by `along`.
     #[inline(always)]
-    pub(super) fn depth(&self, ray: &Frame, u: f32, v: f32, w: f32) -> f32 {
-        let along = component(ray.inverse, ray.main);
+    pub(in crate::trace) fn depth(&self, along: N, u: N, v: N, w: N) -> N {
         flush(u, WEIGHT_FLOOR) * flush(along * self.az, DEPTH_FLOOR)
             + flush(v, WEIGHT_FLOOR) * flush(along * self.bz, DEPTH_FLOOR)
             + flush(w, WEIGHT_FLOOR) * flush(along * self.cz, DEPTH_FLOOR)
@@ -131,6 +136,14 @@ fn lower(a: f32, e: i32) -> f32 {
     }
 }
 
+/// The edge functions times a power of two by which they add up to 1 to 4, and that sum.
+#[inline(always)]
+pub(in crate::trace) fn weights<N: Digits>(u: N, v: N, w: N) -> (N, N, N, N) {
+    let unit = (u + v + w).unit();
+    let (u, v, w) = (u * unit, v * unit, w * unit);
+    (u, v, w, u + v + w)
+}
+
 /// The whole test of triangle `id`: keeps the better of it and `best`. Smaller `t` wins, then the smaller id.
 #[inline(always)]
 pub fn test(ray: &Frame, id: u32, a: Vec3, b: Vec3, c: Vec3, best: &mut Best) {
@@ -140,10 +153,8 @@ pub fn test(ray: &Frame, id: u32, a: Vec3, b: Vec3, c: Vec3, best: &mut Best) {
     let positive = u > 0.0 || v > 0.0 || w > 0.0;
     // Both: outside. Neither: the ray lies in the triangle's plane, a miss by contract.
     if negative != positive {
-        let unit = exp2(-exponent(u + v + w));
-        let (u, v, w) = (u * unit, v * unit, w * unit);
-        let det = u + v + w;
-        let t = div(s.depth(ray, u, v, w), det);
+        let (u, v, w, det) = weights(u, v, w);
+        let t = div(s.depth(component(ray.inverse, ray.main), u, v, w), det);
         best.offer(ray, Best { t, triangle: id, u: v, v: w, det });
     }
 }

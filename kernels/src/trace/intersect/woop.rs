@@ -15,7 +15,7 @@ use super::{
 };
 use crate::{
     glam::Vec4,
-    math::{div, exp2, exponent},
+    math::{component, div, exp2, exponent},
     trace::frame::{Frame, flush},
 };
 
@@ -62,7 +62,7 @@ impl Intersector for Woop {
             let unit = exp2(-exponent(u + v + w));
             let (u, v, w) = (u * unit, v * unit, w * unit);
             let inverse = div(1.0, u + v + w);
-            let t = s.depth(ray, u, v, w) * inverse;
+            let t = s.depth(component(ray.inverse, ray.main), u, v, w) * inverse;
             best.offer(ray, Best { t, triangle: id, u: v * inverse, v: w * inverse, det: 1.0 });
         }
         true

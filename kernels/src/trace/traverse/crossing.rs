@@ -5,7 +5,7 @@
 
 use crate::{
     glam::UVec4,
-    math::{abs, component},
+    math::{Digits, component},
     mem::{Buf, Slots},
     trace::{frame::Frame, place::Place},
 };
@@ -48,7 +48,14 @@ impl Crossing {
 #[inline(always)]
 pub fn thick(ray: &Frame, axis: u32, position: f32) -> (f32, f32) {
     let inverse = component(ray.inverse, axis);
-    let at = (position - component(ray.origin, axis)) * inverse;
-    let wide = ray.pad * abs(inverse);
+    let (at, wide) = crossed(position, component(ray.origin, axis), inverse, ray.pad);
     (at - wide, at + wide)
+}
+
+/// The `t` at which rays cross a plane, and for how long before and after they are inside it, by what is known of them
+/// on its axis.
+#[inline(always)]
+pub fn crossed<N: Digits>(position: N, origin: N, inverse: N, pad: N) -> (N, N) {
+    let at = (position - origin) * inverse;
+    (at, pad * inverse.abs())
 }

@@ -8,12 +8,13 @@
 
 use super::{
     Steps,
+    crossing::crossed,
     leaf::{self, Choice, Filter},
 };
 use crate::{
     ON_GPU,
     glam::{UVec4, Vec4},
-    math::{ByAxis, abs, high, low},
+    math::{ByAxis, high, low},
     mem::{self, Buf, Slots},
     trace::{
         frame::Frame,
@@ -102,8 +103,7 @@ impl Place {
         let pair = pairs.at(node.below() >> 1);
         let axis = node.axis();
         let inverse = line.inverses.on(axis);
-        let at = (node.split() - line.origins.on(axis)) * inverse;
-        let wide = line.pad * abs(inverse);
+        let (at, wide) = crossed(node.split(), line.origins.on(axis), inverse, line.pad);
         let (below, above) = (Node::from_words(pair.x, pair.y), Node::from_words(pair.z, pair.w));
         // Where the far child begins and the near one ends.
         let (first, last) = (at - wide, at + wide);

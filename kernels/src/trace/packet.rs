@@ -1,0 +1,591 @@
+//! Eight rays side by side, on a CPU: they go through the tree together, each in its own interval of `t`, and those
+//! that a node does not concern wait. The answers are those of [`stack`](super::traverse::stack), which asks the same
+//! questions of one ray.
+//!
+//! Rays whose directions have the same signs come to all leaves in the same order, so each does what it does alone.
+//! Where signs differ most decide which child comes first, which changes no closest hit. Any hit is that of the first
+//! leaf that has one, so there signs must agree.
+
+use super::{
+    apart,
+    frame::{DUST, FARTHEST, FARTHEST_SCENE, Frame, NO_SHEAR, PAD, flush, reciprocal, slab},
+    intersect::{
+        Best, NORMAL,
+        strict::{self, Sheared, sheared, weights},
+    },
+    job::JOB_RAYS,
+    traverse::crossing::crossed,
+};
+use crate::{
+    Group,
+    eight::Eight,
+    glam::{UVec4, Vec3, Vec4},
+    math::{Digits, Sides, abs, div, exp2, high},
+    mem::{Buf, Slots, Stack},
+};
+use raykd_shared::{MISS, Node, TreeHeader, limits::MAX_DEPTH};
+
+/// How many rays go together.
+pub const SIDE_BY_SIDE: u32 = 8;
+
+/// How near to each other rays start that go together, of the scene's largest extent.
+const NEAR: f32 = 1.0 / 16.0;
+/// How many of them there must be.
+const ENOUGH: u32 = 6;
+/// How far their directions must take them together, of how far they go each, squared: what bounces off a surface keeps
+/// 0.4, rays to all sides an eighth.
+const ALONG: f32 = 0.3;
+/// Fewer rays are not worth a walk of their own.
+const FEW: u32 = 3;
+/// Of rays that do not go together fewer go one by one.
+const MANY: u32 = 16;
+
+/// No triangle yet, as a float that is larger than any with a triangle's number and [`NORMAL`].
+const NONE: f32 = f32::INFINITY;
+
+/// A node for later: where the interval of each ray begins and ends there, and which rays have one.
+#[derive(Clone, Copy)]
+struct Entry<N> {
+    node: Node,
+    rays: u32,
+    enter: N,
+    exit: N,
+}
+
+/// The best hits so far.
+struct Bests<N> {
+    t: N,
+    triangle: N,
+    u: N,
+    v: N,
+    det: N,
+}
+
+/// Rays scaled, as [`Frame`] does it, where that is a multiplication.
+struct Scaled<N> {
+    origin: [N; 3],
+    /// The largest component is of size 1 to 2.
+    direction: [N; 3],
+    t_min: N,
+    t_max: N,
+    stretch: N,
+    /// Which rays are ordinary: numbers, none so small or large that digits are lost.
+    rays: u32,
+}
+
+impl<N: Sides> Scaled<N> {
+    /// Of rays as buffers hold them.
+    #[inline(always)]
+    fn new(starts: &[Vec4; 8], ways: &[Vec4; 8], scale: f32) -> Self {
+        let [ox, oy, oz, dx] = N::columns(starts);
+        let [dy, dz, from, to] = N::columns(ways);
+        let (scale, zero) = (N::all(scale), N::all(0.0));
+        let (sx, sy, sz) = (dx.abs(), dy.abs(), dz.abs());
+        let most = sx.high(sy).high(sz);
+        let unit = most.unit();
+        let stretch = unit.unit() * scale;
+        let place = [ox * scale, oy * scale, oz * scale];
+        let (t_min, t_max) = (from * stretch, to * stretch);
+        // Comparisons with NaN are false.
+        let (large, close, normal) = (N::all(exp2(60)), N::all(exp2(FARTHEST)), N::all(f32::MIN_POSITIVE));
+        let sized = sx.below(large) & sy.below(large) & sz.below(large) & most.exceeds(N::all(exp2(-60)));
+        let placed = place[0].abs().below(close) & place[1].abs().below(close) & place[2].abs().below(close);
+        let begun = from.is(zero) | !(from.abs().below(normal) | t_min.abs().below(normal));
+        let ended = to.is(zero) | !(to.abs().below(normal) | t_max.abs().below(normal));
+        Self {
+            origin: [flush(place[0], DUST), flush(place[1], DUST), flush(place[2], DUST)],
+            direction: [dx * unit, dy * unit, dz * unit],
+            t_min,
+            t_max,
+            stretch,
+            rays: N::bits(sized & placed & begun & ended & from.is(from) & to.is(to)),
+        }
+    }
+
+    /// Whether directions do not cancel out.
+    #[inline(always)]
+    fn agree(&self) -> bool {
+        let [x, y, z] = self.direction;
+        let (sx, sy, sz) = (sum(x), sum(y), sum(z));
+        let most = SIDE_BY_SIDE as f32 * sum(x * x + y * y + z * z);
+        sx * sx + sy * sy + sz * sz > ALONG * most
+    }
+}
+
+/// Which of some rays start near the first one, on every axis.
+#[inline(always)]
+fn close<N: Sides>(rows: &[Vec4; 8], near: f32) -> u32 {
+    let first = rows[0];
+    let [x, y, z, _] = N::columns(rows);
+    let near = N::all(near);
+    let (x, y, z) = (x - N::all(first.x), y - N::all(first.y), z - N::all(first.z));
+    N::bits(x.abs().below(near) & y.abs().below(near) & z.abs().below(near))
+}
+
+/// The sum of all.
+#[inline(always)]
+fn sum<N: Sides>(numbers: N) -> f32 {
+    let [a, b, c, d, e, f, g, h] = numbers.numbers();
+    ((a + b) + (c + d)) + ((e + f) + (g + h))
+}
+
+/// Rays made ready, as [`Frame`] is.
+struct Packet<N: Sides> {
+    /// By axis; there is no fourth one, but its number is that of a leaf.
+    origins: [N; 4],
+    inverses: [N; 4],
+    /// Which rays go down on an axis.
+    back: [u32; 4],
+    pad: N,
+    /// What turns a corner so that a ray's main axis is the last.
+    turns: [N::Turn; 3],
+    /// The origins, turned.
+    seats: [N; 3],
+    shear_x: N,
+    shear_y: N,
+    /// Reciprocals of the main components.
+    along: N,
+    main: N,
+    enter: N,
+    exit: N,
+    t_min: N,
+    /// What makes of a scaled `t` one of the ray's own.
+    unstretch: N,
+    best: Bests<N>,
+}
+
+impl<N: Sides> Packet<N> {
+    #[inline(always)]
+    fn new(of: &Scaled<N>, header: &TreeHeader) -> Self {
+        let (all, zero) = (N::all, N::all(0.0));
+        let ([ox, oy, oz], [dx, dy, dz]) = (of.origin, of.direction);
+        let inverse = [reciprocal(dx), reciprocal(dy), reciprocal(dz)];
+        let mut far = all(exp2(-40));
+        let mut axis = 0;
+        while axis < 3 {
+            far = far.high((all(header.lo[axis]) - of.origin[axis]).abs());
+            far = far.high((all(header.hi[axis]) - of.origin[axis]).abs());
+            axis += 1;
+        }
+        let pad = all(PAD) * far;
+        let (mut enter, mut exit) = (of.t_min, of.t_max);
+        let mut axis = 0;
+        while axis < 3 {
+            let (lo, hi) = (header.lo[axis], header.hi[axis]);
+            (enter, exit) = slab(lo, hi, of.origin[axis], inverse[axis], pad, enter, exit);
+            axis += 1;
+        }
+        // Of equal components the first is the main one.
+        let (sx, sy) = (dx.abs(), dy.abs());
+        let (second, third) = (sy.exceeds(sx), dz.abs().exceeds(sx.high(sy)));
+        let by_main = |a, b, c| N::choose(third, c, N::choose(second, b, a));
+        let along = by_main(inverse[0], inverse[1], inverse[2]);
+        let (one, two) = (all(1.0), all(2.0));
+        let back = |axis: usize| N::bits(inverse[axis].below(zero));
+        Self {
+            origins: [ox, oy, oz, zero],
+            inverses: [inverse[0], inverse[1], inverse[2], zero],
+            back: [back(0), back(1), back(2), 0],
+            pad,
+            turns: [
+                N::turn(by_main(one, two, zero)),
+                N::turn(by_main(two, zero, one)),
+                N::turn(by_main(zero, one, two)),
+            ],
+            seats: [by_main(oy, oz, ox), by_main(oz, ox, oy), by_main(ox, oy, oz)],
+            shear_x: flush(by_main(dy, dz, dx) * along, NO_SHEAR),
+            shear_y: flush(by_main(dz, dx, dy) * along, NO_SHEAR),
+            along,
+            main: by_main(zero, one, two),
+            enter,
+            exit,
+            t_min: of.t_min,
+            unstretch: of.stretch.unit(),
+            best: Bests { t: of.t_max, triangle: all(NONE), u: zero, v: zero, det: one },
+        }
+    }
+
+    /// Those of some rays whose directions have the signs of the first one's.
+    #[inline(always)]
+    fn alike(&self, rays: u32) -> u32 {
+        let first = rays & rays.wrapping_neg();
+        let like = |back: u32| if back & first == 0 { !back } else { back };
+        rays & like(self.back[0]) & like(self.back[1]) & like(self.back[2])
+    }
+
+    /// Finds the hits of some rays, as [`stack::walk`](super::traverse::stack::walk) does.
+    #[inline(always)]
+    fn walk<const ANY: bool>(&mut self, rays: u32, pairs: &Buf<UVec4>, corners: &Buf<Vec4>) {
+        let mut stack = Stack::<Entry<N>, { MAX_DEPTH as usize }>::new();
+        let mut top = 0;
+        let root = pairs.at(0);
+        let mut node = Node::from_words(root.x, root.y);
+        let (mut enter, mut exit) = (self.enter, self.exit);
+        let mut running = rays & !N::bits(enter.exceeds(exit));
+        let mut rays = running;
+        while rays != 0 {
+            while !node.is_leaf() {
+                let pair = pairs.at(node.below() >> 1);
+                let axis = node.axis() as usize;
+                let (at, wide) =
+                    crossed(N::all(node.split()), self.origins[axis], self.inverses[axis], self.pad);
+                let (first, last) = (at - wide, at + wide);
+                let (past, before) = (last.below(enter), first.exceeds(exit));
+                let (near_rays, far_rays) = (rays & !N::bits(past), rays & !N::bits(before));
+                let (below, above) = (Node::from_words(pair.x, pair.y), Node::from_words(pair.z, pair.w));
+                let (begins, ends) = (enter.high(first), exit.low(last));
+                let back = self.back[axis] & rays;
+                let (next, later);
+                if back == 0 || back == rays {
+                    let near = if back == 0 { below } else { above };
+                    let far = if back == 0 { above } else { below };
+                    // A ray that goes to both begins in the far child where the plane does.
+                    let later_enter = N::choose(past, enter, first);
+                    next = Entry { node: near, rays: near_rays, enter, exit: ends };
+                    later = Entry { node: far, rays: far_rays, enter: later_enter, exit };
+                    if near.is_empty() || near_rays == 0 {
+                        (node, rays, enter) = (far, far_rays, begins);
+                        if rays == 0 {
+                            node = Node::PADDING;
+                        }
+                        continue;
+                    }
+                } else {
+                    let down = N::mask(back);
+                    let one = Entry {
+                        node: below,
+                        rays: (near_rays & !back) | (far_rays & back),
+                        enter: N::choose(down, begins, enter),
+                        exit: N::choose(down, exit, ends),
+                    };
+                    let other = Entry {
+                        node: above,
+                        rays: (far_rays & !back) | (near_rays & back),
+                        enter: N::choose(down, enter, begins),
+                        exit: N::choose(down, ends, exit),
+                    };
+                    let turned = back.count_ones() * 2 > rays.count_ones();
+                    (next, later) = if turned { (other, one) } else { (one, other) };
+                    if next.node.is_empty() || next.rays == 0 {
+                        Entry { node, rays, enter, exit } = later;
+                        if rays == 0 {
+                            node = Node::PADDING;
+                        }
+                        continue;
+                    }
+                }
+                if !later.node.is_empty() && later.rays != 0 {
+                    stack.put(top, later);
+                    top += 1;
+                }
+                Entry { node, rays, enter, exit } = next;
+            }
+            if rays != 0 {
+                self.visit(node, rays, corners);
+            }
+            if ANY {
+                running &= !N::bits(self.best.triangle.below(N::all(NONE)));
+            }
+            rays = 0;
+            while rays == 0 && top > 0 {
+                top -= 1;
+                let entry = stack.at(top);
+                (node, enter, exit) = (entry.node, entry.enter, entry.exit.low(self.best.t));
+                rays = entry.rays & running & !N::bits(enter.exceeds(self.best.t));
+            }
+        }
+    }
+
+    /// Tests the triangles of a leaf.
+    #[inline(always)]
+    fn visit(&mut self, leaf: Node, rays: u32, corners: &Buf<Vec4>) {
+        let end = leaf.first() + leaf.count();
+        let mut r = leaf.first();
+        while r < end {
+            let (a, b, c) = corners.three(3 * r);
+            r += 1;
+            let seen = |v: Vec4, k: usize| N::turned(v, self.turns[k]) - self.seats[k];
+            let (az, bz, cz) = (seen(a, 2), seen(b, 2), seen(c, 2));
+            let s = Sheared {
+                ax: sheared(seen(a, 0), self.shear_x, az),
+                ay: sheared(seen(a, 1), self.shear_y, az),
+                bx: sheared(seen(b, 0), self.shear_x, bz),
+                by: sheared(seen(b, 1), self.shear_y, bz),
+                cx: sheared(seen(c, 0), self.shear_x, cz),
+                cy: sheared(seen(c, 1), self.shear_y, cz),
+                az,
+                bz,
+                cz,
+            };
+            let may_hit = N::bits(s.agree()) & rays;
+            if may_hit != 0 {
+                let plain = N::bits(s.is_plain());
+                self.test(&s, a.w, may_hit & plain);
+                let mut odd = may_hit & !plain;
+                while odd != 0 {
+                    self.test_one(odd.trailing_zeros() as usize, (a, b, c));
+                    odd &= odd - 1;
+                }
+            }
+        }
+    }
+
+    /// [`strict::test`] of one triangle for some rays, whose coordinates are plain.
+    #[inline(always)]
+    fn test(&mut self, s: &Sheared<N>, triangle: f32, rays: u32) {
+        let (zero, triangle) = (N::all(0.0), N::all(triangle));
+        let (u, v, w) = s.edges();
+        let negative = u.below(zero) | v.below(zero) | w.below(zero);
+        let positive = u.exceeds(zero) | v.exceeds(zero) | w.exceeds(zero);
+        let hit = (negative | positive) & !(negative & positive);
+        let (u, v, w, det) = weights(u, v, w);
+        let t = s.depth(self.along, u, v, w).over(det);
+        let best = &mut self.best;
+        let better = t.below(best.t) | (t.is(best.t) & triangle.below(best.triangle));
+        let take = hit & better & !t.below(self.t_min) & N::mask(rays);
+        best.t = N::choose(take, t, best.t);
+        best.triangle = N::choose(take, triangle, best.triangle);
+        best.u = N::choose(take, v, best.u);
+        best.v = N::choose(take, w, best.v);
+        best.det = N::choose(take, det, best.det);
+    }
+
+    /// [`strict::test`] of one triangle for one ray.
+    #[inline(always)]
+    fn test_one(&mut self, ray: usize, corners: (Vec4, Vec4, Vec4)) {
+        let one = |numbers: N| numbers.numbers()[ray];
+        let three = |numbers: &[N; 4]| Vec3::new(one(numbers[0]), one(numbers[1]), one(numbers[2]));
+        let numbers = &self.best;
+        let triangle = one(numbers.triangle);
+        let mut best = Best {
+            t: one(numbers.t),
+            triangle: if triangle < NONE { triangle.to_bits() & !NORMAL } else { MISS },
+            u: one(numbers.u),
+            v: one(numbers.v),
+            det: one(numbers.det),
+        };
+        let frame = Frame {
+            origin: three(&self.origins),
+            inverse: three(&self.inverses),
+            main: one(self.main) as u32,
+            shear_x: one(self.shear_x),
+            shear_y: one(self.shear_y),
+            t_min: one(self.t_min),
+            ..Frame::NOTHING
+        };
+        offer(&frame, corners, &mut best);
+        if best.triangle != MISS {
+            let here = N::mask(1 << ray);
+            let numbers = &mut self.best;
+            numbers.t = N::choose(here, N::all(best.t), numbers.t);
+            numbers.triangle =
+                N::choose(here, N::all(f32::from_bits(best.triangle | NORMAL)), numbers.triangle);
+            numbers.u = N::choose(here, N::all(best.u), numbers.u);
+            numbers.v = N::choose(here, N::all(best.v), numbers.v);
+            numbers.det = N::choose(here, N::all(best.det), numbers.det);
+        }
+    }
+
+    /// Writes the hits of some rays, as [`record`](super::job::record) does, from `first` on.
+    #[inline(always)]
+    fn record(&self, rays: u32, first: u32, hits: &mut Buf<UVec4>) {
+        let best = &self.best;
+        // What is subnormal is 0, and no zero is negative.
+        let t = flush(best.t * self.unstretch, f32::MIN_POSITIVE) + N::all(0.0);
+        let (triangles, t) = (best.triangle.numbers(), t.numbers());
+        let (u, v) = (quotients(best.u, best.det), quotients(best.v, best.det));
+        let mut ray = 0;
+        while ray < SIDE_BY_SIDE as usize {
+            let hit = UVec4::new(
+                triangles[ray].to_bits() & !NORMAL,
+                t[ray].to_bits(),
+                u[ray].to_bits(),
+                v[ray].to_bits(),
+            );
+            let missed = UVec4::new(MISS, 0, 0, 0);
+            if rays >> ray & 1 != 0 {
+                hits.put(first + ray as u32, if triangles[ray] < NONE { hit } else { missed });
+            }
+            ray += 1;
+        }
+    }
+}
+
+/// Quotients of weights by their sums.
+#[inline(always)]
+fn quotients<N: Sides>(a: N, sum: N) -> [f32; 8] {
+    let mut found = (a.over(sum) + N::all(0.0)).numbers();
+    // Few are so small that their quotients may not be normal.
+    let mut small = N::bits(a.is_small(exp2(-100)));
+    while small != 0 {
+        let ray = small.trailing_zeros() as usize;
+        found[ray] = div(a.numbers()[ray], sum.numbers()[ray]) + 0.0;
+        small &= small - 1;
+    }
+    found
+}
+
+/// [`strict::test`], for the few cases that need it.
+#[cold]
+#[inline(never)]
+fn offer(ray: &Frame, (a, b, c): (Vec4, Vec4, Vec4), best: &mut Best) {
+    strict::test(ray, a.w.to_bits() & !NORMAL, a.truncate(), b.truncate(), c.truncate(), best);
+}
+
+/// Answers those of the rays from `first` to `end`, at most 64, that go together, and returns which are left, a bit
+/// a ray.
+#[inline(always)]
+fn answer<N: Sides, const ANY: bool>(
+    (first, end): (u32, u32),
+    header: &TreeHeader,
+    pairs: &Buf<UVec4>,
+    corners: &Buf<Vec4>,
+    rays: &Buf<Vec4>,
+    hits: &mut Buf<UVec4>,
+) -> u64 {
+    let mut left = u64::MAX;
+    let Some(near) = near(header) else { return left };
+    let mut i = first;
+    while i + SIDE_BY_SIDE <= end {
+        let (mut starts, mut ways) = ([Vec4::ZERO; 8], [Vec4::ZERO; 8]);
+        let mut ray = 0;
+        while ray < SIDE_BY_SIDE {
+            starts[ray as usize] = rays.at(2 * (i + ray));
+            ways[ray as usize] = rays.at(2 * (i + ray) + 1);
+            ray += 1;
+        }
+        let mut waiting = close::<N>(&starts, near);
+        if waiting.count_ones() >= ENOUGH {
+            let scaled = Scaled::<N>::new(&starts, &ways, header.scale);
+            waiting &= scaled.rays;
+            if waiting.count_ones() >= ENOUGH && scaled.agree() {
+                let mut packet = Packet::new(&scaled, header);
+                let mut answered = 0;
+                while waiting != 0 {
+                    let some = if ANY { packet.alike(waiting) } else { waiting };
+                    if some.count_ones() >= FEW {
+                        packet.walk::<ANY>(some, pairs, corners);
+                        answered |= some;
+                    }
+                    waiting &= !some;
+                }
+                packet.record(answered, i, hits);
+                left &= !(u64::from(answered) << (i - first));
+            }
+        }
+        i += SIDE_BY_SIDE;
+    }
+    left
+}
+
+/// How near to each other rays start that go together; nothing if the scene's numbers are out of the ordinary.
+#[inline(always)]
+fn near(header: &TreeHeader) -> Option<f32> {
+    let (mut extent, mut most) = (0.0, 0.0);
+    let mut axis = 0;
+    while axis < 3 {
+        let (lo, hi) = (header.lo[axis], header.hi[axis]);
+        extent = high(extent, hi - lo);
+        most = high(most, high(abs(lo), abs(hi)));
+        axis += 1;
+    }
+    let ordinary = most < exp2(FARTHEST_SCENE - 1) && header.scale > exp2(-40) && header.scale < exp2(40);
+    if ordinary { Some(extent * NEAR * header.scale.unit()) } else { None }
+}
+
+/// [`answer`] and [`apart::answer`], compiled for AVX2.
+///
+/// # Safety
+/// The processor has these instructions.
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+#[inline(never)]
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+unsafe fn by_eight<const ANY: bool>(
+    (first, end): (u32, u32),
+    header: &TreeHeader,
+    pairs: &Buf<UVec4>,
+    corners: &Buf<Vec4>,
+    rays: &Buf<Vec4>,
+    hits: &mut Buf<UVec4>,
+    outcome: &mut Buf<u32>,
+) -> u64 {
+    let left = answer::<Eight, ANY>((first, end), header, pairs, corners, rays, hits);
+    let left = left & u64::MAX.checked_shr(64 + first - end).unwrap_or(0);
+    // What is gathered is not counted.
+    if cfg!(feature = "traffic") || left.count_ones() < MANY {
+        return left;
+    }
+    apart::answer::<Eight, ANY>(first, left, header, pairs, corners, rays, hits, outcome);
+    0
+}
+
+/// Answers those of a workgroup's rays that go side by side, and returns which are left: a bit a ray.
+#[inline(always)]
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+pub fn side_by_side<const ANY: bool>(
+    group: &Group,
+    job: &Buf<u32>,
+    header: &Buf<TreeHeader>,
+    pairs: &Buf<UVec4>,
+    corners: &Buf<Vec4>,
+    rays: &Buf<Vec4>,
+    hits: &mut Buf<UVec4>,
+    outcome: &mut Buf<u32>,
+) -> u64 {
+    if group.usual {
+        let first = group.id * group.width;
+        let range = (first, job.at(JOB_RAYS).min(first + group.width));
+        // SAFETY: that it is usual says so.
+        return unsafe { by_eight::<ANY>(range, &header.at(0), pairs, corners, rays, hits, outcome) };
+    }
+    u64::MAX
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use crate::{math::Number, mem::view};
+
+    #[test]
+    fn quotients_of_any_size_are_those_of_single_numbers() {
+        if !std::is_x86_feature_detected!("avx2") {
+            return;
+        }
+        for e in -126..=1 {
+            for sum in [1.0, 1.000_001, 1.7, 2.0, 3.999, 4.0] {
+                let a = exp2(e) * 1.500_001;
+                for a in [a, -a, 0.0, -0.0] {
+                    let found = quotients(Eight::all(a), Eight::all(sum));
+                    assert_eq!(found.map(f32::to_bits), [(div(a, sum) + 0.0).to_bits(); 8], "{a:e} / {sum}");
+                }
+            }
+        }
+    }
+
+    /// A triangle, and the rays of a small picture: all go side by side but those of a group that is cut off.
+    #[test]
+    fn rays_that_start_together_go_side_by_side() {
+        if !std::is_x86_feature_detected!("avx2") {
+            return;
+        }
+        let corner = |x: f32, y: f32| Vec4::new(x, y, 0.0, f32::from_bits(NORMAL));
+        let corners = [corner(0.0, 0.0), corner(1.0, 0.0), corner(0.0, 1.0)];
+        let (leaf, pad) = (Node::leaf(0, 1).words(), Node::PADDING.words());
+        let pairs = [UVec4::new(leaf.0, leaf.1, pad.0, pad.1)];
+        let header = TreeHeader { hi: [1.0, 1.0, 0.0], scale: 1.0, ..bytemuck::Zeroable::zeroed() };
+        let mut rays = [Vec4::ZERO; 40];
+        for (i, ray) in rays.chunks_mut(2).enumerate() {
+            ray[0] = Vec4::new(0.2, 0.2, 1.0, 0.01 * i as f32);
+            ray[1] = Vec4::new(0.01, -1.0, 0.0, f32::INFINITY);
+        }
+        let mut hits = [UVec4::ZERO; 20];
+        // SAFETY: the array outlives the view, and nobody else has it.
+        let out = &mut unsafe { Buf::new(hits.as_mut_ptr(), hits.len()) };
+        let (pairs, corners, rays) = (view(&pairs), view(&corners), view(&rays));
+        let left = answer::<Eight, true>((0, 20), &header, &pairs, &corners, &rays, out);
+        assert_eq!(left, u64::MAX << 16);
+        assert!(hits[..16].iter().all(|hit| hit.x == 0 && f32::from_bits(hit.y) == 1.0));
+        assert_eq!(hits[16..], [UVec4::ZERO; 4]);
+    }
+}

@@ -1,0 +1,176 @@
+//! Rays side by side on a CPU: the same bytes as one by one, whatever goes together.
+
+use proptest::prelude::*;
+use raykd::{
+    BuildOptions, Hit, Mesh, Query, Ray, Scene,
+    rays::{Camera, Random, bounces},
+    stress::cases::CASES,
+};
+use raykd_tests::{
+    Failure, cases, cpu,
+    meshes::{Family, Recipe, any_mesh, traceable_mesh},
+    rays::{of_any_size, rays},
+    same,
+};
+
+/// From each ray some that are like it, by more or less; every now and then one that is none or has another range.
+fn crowds(rays: &[Ray], extent: f32, seed: u64) -> Vec<Ray> {
+    let mut random = Random::new(seed);
+    let mut crowds = Vec::new();
+    for ray in rays {
+        let size = ray.direction.iter().fold(0.0f32, |most, d| most.max(d.abs()));
+        let apart = extent * [0.0, 0.0, 1e-7, 1e-4, 0.02, 0.3][random.below(6)];
+        let astray = size * [0.0, 1e-7, 1e-3, 0.1, 0.7, 3.0][random.below(6)];
+        // A component that is 0 for all, a range of its own for each.
+        let (flat, ranged) = (random.below(6), random.below(3) == 0);
+        for _ in 0..1 + random.below(24) {
+            let mut other = *ray;
+            for axis in 0..3 {
+                other.origin[axis] += apart * random.signed();
+                other.direction[axis] += astray * random.signed();
+            }
+            if flat < 3 {
+                other.direction[flat] = if random.below(2) == 0 { 0.0 } else { -0.0 };
+            }
+            if ranged {
+                let at = 2.0 * random.unit() as f32;
+                (other.t_min, other.t_max) =
+                    [(at, f32::INFINITY), (0.0, at), (-at, at), (at, f32::MAX)][random.below(4)];
+            }
+            if random.below(24) == 0 {
+                let odd = [f32::NAN, f32::INFINITY, 0.0, -0.0, 1e-40, 1e-25, 1e25][random.below(7)];
+                match random.below(5) {
+                    0 => other.direction = [odd; 3],
+                    1 => other.origin[random.below(3)] = odd,
+                    2 => other.t_min = odd,
+                    3 => other.t_max = odd,
+                    _ => other.direction[random.below(3)] = odd,
+                }
+            }
+            crowds.push(other);
+        }
+    }
+    crowds
+}
+
+fn extent(mesh: &Mesh) -> f32 {
+    let (lo, hi) = mesh.bounds();
+    (0..3).map(|axis| hi[axis] - lo[axis]).fold(0.0, f32::max)
+}
+
+/// Compares closest and any hits of a batch with those of its rays one by one.
+fn one_by_one(scene: &Scene, rays: &[Ray]) -> Result<(), Failure> {
+    let tracer = scene.tracer()?;
+    let alone = |hit: Option<Hit>| hit.unwrap_or(Hit::NONE);
+    let closest: Vec<Hit> = rays.iter().map(|ray| alone(tracer.closest(ray))).collect();
+    let any: Vec<Hit> = rays.iter().map(|ray| alone(tracer.any(ray))).collect();
+    for (query, expected) in [(Query::Closest, &closest), (Query::Any, &any)] {
+        let found = scene.trace(query, rays)?.hits;
+        let differs = |i: &usize| bytemuck::bytes_of(&found[*i]) != bytemuck::bytes_of(&expected[*i]);
+        let which = (0..rays.len()).find(differs).map(|i| rays[i]);
+        same(&format!("{query:?} of {which:?}"), expected, &found)?;
+    }
+    Ok(())
+}
+
+fn of_recipe(recipe: Recipe, seed: u64, count: usize) -> Result<(), Failure> {
+    let mesh = recipe.mesh();
+    let scene = Scene::build(cpu(), &mesh, &BuildOptions::default())?;
+    let bases = rays(&mesh, scene.tree()?.view(), count, seed);
+    let crowds = crowds(&bases, extent(&mesh), seed);
+    one_by_one(&scene, &crowds)?;
+    one_by_one(&scene, &of_any_size(&crowds, seed))
+}
+
+proptest! {
+    #![proptest_config(cases(256))]
+    #[test]
+    fn crowds_find_what_each_ray_finds(recipe in traceable_mesh(), seed: u64, count in 1usize..60) {
+        of_recipe(recipe, seed, count)?;
+    }
+}
+
+proptest! {
+    #![proptest_config(cases(64))]
+    #[test]
+    fn crowds_in_any_mesh_find_what_each_ray_finds(recipe in any_mesh(), seed: u64) {
+        of_recipe(recipe, seed, 20)?;
+    }
+}
+
+/// Here an interval that began elsewhere than a single ray's showed in any hits.
+#[test]
+fn crowds_begin_in_far_children_where_single_rays_do() -> Result<(), Failure> {
+    let far = Recipe { family: Family::Far, size: 4581, seed: 17_202_576_479_215_195_980 };
+    of_recipe(far, 8_954_388_402_308_631_604, 6)?;
+    let fan = Recipe { family: Family::Fan, size: 323, seed: 2_861_387_129_697_534_365 };
+    of_recipe(fan, 5_442_200_541_861_752_951, 20)?;
+    // And behind an empty leaf.
+    let fan = Recipe { family: Family::Fan, size: 118, seed: 1_782_415_870_333_155_629 };
+    of_recipe(fan, 13_333_680_396_026_225_962, 2)?;
+    let wild = Recipe { family: Family::Wild, size: 226, seed: 9_976_298_145_784_343_851 };
+    of_recipe(wild, 1_470_896_805_091_175_230, 20)
+}
+
+#[test]
+fn crowds_in_stress_scenes_find_what_each_ray_finds() -> Result<(), Failure> {
+    for case in &CASES {
+        for part in case.parts(150) {
+            let scene = Scene::build(cpu(), &part.mesh, &BuildOptions::default())?;
+            let named = |e: Failure| Failure(format!("{} {}: {e}", case.name, part.name));
+            one_by_one(&scene, &part.rays).map_err(named)?;
+            let crowds = crowds(&part.rays, extent(&part.mesh), 7);
+            one_by_one(&scene, &crowds).map_err(named)?;
+        }
+    }
+    Ok(())
+}
+
+/// A picture, whose rays go side by side, and what bounces off, of which some do.
+#[test]
+fn pictures_are_the_same_as_pixel_by_pixel() -> Result<(), Failure> {
+    for mesh in [Mesh::teapot(6), raykd_tests::meshes::icosphere(4)] {
+        let scene = Scene::build(cpu(), &mesh, &BuildOptions::default())?;
+        let picture = Camera::framing(mesh.bounds()).rays(301, 97);
+        one_by_one(&scene, &picture)?;
+        one_by_one(&scene, &bounces(&mesh, &picture, &scene.closest(&picture)?, 1))?;
+    }
+    Ok(())
+}
+
+/// Corners and origins that are the same but for next to nothing, distances near 0, and numbers near the ends of what
+/// goes side by side.
+#[test]
+fn crowds_at_the_ends_of_the_range_find_what_each_ray_finds() -> Result<(), Failure> {
+    let mut random = Random::new(5);
+    let mut near = move |size: i32| match random.below(4) {
+        0 => 0.0,
+        1 => [-1.0, 1.0, 0.5, -0.0][random.below(4)],
+        _ => 2f32.powi(-(random.below(size as usize) as i32)) * random.signed(),
+    };
+    for seed in 0..40 {
+        for power in [0, 39, -39, 24, -60] {
+            let size = 2f32.powi(power);
+            let mesh = Recipe { family: Family::Lattice, size: 12, seed }.mesh();
+            let points: Vec<_> = mesh.positions().iter().map(|p| p.map(|x| x * size)).collect();
+            let mesh = Mesh::new(points, mesh.triangles().to_vec()).unwrap();
+            let scene = Scene::build(cpu(), &mesh, &BuildOptions::default())?;
+            let mut rays = Vec::new();
+            for _ in 0..60 {
+                let axis = rays.len() / 8 % 3;
+                let mut origin = [near(60), near(80), near(80)].map(|x| x * size);
+                let mut direction =
+                    [1.0, near(50), near(50)].map(|x| x * 2f32.powi([0, 59, -59, 40][seed as usize % 4]));
+                origin.rotate_left(axis);
+                direction.rotate_left(axis);
+                for _ in 0..8 {
+                    origin[(axis + 1) % 3] = near(80) * size;
+                    let t_min = if axis == 0 { f32::NEG_INFINITY } else { 0.0 };
+                    rays.push(Ray { t_min, ..Ray::new(origin, direction) });
+                }
+            }
+            one_by_one(&scene, &rays)?;
+        }
+    }
+    Ok(())
+}
