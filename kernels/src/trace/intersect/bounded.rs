@@ -102,7 +102,7 @@ fn bounds(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> Bounds {
     let unit = exp2(-exponent(det));
     let inverse = div(1.0, det * unit);
     let along = component(ray.inverse, ray.main);
-    let t = s.depth(ray, u * unit, v * unit, w * unit) * inverse;
+    let t = s.depth(along, u * unit, v * unit, w * unit) * inverse;
     let spread = abs(along) * (high(s.az, high(s.bz, s.cz)) - low(s.az, low(s.bz, s.cz)));
     let off = 4.0 * error * unit * abs(inverse) * spread + 2.0 * ray.pad;
     // Where the ray is all but parallel to the plane, nothing is known.
