@@ -39,8 +39,8 @@ longest side of the mesh's box gets --size voxels, the others as many as they ne
   .png   one picture of all slices across z, from left to right, then down; x goes right, y up; 1024
          at most. In Fiji: Image > Stacks > Tools > Montage to Stack
 
-A mesh that is not closed gets stripes along z behind its holes: a note says so, and raykd check says
-where.
+A mesh that is not closed gets stripes along z behind its holes: a note says so, and raykd check
+says where.
 
 Examples:
   raykd voxels mesh.ply --size 256 -o mesh.npy
