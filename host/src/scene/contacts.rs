@@ -213,7 +213,7 @@ mod tests {
     }
 
     /// By all edges and all triangles.
-    fn slowly(mesh: &Mesh) -> [u64; 2] {
+    fn slowly(mesh: &Mesh) -> Contacts {
         let places = mesh.places();
         let at = |vertex: u32| mesh.positions()[vertex as usize].map(f64::from);
         let kept: Vec<_> =
@@ -228,14 +228,20 @@ mod tests {
         let mut vertices: Vec<_> = kept.concat();
         vertices.sort_unstable();
         vertices.dedup();
-        let mut counts = [0; 2];
+        let mut found = Contacts::default();
         for edge in edges {
             let ends = edge.map(at);
-            counts[0] += vertices.iter().filter(|&&v| is_between(ends, at(v))).count() as u64;
-            let others = kept.iter().filter(|t| t.iter().all(|v| !edge.contains(v)));
-            counts[1] += others.filter(|t| passes(ends, t.map(at))).count() as u64;
+            for &other in vertices.iter().filter(|&&v| is_between(ends, at(v))) {
+                found.t_junctions.add(Contact { edge, other });
+            }
+            for (&other, corners) in mesh.kept().iter().zip(&kept) {
+                let apart = corners.iter().all(|v| !edge.contains(v));
+                if apart && passes(ends, corners.map(at)) {
+                    found.intersections.add(Contact { edge, other });
+                }
+            }
         }
-        counts
+        found
     }
 
     /// Triangles with small whole numbers, which touch and cross in every way, and with any.
@@ -248,8 +254,8 @@ mod tests {
                 random.point().map(|x| 3.0 * x)
             }
         };
-        let triangles: Vec<[Corner; 3]> = (0..60).map(|_| [corner(), corner(), corner()]).collect();
-        let numbers = (0..60).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        let triangles: Vec<[Corner; 3]> = (0..120).map(|_| [corner(), corner(), corner()]).collect();
+        let numbers = (0..120).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
         Mesh::new(triangles.concat(), numbers).unwrap()
     }
 
@@ -259,10 +265,36 @@ mod tests {
             for whole in [true, false] {
                 let mesh = soup(seed, whole);
                 let found = contacts(&mesh);
-                let counts = [found.t_junctions.count, found.intersections.count];
-                assert_eq!(counts, slowly(&mesh), "{seed} {whole}");
-                assert!(counts[1] > 10 && (counts[0] > 10) == whole, "{counts:?}");
+                assert_eq!(found, slowly(&mesh), "{seed} {whole}");
+                assert!(
+                    found.intersections.count > 10 && (found.t_junctions.count > 10) == whole,
+                    "{found:?}"
+                );
             }
+        }
+    }
+
+    #[test]
+    fn what_passes_and_what_lies_between() {
+        let triangle = [[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0]];
+        let through = |x: f64, y: f64, from: f64, to: f64| passes([[x, y, from], [x, y, to]], triangle);
+        // Inside, and through two edges, from either side.
+        for (x, y) in [(1.0, 1.0), (2.0, 2.0), (0.0, 1.0)] {
+            assert!(through(x, y, -1.0, 1.0) && through(x, y, 1.0, -2.0), "{x} {y}");
+            assert!(!through(x, y, 0.0, 1.0) && !through(x, y, 1.0, 3.0), "{x} {y}");
+        }
+        // At a vertex, and beside it by as little as can be.
+        for (x, y) in [(0.0, 0.0), (4.0, 0.0), (2.0f64.next_up(), 2.0), (-f64::MIN_POSITIVE, 1.0)] {
+            assert!(!through(x, y, -1.0, 1.0), "{x} {y}");
+        }
+        assert!(!passes([[-1.0, 1.0, 0.0], [5.0, 1.0, 0.0]], triangle), "in its plane");
+        let ends = [[0.0, 3.0, -1.0], [6.0, 0.0, 2.0]];
+        assert!(is_between(ends, [2.0, 2.0, 0.0]) && is_between(ends, [4.0, 1.0, 1.0]));
+        assert!(!is_between(ends, [8.0, -1.0, 3.0]) && !ends.iter().any(|&end| is_between(ends, end)));
+        for axis in 0..3 {
+            let mut beside = [4.0, 1.0, 1.0f64];
+            beside[axis] = beside[axis].next_down();
+            assert!(!is_between(ends, beside), "{axis}");
         }
     }
 
