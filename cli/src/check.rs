@@ -9,7 +9,7 @@ use crate::{
     task::{On, Task},
 };
 use clap::Parser;
-use raykd::{Mesh, mesh::EdgeCount};
+use raykd::{BuildOptions, ContactCount, Device, Scene, mesh::EdgeCount};
 use std::{
     ffi::OsString,
     io::{StdoutLock, Write as _},
@@ -23,6 +23,10 @@ way as the other: then every point is inside or outside, and raykd inside is rig
   border    edges of a single triangle
   turned    edges of two triangles of which one shows its other side
   crowded   edges of more than two triangles; a closed mesh may have some
+  t-joint   vertices on an edge, between its ends: a crack opens there if one of them moves
+  through   edges that pass through a triangle of which they have no vertex: the mesh meets itself
+
+All of these are decided exactly. Triangles that overlap in one plane are not told.
 
 Exit code: 0 closed, 1 not closed or an error.
 
@@ -53,11 +57,8 @@ struct Kind {
 }
 
 impl Kind {
-    fn new(edges: EdgeCount, mesh: &Mesh, translation: [f64; 3]) -> Self {
-        let place = |vertex: u32| {
-            let local = mesh.vertex(vertex);
-            [0, 1, 2].map(|axis| local[axis] + translation[axis])
-        };
+    fn new(edges: EdgeCount, input: &Input) -> Self {
+        let place = |vertex: u32| place(input, vertex);
         Self { count: edges.count, first: edges.first.map(|ends| ends.map(place)) }
     }
 
@@ -65,6 +66,41 @@ impl Kind {
         let at = self.first.map(|[[a, b, c], [d, e, f]]| format!(" (first: {a},{b},{c} to {d},{e},{f})"));
         format!("{} {what}{}", count(self.count), at.unwrap_or_default())
     }
+}
+
+/// Places of one kind where the mesh meets itself.
+#[derive(Debug, serde::Serialize)]
+struct Meeting {
+    count: u64,
+    /// Ends of the first edge.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    first: Option<[[f64; 3]; 2]>,
+    /// The vertex or the triangle's corners that it meets.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    meets: Vec<[f64; 3]>,
+}
+
+impl Meeting {
+    fn new(contacts: ContactCount, input: &Input, met: impl Fn(u32) -> Vec<u32>) -> Self {
+        let place = |vertex: u32| place(input, vertex);
+        let meets =
+            contacts.first.map_or(Vec::new(), |first| met(first.other).into_iter().map(place).collect());
+        Self { count: contacts.count, first: contacts.first.map(|first| first.edge.map(place)), meets }
+    }
+
+    fn told(&self, what: &str) -> String {
+        let at = self.first.map(|[[a, b, c], [d, e, f]]| {
+            let met: Vec<String> = self.meets.iter().map(|[x, y, z]| format!("{x},{y},{z}")).collect();
+            format!(" (first: {a},{b},{c} to {d},{e},{f} meets {})", met.join(" "))
+        });
+        format!("{} {what}{}", count(self.count), at.unwrap_or_default())
+    }
+}
+
+/// A vertex in the mesh's own coordinates.
+fn place(input: &Input, vertex: u32) -> [f64; 3] {
+    let local = input.mesh.vertex(vertex);
+    [0, 1, 2].map(|axis| local[axis] + input.translation[axis])
 }
 
 /// What is told of a mesh.
@@ -77,6 +113,8 @@ struct Told {
     border: Kind,
     turned: Kind,
     crowded: Kind,
+    t_junctions: Meeting,
+    intersections: Meeting,
     repairs: RepairCounts,
 }
 
@@ -94,7 +132,10 @@ impl Task for CheckArgs {
         let input = Input::load(&self.mesh, self.read, &notes)?;
         notes.stage(format_args!("{}: checking", input.name));
         let edges = input.mesh.edges();
-        let kind = |edges| Kind::new(edges, &input.mesh, input.translation);
+        let kind = |edges| Kind::new(edges, &input);
+        let scene = Scene::build(&Device::cpu(), &input.mesh, &BuildOptions::default())?;
+        let contacts = scene.contacts(&input.mesh)?;
+        let corners = |triangle: u32| input.mesh.triangles()[triangle as usize].to_vec();
         let told = Told {
             scene: input.name.clone(),
             triangles: input.mesh.triangles().len(),
@@ -103,6 +144,8 @@ impl Task for CheckArgs {
             border: kind(edges.border),
             turned: kind(edges.turned),
             crowded: kind(edges.crowded),
+            t_junctions: Meeting::new(contacts.t_junctions, &input, |vertex| vec![vertex]),
+            intersections: Meeting::new(contacts.intersections, &input, corners),
             repairs: RepairCounts::from(&input),
         };
         notes.clear();
@@ -122,6 +165,14 @@ fn print(t: &Told, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
     ] {
         if kind.count > 0 {
             line(name, kind.told(what))?;
+        }
+    }
+    for (name, meeting, what) in [
+        ("t-joint", &t.t_junctions, "vertices on edges, between their ends"),
+        ("through", &t.intersections, "edges through triangles"),
+    ] {
+        if meeting.count > 0 {
+            line(name, meeting.told(what))?;
         }
     }
     if let Some(told) = t.repairs.told() {

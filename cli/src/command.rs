@@ -12,6 +12,7 @@ use crate::{
     stress::StressArgs,
     task::{On, Task},
     trace::TraceArgs,
+    voxels::VoxelsArgs,
 };
 use clap::{CommandFactory as _, Parser, Subcommand, error::ErrorKind};
 
@@ -23,6 +24,7 @@ Examples:
   raykd trace mesh.ply --rays r --hits h trace a file of rays
   raykd inside mesh.ply --points p.csv   tell which points are inside
   raykd check mesh.ply                   tell whether a mesh is closed
+  raykd voxels mesh.ply --size 99 -o v.npy  fill a mesh with voxels
   raykd render dragon -o dragon.png      make a picture
   raykd stress                           the scenes in which ray tracers fail
   raykd chart --quick                    what raykd knows about itself, drawn
@@ -50,6 +52,7 @@ pub(super) enum Command {
     Trace(TraceArgs),
     Inside(InsideArgs),
     Check(CheckArgs),
+    Voxels(VoxelsArgs),
     Render(RenderArgs),
     Devices(DevicesArgs),
     Stress(StressArgs),
@@ -66,6 +69,7 @@ impl Command {
             Self::Trace(args) => ("trace", args),
             Self::Inside(args) => ("inside", args),
             Self::Check(args) => ("check", args),
+            Self::Voxels(args) => ("voxels", args),
             Self::Render(args) => ("render", args),
             Self::Devices(args) => ("devices", args),
             Self::Stress(args) => ("stress", args),

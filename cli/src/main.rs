@@ -29,6 +29,7 @@ mod signals;
 mod stress;
 mod task;
 mod trace;
+mod voxels;
 
 use clap::{
     Parser as _,

@@ -26,7 +26,7 @@
 //! * [`Scene`]: a mesh and its tree on a device, ready for rays. [`BuildOptions`] choose the [`Builder`].
 //! * [`World`]: several scenes, or one several times, each moved, turned and scaled.
 //! * [`Scene::crossings`] and [`Scene::winding`]: how often rays cross the mesh, and which points are inside;
-//!   [`Mesh::edges`] tells whether it is closed.
+//!   [`Mesh::edges`] tells whether it is closed, [`Scene::contacts`] where it meets itself.
 //! * [`Traversal`] and [`Intersector`]: ways through the tree, and triangle tests.
 //! * [`KdTree`]: the tree as data, to save and to load.
 //!
@@ -76,7 +76,10 @@ pub use raykd_shared as shared;
 pub use raykd_shared::{Crossings, Hit, Ray};
 pub use rays::Ray64;
 pub use read::usual_max_bytes;
-pub use scene::{AllHits, Counted, RaySteps, Resident, Scene, Traced, Tracer, World, WorldHit};
+pub use scene::{
+    AllHits, Contact, ContactCount, Contacts, Counted, RaySteps, Resident, Scene, Traced, Tracer, World,
+    WorldHit,
+};
 #[cfg(feature = "gpu")]
 pub use scene::{Encoded, RayCount, SceneBuffers, WGSL};
 pub use traversal::Traversal;

@@ -3,6 +3,7 @@
 mod batch;
 mod build;
 mod choose;
+mod contacts;
 mod crossings;
 #[cfg(feature = "gpu")]
 mod encode;
@@ -14,6 +15,7 @@ mod tracer;
 mod world;
 
 pub use batch::Resident;
+pub use contacts::{Contact, ContactCount, Contacts};
 pub use crossings::Counted;
 #[cfg(feature = "gpu")]
 pub use encode::{Encoded, RayCount, SceneBuffers, WGSL};

@@ -90,6 +90,33 @@ fn no_std_walker_finds_the_hits_of_the_batch() {
     }
 }
 
+/// The number before and the number behind `of` in a line.
+fn part(text: &str) -> [usize; 2] {
+    let words: Vec<&str> = text.split(' ').collect();
+    let of = words.iter().position(|&word| word == "of").unwrap();
+    [words[of - 1], words[of + 1]].map(|word| word.parse().unwrap())
+}
+
+/// A box of 4 x 6 x 1 is thinnest from top to bottom, and its top is seen from above.
+#[test]
+fn thickness_and_visibility_of_a_box_and_of_the_teapot() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("box.obj");
+    let corners = (0..8).map(|i| format!("v {} {} {}\n", i & 1, (i >> 1 & 1) * 6, i >> 2));
+    let faces = ["1 3 4 2", "5 6 8 7", "1 2 6 5", "3 7 8 4", "1 5 7 3", "2 4 8 6"];
+    let text: String = corners.chain(faces.map(|face| format!("f {face}\n"))).collect();
+    std::fs::write(&path, text.replace("v 1", "v 4")).unwrap();
+    let path = path.to_str().unwrap();
+    let thickness = run("examples/thickness", &[path]);
+    assert!(thickness.contains("12 of 12 triangles") && thickness.contains("thinnest: 1 at"), "{thickness}");
+    assert_eq!(part(&run("examples/visibility", &[path])), [2, 12]);
+
+    let [met, all] = part(&run("examples/thickness", &[]));
+    assert!(2 * met > all && met < all, "{met} of {all}");
+    let [seen, all] = part(&run("examples/visibility", &[]));
+    assert!(all / 5 < seen && seen < all / 2, "{seen} of {all}");
+}
+
 #[test]
 fn property_test_is_an_example() {
     // Its tests run with all others, by `cargo test --workspace`.

@@ -8,7 +8,7 @@ use std::{
 use tempfile::TempDir;
 
 /// A folder with a tetrahedron of four triangles that look outward, and the same without the last.
-fn folder() -> TempDir {
+pub(super) fn folder() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     let open = "v 0 0 0\nv 4 0 0\nv 0 4 0\nv 0 0 4\nf 1 3 2\nf 1 2 4\nf 1 4 3\n";
     fs::write(folder.path().join("open.obj"), open).unwrap();
@@ -18,12 +18,12 @@ fn folder() -> TempDir {
     folder
 }
 
-fn raykd(folder: &TempDir, line: &str) -> Output {
+pub(super) fn raykd(folder: &TempDir, line: &str) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_raykd"));
     command.current_dir(folder).args(line.split(' ')).output().unwrap()
 }
 
-fn text(bytes: &[u8]) -> &str {
+pub(super) fn text(bytes: &[u8]) -> &str {
     std::str::from_utf8(bytes).unwrap()
 }
 
@@ -86,7 +86,33 @@ fn closed_and_open_meshes_are_told_apart() {
     assert_eq!((&told["closed"], &told["edges"]), (&Value::Bool(false), &Value::from(6)));
     assert_eq!(told["border"]["count"], 3);
     assert_eq!(told["border"]["first"], serde_json::json!([[0.0, 4.0, 0.0], [4.0, 0.0, 0.0]]));
+    assert_eq!((&told["t_junctions"]["count"], &told["intersections"]["count"]), (&0.into(), &0.into()));
     let missing = raykd(&folder, "check none.obj");
     assert_eq!(missing.status.code(), Some(1));
     assert!(text(&missing.stderr).contains("none.obj"));
+}
+
+/// A closed mesh may meet itself: that is told, and is no reason for another exit code.
+#[test]
+fn meshes_that_meet_themselves_are_told() {
+    let folder = folder();
+    // Two tetrahedra through each other: the corner of one, at 1 1 1, is inside the other.
+    let one = fs::read_to_string(folder.path().join("closed.obj")).unwrap();
+    let two = "v 1 1 1\nv 5 1 1\nv 1 5 1\nv 1 1 5\nf 5 7 6\nf 5 6 8\nf 5 8 7\nf 6 7 8\n";
+    fs::write(folder.path().join("two.obj"), one + two).unwrap();
+    let told = raykd(&folder, "check two.obj");
+    assert_eq!(told.status.code(), Some(0), "{}", text(&told.stderr));
+    // The three edges from that corner meet the slope.
+    let line = "through 3 edges through triangles (first: 1,1,1 to 1,5,1 meets 4,0,0 0,4,0 0,0,4)";
+    assert!(text(&told.stdout).contains(line), "{}", text(&told.stdout));
+    assert!(!text(&told.stdout).contains("t-joint"));
+    // A square of two triangles beside one, whose edge has a vertex of theirs in its middle.
+    let joint = "v 0 0 0\nv 2 0 0\nv 0 2 0\nv 1 0 0\nv 1 -1 0\nv 0 -1 0\nf 1 2 3\nf 1 6 5\nf 1 5 4\n";
+    fs::write(folder.path().join("joint.obj"), joint).unwrap();
+    let told = raykd(&folder, "check joint.obj --json");
+    assert_eq!(told.status.code(), Some(1));
+    let told: Value = serde_json::from_slice(&told.stdout).unwrap();
+    let place = serde_json::json!({"count": 1, "first": [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]], "meets": [[1.0, 0.0, 0.0]]});
+    assert_eq!(told["t_junctions"], place);
+    assert_eq!(told["intersections"], serde_json::json!({"count": 0}));
 }

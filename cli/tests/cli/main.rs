@@ -11,6 +11,8 @@ mod inside;
 mod outputs;
 #[cfg(feature = "gpu")]
 mod stress;
+#[cfg(feature = "gpu")]
+mod voxels;
 
 use std::{fs::File, io::BufReader, path::Path};
 

@@ -76,7 +76,7 @@ impl Mesh {
     }
 
     /// For each vertex the lowest number of those at its place.
-    fn places(&self) -> Vec<u32> {
+    pub(crate) fn places(&self) -> Vec<u32> {
         let at = |vertex: u32| self.positions()[vertex as usize].map(|x| (x + 0.0).to_bits());
         let mut order: Vec<u32> = (0..self.positions().len() as u32).collect();
         order.par_sort_unstable_by_key(|&vertex| (at(vertex), vertex));
