@@ -11,8 +11,7 @@ use raykd_kernels::{
     trace::{
         intersect::{
             baldwin::{self, Baldwin, brute_baldwin},
-            bounded::{self, BOUNDED, open},
-            exact::{Exact, brute_exact},
+            exact::{self, Exact, brute_exact},
             moeller::{self, Moeller, brute_moeller},
             plane::{self, Plane, brute_plane},
             strict::{Strict, brute_strict},
@@ -119,14 +118,6 @@ impl Intersector {
         })
     }
 
-    /// What goes before [`Intersector::stack`], if anything does: the kernel and its buffers.
-    pub(crate) fn first<'a, H: Host>(
-        self,
-        query: queries::Query<'a, H>,
-    ) -> Option<(&'static Kernel, Vec<H::Any<'a>>)> {
-        (self == Self::Exact).then(|| (&BOUNDED, bounded::Buffers { query }.list().collect()))
-    }
-
     /// With a full stack: the kernel and its buffers.
     pub(crate) fn stack<'a, H: Host>(
         self,
@@ -139,7 +130,7 @@ impl Intersector {
         match self {
             Self::Strict if asked == Query::Any => of(any::Buffers { query }),
             Self::Strict => of(closest::Buffers { query }),
-            Self::Exact => of(open::Buffers { query }),
+            Self::Exact => of(exact::Buffers { query }),
             Self::Woop => of(woop::Buffers { query }),
             Self::Moeller => of(moeller::Buffers { query }),
             Self::Plane => of(plane::Buffers { query }),

@@ -118,10 +118,10 @@ impl Batch {
         }
     }
 
-    /// Runs the kernels of a query over the rays, and says how long they took.
-    pub(super) fn run(&self, device: &Device, steps: &[Step<'_>], query: Query) -> Result<Duration, Error> {
+    /// Runs a query over the rays, and says how long it took.
+    pub(super) fn run(&self, device: &Device, step: Step<'_>, query: Query) -> Result<Duration, Error> {
         self.begin(device, u32::from(query == Query::Any))?;
-        Ok(device.dispatch(steps, false)?.total)
+        Ok(device.dispatch(&[step], false)?.total)
     }
 
     /// Forgets what earlier kernels reported, and sets the words of the job: how many rays, and what is asked.

@@ -166,11 +166,9 @@ impl Scene {
         }
         let any = u32::from(query == Query::Any);
         let job = self.job_in::<Hit>(encoder, ("hits", hits), rays, count.into(), any)?;
-        let bound = || self.bound(&job, self.leaf_triangles(), rays, bind(hits));
-        let last = self.intersector.stack::<InEncoder>(bound(), query);
-        for (kernel, resources) in self.intersector.first(bound()).into_iter().chain([last]) {
-            self.encode_over(encoder, &job, kernel, &resources)?;
-        }
+        let bound = self.bound(&job, self.leaf_triangles(), rays, bind(hits));
+        let (kernel, resources) = self.intersector.stack::<InEncoder>(bound, query);
+        self.encode_over(encoder, &job, kernel, &resources)?;
         Ok(job.encoded)
     }
 

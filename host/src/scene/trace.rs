@@ -7,7 +7,7 @@ use crate::{
     rays::AnyRay,
     traversal::Traversal,
 };
-use raykd_kernels::{Kernel, trace::queries};
+use raykd_kernels::trace::queries;
 use raykd_shared::{Hit, Ray};
 use std::time::{Duration, Instant};
 
@@ -119,7 +119,7 @@ impl Scene {
             let excluded = &self.device.upload("excluded", excluded)?;
             traced.upload += start.elapsed();
             let except = self.intersector.except(batch.query(self), excluded, batch.count)?;
-            traced.trace += batch.run(&self.device, &[except], query)?;
+            traced.trace += batch.run(&self.device, except, query)?;
             batch.finish(&self.device, &mut traced)?;
         }
         Ok(traced)
@@ -181,7 +181,7 @@ impl Scene {
                 Some(step) => step,
                 None => self.intersector.steps(batch.query(self), batch.counts.out(), batch.count)?,
             };
-            batch.run(&self.device, &[step], Query::Closest)?;
+            batch.run(&self.device, step, Query::Closest)?;
             batch.outcome(&self.device)?;
             hits.extend(batch.hits(&self.device)?);
             counts.extend(self.device.read::<RaySteps>(&batch.counts.view(), 0, part.len())?);
@@ -194,16 +194,11 @@ impl Scene {
         if traversal == Traversal::Brute {
             return self.run_brute(batch);
         }
-        let steps = match self.walk(batch, traversal) {
-            Some(step) => vec![step],
-            None => {
-                let last = self.intersector.stack(batch.query(self), query);
-                let all = self.intersector.first(batch.query(self)).into_iter().chain([last]);
-                let groups = |kernel: &Kernel| Groups::Fixed(batch.count.div_ceil(kernel.threads));
-                all.map(|(kernel, buffers)| Step { kernel, buffers, groups: groups(kernel) }).collect()
-            }
-        };
-        batch.run(&self.device, &steps, query)
+        let step = self.walk(batch, traversal).unwrap_or_else(|| {
+            let (kernel, buffers) = self.intersector.stack(batch.query(self), query);
+            Step { kernel, buffers, groups: Groups::Fixed(batch.count.div_ceil(kernel.threads)) }
+        });
+        batch.run(&self.device, step, query)
     }
 
     /// By a traversal that also counts its steps.

@@ -1,9 +1,10 @@
 //! The test without rounding: a triangle is hit if, and only if, the ray's line passes through it or its
 //! border, on the numbers as they are; `t`, `u` and `v` are correctly rounded.
 //!
-//! Three stages, each for what the one before leaves open: floats turn away triangles that the ray passes at
-//! more than they round; pairs of floats ([`pair`](super::pair)) find signs and quotients with bounds of
-//! their errors; what those do not decide, one triangle of some hundreds, integers do ([`integers`]). The
+//! Stages, each for what the one before leaves open: floats turn away triangles that the ray passes at more than they
+//! round, or that surely lie behind it or a hit that it has; pairs of floats ([`pair`](super::pair)) find signs and
+//! quotients with bounds of their errors; what those do not decide, one triangle of some hundreds, triples do
+//! ([`triple`](super::triple)); and what is left after those, hardly any, integers do ([`integers`]). The
 //! filters follow Shewchuk 1997, the sheared edge functions Woop, Benthin & Wald 2013.
 //!
 //! Since answers are exact, neighbours need not agree about anything, and what was decided in which stage
@@ -11,7 +12,9 @@
 //! distances `t` that would.
 
 use super::{
-    Best, Intersector, integers,
+    Best, Intersector,
+    bounds::bounds,
+    integers,
     pair::{Long, Pair},
     strict::shear,
     triple::Triple,
@@ -87,14 +90,14 @@ impl<N: Long> Edge<N> {
 }
 
 /// What numbers with bounds of their errors tell.
-pub(super) struct Verdict {
+struct Verdict {
     /// Whether that is all there is to know.
-    pub(super) certain: bool,
+    certain: bool,
     /// Whether the triangle is hit, and not after the best hit so far.
-    pub(super) hit: bool,
-    pub(super) t: f32,
-    pub(super) u: f32,
-    pub(super) v: f32,
+    hit: bool,
+    t: f32,
+    u: f32,
+    v: f32,
 }
 
 /// Between which numbers one lies when rounded, if it may be off by `error` and by what a device that flushes
@@ -239,7 +242,7 @@ impl<N> Met<N> {
 
 /// The answer by pairs or triples.
 #[inline(always)]
-pub(super) fn by<N: Long>(ray: &Frame, id: u32, corners: (Vec3, Vec3, Vec3), best: &Best) -> Verdict {
+fn by<N: Long>(ray: &Frame, id: u32, corners: (Vec3, Vec3, Vec3), best: &Best) -> Verdict {
     let nothing = Verdict { certain: true, hit: false, t: 0.0, u: 0.0, v: 0.0 };
     let looked = look::<N>(ray, corners);
     if looked.missed {
@@ -305,6 +308,11 @@ impl Intersector for Exact {
     #[inline(always)]
     fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool {
         let (a, b, c) = (a.truncate(), b.truncate(), c.truncate());
+        // The triangle that a ray starts on, most of all, and one that it has met in another leaf.
+        let (near, later) = bounds(ray, (a, b, c));
+        if later < ray.t_min || near > best.t || near > ray.t_max || id == best.triangle {
+            return true;
+        }
         let mut found = by::<Pair>(ray, id, (a, b, c), best);
         let mut whole = true;
         if !found.certain {
@@ -322,4 +330,4 @@ impl Intersector for Exact {
     }
 }
 
-test!(brute_exact::BRUTE_EXACT = Exact);
+test!(EXACT, brute_exact::BRUTE_EXACT = Exact);

@@ -6,7 +6,7 @@
 //! of `t` are inclusive, the lowest number wins. `perturbed` says what a ray crosses.
 
 pub mod baldwin;
-pub mod bounded;
+mod bounds;
 pub mod exact;
 pub mod integers;
 pub mod moeller;
@@ -25,8 +25,7 @@ pub const KERNELS: &[&crate::Kernel] = &[
     &plane::PLANE,
     &baldwin::BALDWIN,
     &woop::WOOP,
-    &bounded::BOUNDED,
-    &bounded::open::OPEN,
+    &exact::EXACT,
     &strict::brute_strict::BRUTE_STRICT,
     &exact::brute_exact::BRUTE_EXACT,
     &moeller::brute_moeller::BRUTE_MOELLER,

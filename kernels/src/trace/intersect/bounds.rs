@@ -1,0 +1,76 @@
+//! Between which numbers floats put the place where a ray meets a triangle's plane: enough to pass over what lies behind
+//! the ray, or behind a hit that it has.
+
+use super::strict::shear;
+use crate::{
+    glam::Vec3,
+    math::{abs, component, div, exp2, exponent, high, low},
+    trace::frame::Frame,
+};
+
+/// Where the ray's origin lies, seen from the triangle's plane: 1 on its normal's side, -1 behind it, 0 if floats do not
+/// tell. Six products of three differences each, off by at most `2^-21` of their sizes; far from 0, so that `t` is, too.
+#[inline(always)]
+fn side(origin: Vec3, far: f32, (a, b, c): (Vec3, Vec3, Vec3)) -> i32 {
+    let (p, q, r) = (a - origin, b - origin, c - origin);
+    let (x, y) = (q.y * r.z, q.z * r.y);
+    let (z, w) = (q.z * r.x, q.x * r.z);
+    let (s, t) = (q.x * r.y, q.y * r.x);
+    let volume = p.x * (x - y) + p.y * (z - w) + p.z * (s - t);
+    let sizes = abs(p.x) * (abs(x) + abs(y)) + abs(p.y) * (abs(z) + abs(w)) + abs(p.z) * (abs(s) + abs(t));
+    let told = (abs(volume) > exp2(-20) * sizes + exp2(-60)) & (far < exp2(30));
+    told as i32 * ((volume < 0.0) as i32 - (volume > 0.0) as i32)
+}
+
+/// If all corners are as far away along an axis, how far, and the direction's reciprocal there; else that is 0.
+#[inline(always)]
+fn level(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> (f32, f32) {
+    let mut found = (0.0, 0.0);
+    let mut axis = 0;
+    while axis < 3 {
+        let (x, y, z) = (component(a, axis), component(b, axis), component(c, axis));
+        let inverse = component(ray.inverse, axis);
+        if (x == y) & (y == z) & (abs(inverse) < exp2(40)) {
+            found = (x - component(ray.origin, axis), inverse);
+        }
+        axis += 1;
+    }
+    found
+}
+
+/// The lowest and the highest number that `t` may be, as it is rounded, if the ray's line may pass through the triangle. A
+/// sheared corner is off by at most a quarter of the pad, so edge functions are by an eighth of what their sum is compared
+/// with; `t` hangs on them by how far the corners' depths are apart.
+#[inline(always)]
+pub(super) fn bounds(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> (f32, f32) {
+    let s = shear(ray, a, b, c);
+    let half = 0.5 * ray.pad;
+    let (x, y, z) = (abs(s.ax) + abs(s.ay), abs(s.bx) + abs(s.by), abs(s.cx) + abs(s.cy));
+    let error = 2.0 * ray.pad * (x + y + z + 1.5 * half);
+    let (u, v, w) = (s.cx * s.by - s.cy * s.bx, s.ax * s.cy - s.ay * s.cx, s.bx * s.ay - s.by * s.ax);
+    let det = u + v + w;
+    // Where the ray is all but parallel to the plane, nothing is known.
+    if !(abs(det) > 4.0 * error) {
+        return (f32::NEG_INFINITY, f32::INFINITY);
+    }
+    // Across an axis it is met where that says, 0 included.
+    let (distance, way) = level(ray, (a, b, c));
+    if abs(way) > 0.0 {
+        let (t, wide) = (distance * way, abs(distance * way) * exp2(-20));
+        return (t - wide, t + wide);
+    }
+    let unit = exp2(-exponent(det));
+    let inverse = div(1.0, det * unit);
+    let along = component(ray.inverse, ray.main);
+    let t = s.depth(along, u * unit, v * unit, w * unit) * inverse;
+    let spread = abs(along) * (high(s.az, high(s.bz, s.cz)) - low(s.az, low(s.bz, s.cz)));
+    let off = 4.0 * error * unit * abs(inverse) * spread + 2.0 * ray.pad;
+    let (near, later) = (t - off, t + off);
+    if (near < 0.0) & (later > 0.0) {
+        // The direction's sign along the normal, and with it that of `t`.
+        let forward = (det > 0.0) == (along < 0.0);
+        let ahead = side(ray.origin, ray.pad * exp2(19), (a, b, c)) * if forward { -1 } else { 1 };
+        return (if ahead > 0 { 0.0 } else { near }, if ahead < 0 { -exp2(-126) } else { later });
+    }
+    (near, later)
+}
