@@ -50,7 +50,8 @@ pub(super) fn bounds(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> (f32, f32) {
     let (u, v, w) = (s.cx * s.by - s.cy * s.bx, s.ax * s.cy - s.ay * s.cx, s.bx * s.ay - s.by * s.ax);
     let det = u + v + w;
     // Where the ray is all but parallel to the plane, nothing is known.
-    if !(abs(det) > 4.0 * error) {
+    let known = abs(det) > 4.0 * error;
+    if !known {
         return (f32::NEG_INFINITY, f32::INFINITY);
     }
     // Across an axis it is met where that says, 0 included.
