@@ -22,20 +22,23 @@ fn side(origin: Vec3, far: f32, (a, b, c): (Vec3, Vec3, Vec3)) -> i32 {
     told as i32 * ((volume < 0.0) as i32 - (volume > 0.0) as i32)
 }
 
+/// Smaller distances may be rounded in other ways than by their digits.
+pub(super) const NEAR: f32 = exp2(-60);
+
 /// If all corners are as far away along an axis, how far, and the direction's reciprocal there; else that is 0.
 #[inline(always)]
 fn level(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> (f32, f32) {
-    let mut found = (0.0, 0.0);
-    let mut axis = 0;
-    while axis < 3 {
-        let (x, y, z) = (component(a, axis), component(b, axis), component(c, axis));
-        let inverse = component(ray.inverse, axis);
-        if (x == y) & (y == z) & (abs(inverse) < exp2(40)) {
-            found = (x - component(ray.origin, axis), inverse);
-        }
-        axis += 1;
-    }
-    found
+    let along = |x: f32, y: f32, z: f32, from: f32, inverse: f32| {
+        let distance = x - from;
+        let is = (x == y) & (y == z) & (abs(inverse) < exp2(40)) & (abs(distance) > NEAR);
+        (distance, if is { inverse } else { 0.0 })
+    };
+    let (from, inverse) = (ray.origin, ray.inverse);
+    let x = along(a.x, b.x, c.x, from.x, inverse.x);
+    let y = along(a.y, b.y, c.y, from.y, inverse.y);
+    let z = along(a.z, b.z, c.z, from.z, inverse.z);
+    let found = if abs(y.1) > 0.0 { y } else { z };
+    if abs(x.1) > 0.0 { x } else { found }
 }
 
 /// The lowest and the highest number that `t` may be, as it is rounded, if the ray's line may pass through the triangle. A
@@ -54,7 +57,7 @@ pub(super) fn bounds(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> (f32, f32) {
     if !known {
         return (f32::NEG_INFINITY, f32::INFINITY);
     }
-    // Across an axis it is met where that says, 0 included.
+    // Across an axis it is met where that says.
     let (distance, way) = level(ray, (a, b, c));
     if abs(way) > 0.0 {
         let (t, wide) = (distance * way, abs(distance * way) * exp2(-20));

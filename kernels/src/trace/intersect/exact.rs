@@ -13,7 +13,7 @@
 
 use super::{
     Best, Intersector,
-    bounds::bounds,
+    bounds::{NEAR, bounds},
     integers,
     pair::{Long, Pair},
     strict::shear,
@@ -122,7 +122,8 @@ pub(super) struct Looked<N = Pair> {
     depths: (Pair, Pair, Pair),
     /// The direction along it.
     pub(super) dz: f32,
-    /// If all corners are as far away along an axis, how far, and the direction along it; else that is 0.
+    /// If all corners are as far away along an axis, how far, by 0 or more than [`NEAR`], and the direction along it; else
+    /// that is 0.
     level: (Pair, f32),
 }
 
@@ -171,12 +172,15 @@ pub(super) fn look<N: Long>(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> Looke
 /// [`Looked::level`], of corners, an origin and a direction with the main axis last.
 #[inline(always)]
 fn level_of(a: Vec3, b: Vec3, c: Vec3, from: Vec3, (dx, dy, dz): (f32, f32, f32)) -> (Pair, f32) {
-    let is = |a: f32, b: f32, c: f32| (a == b) & (b == c);
-    if is(a.z, b.z, c.z) {
+    // Equal bits: a device may take a small difference for none.
+    let is = |a: f32, b: f32, c: f32, from: f32| {
+        (a == b) & (b == c) & ((a.to_bits() == from.to_bits()) | (abs(a - from) > NEAR))
+    };
+    if is(a.z, b.z, c.z, from.z) {
         (Pair::sum(a.z, -from.z), dz)
-    } else if is(a.x, b.x, c.x) {
+    } else if is(a.x, b.x, c.x, from.x) {
         (Pair::sum(a.x, -from.x), dx)
-    } else if is(a.y, b.y, c.y) {
+    } else if is(a.y, b.y, c.y, from.y) {
         (Pair::sum(a.y, -from.y), dy)
     } else {
         (Pair::default(), 0.0)
