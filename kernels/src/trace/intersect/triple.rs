@@ -24,17 +24,32 @@ fn sorted(a: f32, b: f32, c: f32) -> Triple {
     Triple { a: top.hi, b: low.hi, c: low.lo }
 }
 
-/// The same sum with the larger part in front: each term takes what it can of the one behind it, exactly.
+/// `a + b`, and what rounding took.
 #[inline(always)]
-fn settle<const N: usize>(mut terms: [f32; N]) -> [f32; N] {
-    let mut i = N - 1;
-    while i > 0 {
-        let sum = Pair::sum(terms[i - 1], terms[i]);
-        terms[i - 1] = sum.hi;
-        terms[i] = sum.lo;
-        i -= 1;
-    }
-    terms
+fn two(a: f32, b: f32) -> (f32, f32) {
+    let sum = Pair::sum(a, b);
+    (sum.hi, sum.lo)
+}
+
+/// The same sum with the larger part in front: each term takes what it can of the one behind it, exactly. Written out,
+/// since llvmpipe counts the rounds of loops.
+#[inline(always)]
+fn settle7([b, c, d, e, f, g, h]: [f32; 7]) -> [f32; 7] {
+    let (g, h) = two(g, h);
+    let (f, g) = two(f, g);
+    let (e, f) = two(e, f);
+    let (d, e) = two(d, e);
+    let (c, d) = two(c, d);
+    let (b, c) = two(b, c);
+    [b, c, d, e, f, g, h]
+}
+
+/// The same of eight.
+#[inline(always)]
+fn settle8([a, b, c, d, e, f, g, h]: [f32; 8]) -> [f32; 8] {
+    let [b, c, d, e, f, g, h] = settle7([b, c, d, e, f, g, h]);
+    let (a, b) = two(a, b);
+    [a, b, c, d, e, f, g, h]
 }
 
 impl Triple {
@@ -110,8 +125,8 @@ impl Long for Triple {
     #[inline(always)]
     fn across(p: Pair, q: Pair, r: Pair, s: Pair) -> Self {
         let all = [p.hi, -q.hi, p.lo, -q.lo, r.hi, -s.hi, r.lo, -s.lo];
-        let [first, b, c, d, e, f, g, h] = settle(settle(settle(all)));
-        let [second, c, d, e, f, g, h] = settle(settle([b, c, d, e, f, g, h]));
+        let [first, b, c, d, e, f, g, h] = settle8(settle8(settle8(all)));
+        let [second, c, d, e, f, g, h] = settle7(settle7([b, c, d, e, f, g, h]));
         sorted(first, second, c + (d + (e + (f + (g + h)))))
     }
 }
