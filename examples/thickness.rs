@@ -1,7 +1,7 @@
 //! How thick a mesh is at each triangle: the way from its middle straight through to the other side.
 //!
-//! `cargo run --release --example thickness` measures the teapot; name a mesh file to measure that instead. Triangles are
-//! counterclockwise seen from outside.
+//! `cargo run --release --example thickness` measures the teapot; name a mesh file to measure that instead. Triangles
+//! are counterclockwise seen from outside.
 
 use raykd::{BuildOptions, Device, Intersector, Mesh, Query, Ray, Scene};
 

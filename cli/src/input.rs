@@ -37,6 +37,18 @@ impl Input {
         let load = start.elapsed();
         Ok(Self { name, translation: mesh.translation(), mesh: mesh.into_local(), load })
     }
+
+    /// Whether the mesh is closed, so that every point is inside or outside. Notes that it is not.
+    pub(super) fn is_closed(&self, notes: &Notes) -> bool {
+        let closed = self.mesh.edges().are_closed();
+        if !closed {
+            notes.note(format_args!(
+                "{}: not closed, so inside is not certain; `raykd check` tells where",
+                self.name
+            ));
+        }
+        closed
+    }
 }
 
 /// What was set aside or changed in a mesh, for JSON.

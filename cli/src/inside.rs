@@ -105,13 +105,7 @@ fn run(args: &InsideArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
     let input = Input::load(&args.mesh, args.read, &notes)?;
     let [x, y, z] = input.translation;
     let local: Vec<[f64; 3]> = points.points.iter().map(|p| [p[0] - x, p[1] - y, p[2] - z]).collect();
-    let edges = input.mesh.edges();
-    if !edges.are_closed() {
-        notes.note(format_args!(
-            "{}: not closed, so inside is not certain; `raykd check` tells where",
-            input.name
-        ));
-    }
+    let closed = input.is_closed(&notes);
     let machine = Machine::choose(args.on.device, &args.on.more, &notes)?;
     let options = args.tree.options();
     let work = |device: &Device| -> Result<_, Error> {
@@ -127,7 +121,7 @@ fn run(args: &InsideArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
         scene: input.name.clone(),
         triangles: input.mesh.triangles().len(),
         repairs: RepairCounts::from(&input),
-        closed: edges.are_closed(),
+        closed,
         device,
         adapter,
         load_ms: ms(input.load),

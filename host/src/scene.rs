@@ -33,7 +33,8 @@ use crate::{
 use raykd_kernels::glam::{UVec4, Vec4};
 use raykd_shared::TreeHeader;
 
-/// A mesh and its tree, resident on a device. Clones share all memory; each has a traversal and a triangle test of its own.
+/// A mesh and its tree, resident on a device. Clones share all memory; each has a traversal and a triangle test of its
+/// own.
 #[derive(Clone, Debug)]
 pub struct Scene {
     device: Device,

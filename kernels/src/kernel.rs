@@ -257,7 +257,7 @@ macro_rules! run_twice {
     ($n:tt, |$group:ident, $buffers:ident| $run:block) => {{
         #[inline(always)]
         unsafe fn run($group: $crate::Group, $buffers: &[$crate::RawBuf]) -> u64 $run
-        // A copy for the usual order, in which lanes are counted as in any loop.
+        // A copy for the usual order, in which lanes are counted as in any loop. Each copy knows which it is.
         #[cfg_attr(target_arch = "x86_64", target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt"))]
         unsafe fn usual(group: $crate::Group, buffers: &[$crate::RawBuf]) -> u64 {
             let group = $crate::Group { width: $n, order: $crate::Order::Forward, usual: true, ..group };
@@ -266,7 +266,13 @@ macro_rules! run_twice {
         }
         |group, buffers| {
             // SAFETY: as for the caller, who says that the processor has these instructions.
-            unsafe { if group.usual { usual(group, buffers) } else { run($crate::Group { usual: false, ..group }, buffers) } }
+            unsafe {
+                if group.usual {
+                    usual(group, buffers)
+                } else {
+                    run($crate::Group { usual: false, ..group }, buffers)
+                }
+            }
         }
     }};
 }

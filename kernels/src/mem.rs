@@ -59,7 +59,8 @@ impl<'a, T> View<'a, T> {
     /// Of a slice.
     #[inline]
     pub const fn new(slice: &'a [T]) -> Self {
-        // SAFETY: the slice is borrowed as long as the view lives, and no `&mut Buf`, which writing takes, is given away.
+        // SAFETY: the slice is borrowed as long as the view lives, and no `&mut Buf`, which writing takes, is given
+        // away.
         Self(unsafe { Buf::new(slice.as_ptr().cast_mut(), slice.len()) }, core::marker::PhantomData)
     }
 }

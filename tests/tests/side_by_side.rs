@@ -174,3 +174,29 @@ fn crowds_at_the_ends_of_the_range_find_what_each_ray_finds() -> Result<(), Fail
     }
     Ok(())
 }
+
+/// At their origins: `t` is 0, which could be negative.
+#[test]
+fn crowds_that_start_on_a_triangle_find_what_each_ray_finds() -> Result<(), Failure> {
+    let corners = [[0.0f32, 0.0, 0.0], [8.0, 0.0, 0.0], [0.0, 8.0, 0.0]];
+    for triangle in [[0, 1, 2], [0, 2, 1]] {
+        for turn in 0..3 {
+            let turned = |mut p: [f32; 3]| {
+                p.rotate_left(turn);
+                p
+            };
+            let mesh = Mesh::new(corners.iter().map(|&p| turned(p)).collect(), vec![triangle]).unwrap();
+            let scene = Scene::build(cpu(), &mesh, &BuildOptions::default())?;
+            for way in [1.0, -1.0] {
+                let ray = |i: u16| {
+                    let at = 0.25 + 0.001 * f32::from(i);
+                    Ray::new(turned([at, at, 0.0]), turned([0.01, 0.02, way]))
+                };
+                let rays: Vec<Ray> = (0..64).map(ray).collect();
+                one_by_one(&scene, &rays)?;
+                assert!(scene.closest(&rays)?.iter().all(|hit| hit.is_hit() && hit.t.to_bits() == 0));
+            }
+        }
+    }
+    Ok(())
+}

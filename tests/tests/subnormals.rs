@@ -4,7 +4,7 @@
 use raykd::{
     BuildOptions, Intersector, Mesh, Ray, Scene,
     kernels::{
-        glam::Vec3,
+        glam::{Vec3, Vec4},
         math::div,
         trace::{
             frame::Frame,
@@ -19,36 +19,66 @@ use raykd::{
 };
 use raykd_tests::{cpu, same};
 
-/// Every triangle tested alone with every ray, by a test: bits of the hits, and of what leaves would keep.
+/// Runs something on a CPU that flushes subnormal results and operands, or does not.
 #[inline(never)]
-fn alone<I: Test>(mesh: &Mesh, header: &TreeHeader, rays: &[Ray], flush: bool) -> Vec<u32> {
-    let positions = mesh.scaled_positions();
-    let mut bits = Vec::new();
-    // Bits 15 and 6 of the control word flush subnormal results and operands.
+fn flushing<T>(flush: bool, run: impl FnOnce() -> T) -> T {
+    // Bits 15 and 6 of the control word.
     let mut word = 0x1F80u32 | if flush { 0x8040 } else { 0 };
     // SAFETY: only the treatment of subnormals changes, and it is what it was before this function returns.
     unsafe { std::arch::asm!("ldmxcsr [{}]", in(reg) &raw const word) };
+    let found = run();
+    word = 0x1F80;
+    // SAFETY: as above; this is how Rust expects it.
+    unsafe { std::arch::asm!("ldmxcsr [{}]", in(reg) &raw const word) };
+    found
+}
+
+/// Tests every triangle with every ray by a test, and gives `each` ray, triangle as leaves would keep it, and the best
+/// hit, which is that of all triangles before, or if `alone` of this one.
+fn tested<I: Test>(
+    mesh: &Mesh,
+    header: &TreeHeader,
+    rays: &[Ray],
+    alone: bool,
+    mut each: impl FnMut([Vec4; 3], &Best),
+) {
+    let positions = mesh.scaled_positions();
     for ray in rays {
         let frame = Frame::of(ray, header);
         let frame = if I::WHOLE { frame.whole() } else { frame };
+        let mut best = Best::NOTHING;
         for &id in mesh.kept().iter().filter(|_| frame.valid) {
             let [a, b, c] =
                 mesh.triangles()[id as usize].map(|v| Vec3::from_slice(&positions[3 * v as usize..]));
             let (a, b, c) = I::lay_out(a, b, c);
-            let mut best = Best::NOTHING;
+            if alone {
+                best = Best::NOTHING;
+            }
             I::new(&frame).test(&frame, id, a, b, c, &mut best);
             if best.triangle == id {
                 assert!(I::new(&frame).may_hit(&frame, a, b, c), "{ray:?} {id}");
             }
-            bits.extend([a, b, c].iter().flat_map(|v| v.to_array().map(f32::to_bits)));
-            bits.push(best.triangle);
-            bits.extend([best.t, div(best.u, best.det), div(best.v, best.det)].map(|x| (x + 0.0).to_bits()));
+            each([a, b, c], &best);
         }
     }
-    word = 0x1F80;
-    // SAFETY: as above; this is how Rust expects it.
-    unsafe { std::arch::asm!("ldmxcsr [{}]", in(reg) &raw const word) };
-    bits
+}
+
+/// Every triangle tested alone with every ray, by a test, and all together: bits of the hits, and of what leaves would
+/// keep.
+fn hits_of<I: Test>(mesh: &Mesh, header: &TreeHeader, rays: &[Ray], flush: bool) -> Vec<u32> {
+    flushing(flush, || {
+        let mut bits = Vec::new();
+        for alone in [true, false] {
+            tested::<I>(mesh, header, rays, alone, |corners, best| {
+                bits.extend(corners.iter().flat_map(|v| v.to_array().map(f32::to_bits)));
+                bits.push(best.triangle);
+                bits.extend(
+                    [best.t, div(best.u, best.det), div(best.v, best.det)].map(|x| (x + 0.0).to_bits()),
+                );
+            });
+        }
+        bits
+    })
 }
 
 /// A number of `range` binades that end at `2^-least`, or often 0.
@@ -105,13 +135,61 @@ fn a_device_that_flushes_subnormals_finds_the_same() {
             same(Intersector::ALL[n].name(), &kept, &run(&mesh, &header, &rays, true)).unwrap();
             hits[n] += kept.chunks(16).filter(|words| words[12] != MISS).count();
         };
-        check(0, alone::<Strict>);
-        check(1, alone::<Exact>);
-        check(2, alone::<Woop>);
-        check(3, alone::<Moeller>);
-        check(4, alone::<Plane>);
-        check(5, alone::<Baldwin>);
+        check(0, hits_of::<Strict>);
+        check(1, hits_of::<Exact>);
+        check(2, hits_of::<Woop>);
+        check(3, hits_of::<Moeller>);
+        check(4, hits_of::<Plane>);
+        check(5, hits_of::<Baldwin>);
     }
     println!("hits: {hits:?}");
     assert!(hits.iter().all(|&n| n > 2000), "{hits:?}");
+}
+
+/// Triangles in planes across an axis, many in each, and rays that start next to those planes: of triangles that are met
+/// at the same `t` the first one counts, however small that is.
+#[test]
+fn so_it_does_of_triangles_next_to_the_origin() {
+    let mut random = Random::new(10);
+    let mut near = 0;
+    for _ in 0..300 {
+        let (axis, planes) = (random.below(3), [0.0, 0.5, spread(&mut random, 60, 60)]);
+        let mut positions = Vec::new();
+        for i in 0..24 {
+            // Around the axis.
+            for (x, y) in [(-1.0, -1.0), (1.0, -1.0), (0.0, 1.0)] {
+                let jitter = |random: &mut Random| random.unit() as f32 * 0.3;
+                let mut corner = [0.0; 3];
+                corner[axis] = planes[i % 3];
+                corner[(axis + 1) % 3] = x + jitter(&mut random);
+                corner[(axis + 2) % 3] = y + jitter(&mut random);
+                positions.push(corner);
+            }
+        }
+        let mesh = Mesh::new(positions, (0..24).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect()).unwrap();
+        let rays: Vec<Ray> = (0..40)
+            .map(|_| {
+                let (mut from, mut way) = ([0.0; 3], [(); 3].map(|()| random.unit() as f32 - 0.5));
+                let (binade, digits) = (1 + random.below(120) as u32, random.bits() as u32 >> 9);
+                let height = f32::from_bits(binade << 23 | digits);
+                from[axis] = planes[random.below(3)] + if random.below(2) == 0 { height } else { -height };
+                way[axis] += 1.0;
+                Ray { t_min: [0.0, f32::NEG_INFINITY][random.below(2)], ..Ray::new(from, way) }
+            })
+            .collect();
+        let header = *Scene::build(cpu(), &mesh, &BuildOptions::default()).unwrap().header();
+        let run = |flush| {
+            flushing(flush, || {
+                let mut bits = Vec::new();
+                tested::<Exact>(&mesh, &header, &rays, false, |_, best| {
+                    bits.extend([best.triangle, (best.t + 0.0).to_bits()]);
+                });
+                bits
+            })
+        };
+        let kept: Vec<u32> = run(false);
+        near += kept.chunks(2).filter(|hit| hit[0] != MISS && f32::from_bits(hit[1]).abs() < 1e-30).count();
+        same("hits next to the origin", &kept, &run(true)).unwrap();
+    }
+    assert!(near > 10_000, "{near}");
 }

@@ -61,8 +61,8 @@ impl Grid {
     ///
     /// A ray from each centre along z would count the crossings ahead. All rays of a column lie on one line, also as
     /// [`Scene::crossings`] moves their origins. So the count never rises from one centre to the next, and if it is the
-    /// same for two, nothing is crossed between: all centres from one to the other have the same winding number. Columns
-    /// are halved until that holds.
+    /// same for two, nothing is crossed between: all centres from one to the other have the same winding number.
+    /// Columns are halved until that holds.
     pub(super) fn fill(&self, scene: &Scene, xs: Range<usize>, spent: &mut Spent) -> Result<Vec<u8>, Error> {
         let [_, height, depth] = self.counts;
         let columns = xs.len() * height;

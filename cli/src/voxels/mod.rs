@@ -137,13 +137,7 @@ fn run(args: &VoxelsArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
     let input = Input::load(&args.mesh, args.read, &notes)?;
     let grid = Grid::around(&input.mesh, most)
         .with_context(|| format!("{}: no triangle has an area, so there is nothing to fill", input.name))?;
-    let closed = input.mesh.edges().are_closed();
-    if !closed {
-        notes.note(format_args!(
-            "{}: not closed, so inside is not certain; `raykd check` tells where",
-            input.name
-        ));
-    }
+    let closed = input.is_closed(&notes);
     let machine = Machine::choose(args.on.device, &args.on.more, &notes)?;
     let done = machine.run(&notes, |device| fill(device, args, format, (&input, &grid), &notes))?;
     notes.clear();

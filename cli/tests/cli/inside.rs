@@ -112,7 +112,8 @@ fn meshes_that_meet_themselves_are_told() {
     let told = raykd(&folder, "check joint.obj --json");
     assert_eq!(told.status.code(), Some(1));
     let told: Value = serde_json::from_slice(&told.stdout).unwrap();
-    let place = serde_json::json!({"count": 1, "first": [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]], "meets": [[1.0, 0.0, 0.0]]});
+    let first = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]];
+    let place = serde_json::json!({"count": 1, "first": first, "meets": [[1.0, 0.0, 0.0]]});
     assert_eq!(told["t_junctions"], place);
     assert_eq!(told["intersections"], serde_json::json!({"count": 0}));
 }

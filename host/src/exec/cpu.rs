@@ -2,6 +2,7 @@
 
 use super::{AnyBuffer, Groups, Limit, Step, Timing};
 use crate::Error;
+use bytemuck::allocation::try_zeroed_vec;
 use raykd_kernels::{Access, Group, Order, RawBuf};
 use rayon::prelude::*;
 use std::{
@@ -72,7 +73,15 @@ impl Cpu {
     }
 
     pub(super) fn run(&self, steps: &[Step<'_>], profile: bool) -> Timing {
+        if self.is_serial() {
+            return self.run_here(steps, profile);
+        }
         self.install(|| self.run_here(steps, profile))
+    }
+
+    /// Whether one thread does it all. Then the caller's does: nobody need be woken, nor waited for.
+    fn is_serial(&self) -> bool {
+        self.pool.as_ref().is_some_and(|pool| pool.current_num_threads() == 1)
     }
 
     pub(super) fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
@@ -120,12 +129,14 @@ impl Cpu {
                 *slot = shared.0;
             }
             let group = Group { id, width: step.kernel.threads, order: self.order, usual };
-            // SAFETY: one live, page-aligned buffer per slot (`Device::dispatch` counts them), which `uses` keeps
+            // SAFETY: one live, aligned buffer per slot (`Device::dispatch` counts them), which `uses` keeps
             // others from writing; the groups of one dispatch have different ids, and kernels give every word one writer.
             unsafe { (step.kernel.run)(group, &buffers[..raw.len()]) }
         };
         if self.order == Order::Reverse {
             (0..groups).rev().map(run).sum()
+        } else if groups == 1 || self.is_serial() {
+            (0..groups).map(run).sum()
         } else {
             (0..groups).into_par_iter().map(run).sum()
         }
@@ -161,18 +172,34 @@ pub(super) fn memory(buffer: &AnyBuffer) -> &Memory {
     }
 }
 
-/// Shared ownership of zeroed memory, page-aligned.
+/// Shared ownership of zeroed memory, aligned to [`Line`]s.
 #[derive(Clone, Debug)]
 pub(super) struct Memory(Arc<Allocation>);
 
 #[derive(Debug)]
 struct Allocation {
-    /// Start of the map; all accesses go through it, never through a reference.
+    /// Start of the memory; all accesses go through it, never through a reference.
     ptr: *mut u8,
-    map: memmap2::MmapMut,
+    len: usize,
+    _place: Place,
     /// How many read it now; [`WRITTEN`] if one writes it.
     users: AtomicU32,
 }
+
+/// Where memory comes from: to map pages takes longer than to clear a few.
+#[derive(Debug)]
+enum Place {
+    Heap(#[expect(dead_code, reason = "owns the memory")] Vec<Line>),
+    Pages(#[expect(dead_code, reason = "owns the memory")] memmap2::MmapMut),
+}
+
+/// As much as a processor fetches at once.
+#[derive(Clone, Copy, Debug, bytemuck::Zeroable)]
+#[repr(align(64))]
+struct Line(#[expect(dead_code, reason = "read by kernels")] [u8; 64]);
+
+/// Bytes from which memory is mapped.
+const LARGE: usize = 1 << 18;
 
 /// What [`Allocation::users`] is while one writes.
 const WRITTEN: u32 = u32::MAX;
@@ -201,7 +228,7 @@ impl Drop for Use<'_> {
 
 impl Use<'_> {
     fn raw(&self) -> RawBuf {
-        RawBuf { ptr: self.allocation.ptr, len: self.allocation.map.len() }
+        RawBuf { ptr: self.allocation.ptr, len: self.allocation.len }
     }
 }
 
@@ -212,9 +239,9 @@ pub(crate) struct Kept(Memory);
 impl Kept {
     /// Its elements.
     pub(crate) fn slice<T: bytemuck::Pod>(&self) -> &[T] {
-        let (ptr, len) = (self.0.0.ptr, self.0.0.map.len());
-        // SAFETY: `keep` counted a reader, which stays until the drop below, so nobody writes; the memory starts a page
-        // and holds bytes that were once zeroed, which any `T` may be.
+        let (ptr, len) = (self.0.0.ptr, self.0.0.len);
+        // SAFETY: `keep` counted a reader, which stays until the drop below, so nobody writes; the memory is
+        // aligned to a line and holds bytes that were once zeroed, which any `T` may be.
         unsafe { std::slice::from_raw_parts(ptr.cast(), len / size_of::<T>()) }
     }
 }
@@ -233,11 +260,18 @@ impl Memory {
     }
 
     fn zeroed(bytes: u64) -> Option<Self> {
-        let mut map = memmap2::MmapMut::map_anon(usize::try_from(bytes).ok()?).ok()?;
-        // Traversal jumps about; finding small pages would cost it more than reading them.
-        #[cfg(target_os = "linux")]
-        let _ = map.advise(memmap2::Advice::HugePage);
-        Some(Self(Arc::new(Allocation { ptr: map.as_mut_ptr(), map, users: AtomicU32::new(0) })))
+        let len = usize::try_from(bytes).ok()?;
+        let (ptr, place) = if len < LARGE {
+            let mut lines: Vec<Line> = try_zeroed_vec(len.div_ceil(size_of::<Line>())).ok()?;
+            (lines.as_mut_ptr().cast(), Place::Heap(lines))
+        } else {
+            let mut map = memmap2::MmapMut::map_anon(len).ok()?;
+            // Traversal jumps about; finding small pages would cost it more than reading them.
+            #[cfg(target_os = "linux")]
+            let _ = map.advise(memmap2::Advice::HugePage);
+            (map.as_mut_ptr(), Place::Pages(map))
+        };
+        Some(Self(Arc::new(Allocation { ptr, len, _place: place, users: AtomicU32::new(0) })))
     }
 
     /// Begins to use it. Waiting could take for ever, as a thread that waits may be given other work.

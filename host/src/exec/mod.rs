@@ -293,8 +293,8 @@ impl Device {
 
     /// A device of a wgpu program, by which scenes use the program's own device and queue.
     ///
-    /// The device must have [`required_features`] and [`required_limits`]. Its callbacks are left as they are, so a device
-    /// that is lost shows when something is read back.
+    /// The device must have [`required_features`] and [`required_limits`]. Its callbacks are left as they are, so a
+    /// device that is lost shows when something is read back.
     ///
     /// ```no_run
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -510,8 +510,8 @@ impl Device {
         Ok(out)
     }
 
-    /// A buffer's elements on the CPU, as they are from now on: where the device is the CPU they are not copied, and who
-    /// writes the buffer panics.
+    /// A buffer's elements on the CPU, as they are from now on: where the device is the CPU they are not copied, and
+    /// who writes the buffer panics.
     pub(crate) fn kept(&self, buffer: &AnyBuffer) -> Result<cpu::Kept, Error> {
         match &buffer.memory {
             Memory::Cpu(memory) => Ok(memory.keep(buffer.name)),
@@ -576,7 +576,8 @@ impl Device {
         Ok([self.dispatch(first, false)?.total, self.dispatch(then, false)?.total])
     }
 
-    /// [`Self::dispatch`], then [`Self::read`] of one element from the start of a buffer, for which the host waits once.
+    /// [`Self::dispatch`], then [`Self::read`] of one element from the start of a buffer, for which the host waits
+    /// once.
     pub(crate) fn dispatch_and_read<T: bytemuck::Pod>(
         &self,
         steps: &[Step<'_>],

@@ -31,19 +31,20 @@ pub struct Edges {
 
 impl Edges {
     /// Whether the surface is closed and all its triangles show outward, or all inward, part by part: along every edge
-    /// as many triangles go one way as the other. Then [`Scene::winding`](crate::Scene::winding) is a property of a point.
+    /// as many triangles go one way as the other. Then [`Scene::winding`](crate::Scene::winding) is a property of a
+    /// point.
     pub const fn are_closed(&self) -> bool {
         self.open.count == 0
     }
 }
 
-/// An edge of a triangle: its ends by number, the lower first, whether the triangle goes from the lower to the higher, and
-/// which triangle that is.
+/// An edge of a triangle: its ends by number, the lower first, whether the triangle goes from the lower to the higher,
+/// and which triangle that is.
 type Use = (u32, u32, bool, u32);
 
 impl Mesh {
-    /// How triangles meet at edges. Vertices count by place, so that a mesh whose triangles share no vertices may be closed.
-    /// Triangles without area count too, but for those with two corners at one place.
+    /// How triangles meet at edges. Vertices count by place, so that a mesh whose triangles share no vertices may be
+    /// closed. Triangles without area count too, but for those with two corners at one place.
     pub fn edges(&self) -> Edges {
         let places = self.places();
         let mut uses: Vec<Use> = Vec::with_capacity(3 * self.triangles().len());
@@ -92,7 +93,8 @@ impl Mesh {
 mod tests {
     use super::*;
 
-    /// A tetrahedron whose triangles share no vertices, half of them with zeros of the other sign; of each the corners in order, or not.
+    /// A tetrahedron whose triangles share no vertices, half of them with zeros of the other sign; of each the corners
+    /// in order, or not.
     fn tetrahedron(turned: [bool; 4], count: usize) -> Edges {
         let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];

@@ -21,8 +21,9 @@ impl Scene {
         Ok(())
     }
 
-    /// Chooses how it is told from now on whether a ray hits a triangle. Makes what the test needs beside the tree, once.
-    /// The default and `exact` answer all queries and keep what they promise; the others answer closest and any hits.
+    /// Chooses how it is told from now on whether a ray hits a triangle. Makes what the test needs beside the tree,
+    /// once. The default and `exact` answer all queries and keep what they promise; the others answer closest and any
+    /// hits.
     ///
     /// # Errors
     /// It does not go with the scene's traversal, see [`Intersector::check`]; what it needs does not fit the device, or

@@ -29,30 +29,30 @@ pub struct ContactCount {
 pub struct Contacts {
     /// Vertices of triangles that lie on an edge, between its ends.
     pub t_junctions: ContactCount,
-    /// Edges that pass through a triangle of which they have no vertex: their ends are on different sides of it, and what
-    /// is between meets it, also at an edge of it, but not at a vertex.
+    /// Edges that pass through a triangle of which they have no vertex: their ends are on different sides of it, and
+    /// what is between meets it, also at an edge of it, but not at a vertex.
     pub intersections: ContactCount,
 }
 
 impl ContactCount {
+    /// Contacts come in order.
     fn add(&mut self, contact: Contact) {
         self.count += 1;
-        self.first = Some(self.first.map_or(contact, |first| first.min(contact)));
+        self.first = self.first.or(Some(contact));
     }
 
-    fn and(mut self, other: Self) -> Self {
-        self.count += other.count;
-        self.first = self.first.into_iter().chain(other.first).min();
-        self
+    /// Of edges, and of others that come behind them.
+    fn and(self, behind: Self) -> Self {
+        Self { count: self.count + behind.count, first: self.first.or(behind.first) }
     }
 }
 
 impl Scene {
-    /// Where the mesh of which this scene was built meets itself, decided exactly. Triangles that overlap in one plane are
-    /// not told, nor is what triangles without area meet.
+    /// Where the mesh of which this scene was built meets itself, decided exactly. Triangles that overlap in one plane
+    /// are not told, nor is what triangles without area meet.
     ///
-    /// The tree tells which triangles an edge comes near. It is walked on the CPU, in time that grows with the number of
-    /// triangles and of those near.
+    /// The tree tells which triangles an edge comes near. It is walked on the CPU, in time that grows with the number
+    /// of triangles and of those near.
     ///
     /// # Errors
     /// The mesh is another one, or the device failed.
@@ -136,8 +136,8 @@ impl<'a> Near<'a> {
         vertices.iter().for_each(|&other| found.t_junctions.add(Contact { edge, other }));
     }
 
-    /// Lists the triangles of all leaves whose closed cells the edge meets from `t0` to `t1`, and maybe others. Every point
-    /// of a triangle is in the closed cell of a leaf that lists it, so whatever meets the edge is listed.
+    /// Lists the triangles of all leaves whose closed cells the edge meets from `t0` to `t1`, and maybe others. Every
+    /// point of a triangle is in the closed cell of a leaf that lists it, so whatever meets the edge is listed.
     fn walk(&self, node: u32, edge: [Point; 2], (t0, t1): (f64, f64), list: &mut Vec<u32>) {
         match self.tree.nodes[node as usize].content() {
             Content::Leaf { first, count } => {

@@ -21,24 +21,25 @@ impl Scene {
     /// Builds the tree of a mesh that lies in buffers of a wgpu program.
     ///
     /// `positions` holds three `f32` a vertex, `indices` three `u32` a triangle, the numbers of its vertices: 12 bytes
-    /// each, with nothing between. Both are parts of buffers with `BufferUsages::STORAGE`, perhaps of one, and begin at a
-    /// multiple of the device's `min_storage_buffer_offset_alignment`; how many there are is told by their sizes. They are
-    /// read as commands that were submitted before have left them, and copied on the device: they may be changed as soon
-    /// as this returns. If the mesh changes often, [`Scene::rebuild_on`] spares memory.
+    /// each, with nothing between. Both are parts of buffers with `BufferUsages::STORAGE`, perhaps of one, and begin at
+    /// a multiple of the device's `min_storage_buffer_offset_alignment`; how many there are is told by their sizes.
+    /// They are read as commands that were submitted before have left them, and copied on the device: they may be
+    /// changed as soon as this returns. If the mesh changes often, [`Scene::rebuild_on`] spares memory.
     ///
-    /// The scene is the one that [`Scene::build`] makes of the same numbers: the same tree, the same hits, byte for byte.
-    /// Nothing of the mesh passes the bus. What comes back are some words that say how large mesh and tree are.
-    /// Duplicates are not counted, nor is anything else of [`Repairs`](crate::mesh::Repairs). The mesh is never moved, as
-    /// none of `f32` is.
+    /// The scene is the one that [`Scene::build`] makes of the same numbers: the same tree, the same hits, byte for
+    /// byte. Nothing of the mesh passes the bus. What comes back are some words that say how large mesh and tree are.
+    /// Duplicates are not counted, nor is anything else of [`Repairs`](crate::mesh::Repairs). The mesh is never moved,
+    /// as none of `f32` is.
     ///
     /// [`BuildTimes::upload`](crate::BuildTimes::upload) is what making the mesh ready took, by the clock on the wall.
     /// [`Builder::Exact`](crate::Builder::Exact) is not helped out by the host if the device lacks the room. Later,
-    /// [`Scene::tree`] brings the mesh to the host, for the digest of a saved tree, and [`Scene::tracer`] what leaves hold.
+    /// [`Scene::tree`] brings the mesh to the host, for the digest of a saved tree, and [`Scene::tracer`] what leaves
+    /// hold.
     ///
     /// # Errors
-    /// As for [`Scene::build`] and [`Mesh::new`](crate::Mesh::new), naming the first vertex that is not finite, else the
-    /// first triangle with an index out of range. The device is the CPU, or a buffer lacks a usage or holds no whole
-    /// number of vertices or triangles.
+    /// As for [`Scene::build`] and [`Mesh::new`](crate::Mesh::new), naming the first vertex that is not finite, else
+    /// the first triangle with an index out of range. The device is the CPU, or a buffer lacks a usage or holds no
+    /// whole number of vertices or triangles.
     pub fn build_on(
         device: &Device,
         positions: wgpu::BufferSlice<'_>,

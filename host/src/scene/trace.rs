@@ -97,11 +97,12 @@ impl Scene {
     }
 
     /// The closest or any hit of every ray among the triangles other than the one given with it, for rays that leave a
-    /// surface: `excluded` is the triangle that the ray starts on, [`MISS`](raykd_shared::MISS) for none. Uses the full stack.
-    /// At an edge the rounded origin may lie behind a neighbour of that triangle, which is then hit.
+    /// surface: `excluded` is the triangle that the ray starts on, [`MISS`](raykd_shared::MISS) for none. Uses the full
+    /// stack. At an edge the rounded origin may lie behind a neighbour of that triangle, which is then hit.
     ///
     /// # Errors
-    /// There are not as many excluded triangles as rays, the scene's triangle test is neither the default nor `exact`, or the device failed.
+    /// There are not as many excluded triangles as rays, the scene's triangle test is neither the default nor `exact`,
+    /// or the device failed.
     pub fn trace_except(
         &self,
         query: Query,
@@ -125,7 +126,8 @@ impl Scene {
         Ok(traced)
     }
 
-    /// The closest hit of every ray without the tree, by testing every triangle: the oracle of the scene's triangle test.
+    /// The closest hit of every ray without the tree, by testing every triangle: the oracle of the scene's triangle
+    /// test.
     ///
     /// # Errors
     /// The device failed.
@@ -144,7 +146,8 @@ impl Scene {
     /// of 0 hits are only counted. Uses the full stack, once more than the ray has hits.
     ///
     /// # Errors
-    /// The device failed, the hits of one ray do not fit it, or the scene's triangle test is neither the default nor `exact`.
+    /// The device failed, the hits of one ray do not fit it, or the scene's triangle test is neither the default nor
+    /// `exact`.
     pub fn all(&self, rays: &[impl AnyRay], limit: u32) -> Result<AllHits, Error> {
         let mut all = AllHits::default();
         let room = (self.device.limit().bytes / 16 / u64::from(limit.max(1))) as usize;
@@ -168,7 +171,8 @@ impl Scene {
     /// The closest hit of every ray, and what finding it cost.
     ///
     /// # Errors
-    /// The device failed, or the scene's triangle test is neither the default nor `exact` and the traversal not `brute`.
+    /// The device failed, or the scene's triangle test is neither the default nor `exact` and the traversal not
+    /// `brute`.
     pub fn steps(&self, rays: &[impl AnyRay]) -> Result<(Vec<Hit>, Vec<RaySteps>), Error> {
         if self.traversal == Traversal::Brute {
             let tests = RaySteps { tests: self.kept.count(), ..RaySteps::default() };

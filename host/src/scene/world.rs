@@ -24,8 +24,8 @@ const BATCH: usize = 1 << 20;
 /// that nothing is rounded (whole numbers, powers of two, mirrors), hits are those of one mesh of all triangles, with
 /// the test `exact` for any such transform.
 ///
-/// Each instance takes a batch of its own, and the host puts them together: this is for few large instances. A world
-/// is made anew in no time where they move.
+/// Each instance takes a batch of its own, and the host puts them together: this is for few large instances. Where they
+/// move, make a new world: that copies nothing but the transforms.
 ///
 /// ```
 /// use raykd::{BuildOptions, Device, Mesh, Ray, Scene, World};

@@ -205,7 +205,8 @@ pub(super) fn answer<N: Sides, const ANY: bool>(
         let mut arrived = !lanes.down::<N>(pairs) & lanes.live;
         let mut soon = arrived;
         while soon != 0 {
-            corners.soon(3 * lanes.words[0][soon.trailing_zeros() as usize].to_bits());
+            // An empty leaf may name any place.
+            corners.soon(lanes.words[0][soon.trailing_zeros() as usize].to_bits().wrapping_mul(3));
             soon &= soon - 1;
         }
         while arrived != 0 {

@@ -390,8 +390,8 @@ impl<N: Sides> Packet<N> {
     #[inline(always)]
     fn record(&self, rays: u32, first: u32, hits: &mut Buf<UVec4>) {
         let best = &self.best;
-        // What is subnormal is 0, and no zero is negative.
-        let t = flush(best.t * self.unstretch, f32::MIN_POSITIVE) + N::all(0.0);
+        // What is subnormal is 0, and so is a negative zero.
+        let t = flush(best.t * self.unstretch, f32::MIN_POSITIVE);
         let (triangles, t) = (best.triangle.numbers(), t.numbers());
         let (u, v) = (quotients(best.u, best.det), quotients(best.v, best.det));
         let mut ray = 0;

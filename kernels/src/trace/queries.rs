@@ -261,8 +261,8 @@ macro_rules! more {
                 traverse::stack::walk::<$test, Every, true>(ray, pairs, corners, Every, false, aside, steps)
         }
         query! {
-            #[doc = concat!("The closest or any hit by [`", stringify!($test), "`] of another triangle than the one given")]
-            /// with the ray, for rays that leave a surface.
+            #[doc = concat!("The closest or any hit by [`", stringify!($test), "`] of another triangle than")]
+            /// the one given with the ray, for rays that leave a surface.
             $except_file::$except = |i, ray, pairs, corners, any, aside, steps|
                 traverse::stack::walk::<$test, Except, false>(
                     ray, pairs, corners, Except(excluded.at(i)), any, aside, steps,
@@ -335,8 +335,8 @@ pub fn crossed<const QUICK: bool>(
     found
 }
 
-/// Counts the crossings of ray `i`. Writes how many leave, how many enter, and if `QUICK` 1 where floats do not tell, in place
-/// of a hit.
+/// Counts the crossings of ray `i`. Writes how many leave, how many enter, and if `QUICK` 1 where floats do not tell,
+/// in place of a hit.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn count_crossings<const QUICK: bool>(
     i: u32,

@@ -29,8 +29,8 @@ use {
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct LeafTriangle(pub [[f32; 4]; 3]);
 
-/// Lays out the triangles that the leaves of a tree list, one a reference, of a mesh whose positions are in its own units:
-/// what [`Tree::new`] wants.
+/// Lays out the triangles that the leaves of a tree list, one a reference, of a mesh whose positions are in its own
+/// units: what [`Tree::new`] wants.
 ///
 /// ```
 /// use raykd_kernels::trace::single::{LeafTriangle, Tree, lay_out};

@@ -1,5 +1,5 @@
-//! Between which numbers floats put the place where a ray meets a triangle's plane: enough to pass over what lies behind
-//! the ray, or behind a hit that it has.
+//! Between which numbers floats put the place where a ray meets a triangle's plane: enough to pass over what lies
+//! behind the ray, or behind a hit that it has.
 
 use super::strict::shear;
 use crate::{
@@ -8,8 +8,9 @@ use crate::{
     trace::frame::Frame,
 };
 
-/// Where the ray's origin lies, seen from the triangle's plane: 1 on its normal's side, -1 behind it, 0 if floats do not
-/// tell. Six products of three differences each, off by at most `2^-21` of their sizes; far from 0, so that `t` is, too.
+/// Where the ray's origin lies, seen from the triangle's plane: 1 on its normal's side, -1 behind it, 0 if floats do
+/// not tell. Six products of three differences each, off by at most `2^-21` of their sizes; far from 0, so that `t` is,
+/// too.
 #[inline(always)]
 fn side(origin: Vec3, far: f32, (a, b, c): (Vec3, Vec3, Vec3)) -> i32 {
     let (p, q, r) = (a - origin, b - origin, c - origin);
@@ -41,9 +42,9 @@ fn level(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> (f32, f32) {
     if abs(x.1) > 0.0 { x } else { found }
 }
 
-/// The lowest and the highest number that `t` may be, as it is rounded, if the ray's line may pass through the triangle. A
-/// sheared corner is off by at most a quarter of the pad, so edge functions are by an eighth of what their sum is compared
-/// with; `t` hangs on them by how far the corners' depths are apart.
+/// The lowest and the highest number that `t` may be, as it is rounded, if the ray's line may pass through the
+/// triangle. A sheared corner is off by at most a quarter of the pad, so edge functions are by an eighth of what their
+/// sum is compared with; `t` hangs on them by how far the corners' depths are apart.
 #[inline(always)]
 pub(super) fn bounds(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> (f32, f32) {
     let s = shear(ray, a, b, c);

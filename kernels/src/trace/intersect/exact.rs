@@ -122,8 +122,8 @@ pub(super) struct Looked<N = Pair> {
     depths: (Pair, Pair, Pair),
     /// The direction along it.
     pub(super) dz: f32,
-    /// If all corners are as far away along an axis, how far, by 0 or more than [`NEAR`], and the direction along it; else
-    /// that is 0.
+    /// If all corners are as far away along an axis, how far, by 0 or more than [`NEAR`], and the direction along it;
+    /// else that is 0.
     level: (Pair, f32),
 }
 

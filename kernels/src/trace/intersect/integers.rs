@@ -509,8 +509,8 @@ fn sign_of_sum(m: &mut Digits, n: u32) -> i32 {
     }
 }
 
-/// The sign of a weight that is 0 as seen from the perturbed origin: that of the first component of `(y - z) x d`, for the
-/// weight `d . (y x z)`, that is not 0.
+/// The sign of a weight that is 0 as seen from the perturbed origin: that of the first component of `(y - z) x d`, for
+/// the weight `d . (y x z)`, that is not 0.
 #[inline(always)]
 fn sign_beside(m: &mut Digits, scale: Scale, signs: u32, det: u32) -> i32 {
     let (_, y, z) = rows(det);

@@ -2,7 +2,8 @@
 
 use crate::math::{exp2, two_product};
 
-/// Numbers of more digits than a float. What bounds the errors that [`exact`](super::exact) makes stands with each kind.
+/// Numbers of more digits than a float. What bounds the errors that [`exact`](super::exact) makes stands with each
+/// kind.
 pub trait Long: Copy + Default {
     /// Twice what corners across the ray may be off by: a part of their size, and one of the scene's.
     const CORNER: f32;

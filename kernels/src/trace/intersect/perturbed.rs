@@ -1,26 +1,27 @@
 //! Which triangles a ray crosses, and from which side: each crossing of a surface counts once, also at an edge or a
 //! vertex.
 //!
-//! The rule is a simulation of simplicity (Edelsbrunner & Mücke 1990): the ray is taken to start not at its origin `o` but
-//! at `o + s`, `s = (e, e^2, e^3)`, for a positive `e` smaller than any that would change an answer. Seen from there:
+//! The rule is a simulation of simplicity (Edelsbrunner & Mücke 1990): the ray is taken to start not at its origin `o`
+//! but at `o + s`, `s = (e, e^2, e^3)`, for a positive `e` smaller than any that would change an answer. Seen from
+//! there:
 //!
-//! * A corner pair's volume `d . (p x q)` becomes `d . (p x q) + s . ((p - q) x d)`. Where it is 0, the first component of
-//!   `(p - q) x d` that is not 0 has its sign. All are 0 only if the edge is parallel to the ray; then so is the
+//! * A corner pair's volume `d . (p x q)` becomes `d . (p x q) + s . ((p - q) x d)`. Where it is 0, the first component
+//!   of `(p - q) x d` that is not 0 has its sign. All are 0 only if the edge is parallel to the ray; then so is the
 //!   triangle, and is not crossed.
-//! * The volume `a . (b x c)`, which is 0 where the origin lies in the triangle's plane, becomes that less `s . n`, `n` being
-//!   the normal. Where it is 0, the first component of `n` that is not 0 decides on which side of the origin the plane
-//!   is met.
+//! * The volume `a . (b x c)`, which is 0 where the origin lies in the triangle's plane, becomes that less `s . n`, `n`
+//!   being the normal. Where it is 0, the first component of `n` that is not 0 decides on which side of the origin the
+//!   plane is met.
 //!
-//! Polynomials in `e` that are not 0 everywhere have no root in some `0 < e < e_0`. For all those `e` the ray from `o + s`
-//! meets no edge and no vertex, and starts in no triangle's plane, so whether it crosses a triangle is the same for all
-//! of them, and is what the signs say. A closed surface is then crossed as often as in general position, and the signed
-//! crossings, leaving less entering, are the winding number of `o + s`: a number of the point, not of the
+//! Polynomials in `e` that are not 0 everywhere have no root in some `0 < e < e_0`. For all those `e` the ray from `o +
+//! s` meets no edge and no vertex, and starts in no triangle's plane, so whether it crosses a triangle is the same for
+//! all of them, and is what the signs say. A closed surface is then crossed as often as in general position, and the
+//! signed crossings, leaving less entering, are the winding number of `o + s`: a number of the point, not of the
 //! direction, since `s` does not depend on `d`.
 //!
 //! Signs are exact: floats with bounds of their errors tell nearly all, then come the stages of [`exact`].
-//! The `t` of what floats tell is that of [`strict`](super::strict), else it is exact too; a triangle's comes by the same way
-//! whenever a ray meets it, so hits keep their order. Where `t` is 0, or rounds to it, it is [`AT_ORIGIN`] or the negative of
-//! that, by the second rule.
+//! The `t` of what floats tell is that of [`strict`](super::strict), else it is exact too; a triangle's comes by the
+//! same way whenever a ray meets it, so hits keep their order. Where `t` is 0, or rounds to it, it is [`AT_ORIGIN`] or
+//! the negative of that, by the second rule.
 
 use super::{
     Best, Intersector,
@@ -38,11 +39,11 @@ use crate::{
 /// The `t` of crossings next to the origin: smaller in size than any other that is not 0.
 pub const AT_ORIGIN: f32 = exp2(-126);
 
-/// The test. Of a hit `det` is 1 if the ray leaves by the triangle, that is along its normal, and -1 if it enters; `u` and
-/// `v` are not found.
+/// The test. Of a hit `det` is 1 if the ray leaves by the triangle, that is along its normal, and -1 if it enters; `u`
+/// and `v` are not found.
 ///
-/// If `QUICK`, by floats alone. Of a triangle that they do not tell it then says that a loop was left early: the ray is for
-/// the whole test, and there is no need to go on.
+/// If `QUICK`, by floats alone. Of a triangle that they do not tell it then says that a loop was left early: the ray is
+/// for the whole test, and there is no need to go on.
 #[derive(Clone, Copy, Debug)]
 pub struct Perturbed<const QUICK: bool> {
     /// The end of the ray's range: in leaves the best hit stands for it.
@@ -91,8 +92,8 @@ fn sign(edge: Edge, turned: bool, p: Vec3, q: Vec3, d: Vec3) -> i32 {
     }
 }
 
-/// Where the origin lies in the triangle's plane, seen by floats: the sign of the first component of the normal that is not
-/// 0; else 0.
+/// Where the origin lies in the triangle's plane, seen by floats: the sign of the first component of the normal that is
+/// not 0; else 0.
 #[inline(always)]
 fn in_plane(origin: Vec3, (a, b, c): (Vec3, Vec3, Vec3)) -> i32 {
     let ((v, one), (w, two)) = (difference(b, a), difference(c, a));

@@ -120,8 +120,8 @@ impl Long for Triple {
         sorted(first, second, left.a * reciprocal)
     }
 
-    /// Within `2^-62` of its size and `2^-79` of the largest product: passes over all terms leave the first float and, in
-    /// the others, all that it lacks (Ogita, Rump & Oishi 2005, "Accurate sum and dot product", section 4).
+    /// Within `2^-62` of its size and `2^-79` of the largest product: passes over all terms leave the first float and,
+    /// in the others, all that it lacks (Ogita, Rump & Oishi 2005, "Accurate sum and dot product", section 4).
     #[inline(always)]
     fn across(p: Pair, q: Pair, r: Pair, s: Pair) -> Self {
         let all = [p.hi, -q.hi, p.lo, -q.lo, r.hi, -s.hi, r.lo, -s.lo];

@@ -23,8 +23,8 @@ const HITS: u32 = COUNT + 1;
 /// Stands beside a triangle's number if `det` is positive.
 const POSITIVE: u32 = 0x8000_0000;
 
-/// Keeps the first [`AT_ONCE`] hits that come after another, in order. A triangle may be listed in several leaves, but of the
-/// hits kept each is there once.
+/// Keeps the first [`AT_ONCE`] hits that come after another, in order. A triangle may be listed in several leaves, but
+/// of the hits kept each is there once.
 #[derive(Clone, Copy, Debug)]
 pub struct Next(pub After);
 
