@@ -91,16 +91,25 @@ impl KdTree {
     /// # Errors
     /// The file cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), Error> {
+        crate::output::write_whole(path, |file| self.write(file))
+    }
+
+    /// The bytes of the file that [`KdTree::save`] writes.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        self.write(&mut bytes).expect("memory takes all that is written");
+        bytes
+    }
+
+    fn write(&self, file: &mut dyn Write) -> std::io::Result<()> {
         let mut hasher = Sha256::new();
-        crate::output::write_whole(path, |file| {
-            let version = LAYOUT_VERSION.to_le_bytes();
-            let [header, nodes, refs] = self.parts();
-            for part in [MAGIC.as_slice(), &version, header, nodes, refs] {
-                hasher.update(part);
-                file.write_all(part)?;
-            }
-            file.write_all(&hasher.finalize_reset())
-        })
+        let version = LAYOUT_VERSION.to_le_bytes();
+        let [header, nodes, refs] = self.parts();
+        for part in [MAGIC.as_slice(), &version, header, nodes, refs] {
+            hasher.update(part);
+            file.write_all(part)?;
+        }
+        file.write_all(&hasher.finalize())
     }
 
     /// Reads a tree that [`KdTree::save`] wrote, and checks every node. No more than
@@ -124,7 +133,7 @@ impl KdTree {
         })
     }
 
-    /// Reads a tree from the bytes of a tree file.
+    /// Reads a tree from the bytes of a tree file, as [`KdTree::to_bytes`] gives them.
     ///
     /// # Errors
     /// They are no tree file, of another version, or damaged.
