@@ -18,10 +18,12 @@ mod inside;
 mod machine;
 mod measure;
 mod notes;
+mod npy;
 mod picture;
 mod png_file;
 mod points;
 mod ray_file;
+mod rays;
 mod render;
 mod report;
 #[cfg(unix)]
