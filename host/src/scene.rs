@@ -103,8 +103,8 @@ impl Scene {
         u64::from(self.header.nodes) * 8 + u64::from(self.header.refs) * 4 + self.extras.bytes(self.traversal)
     }
 
-    /// Bytes of all that the scene keeps on its device: mesh, tree, and what its traversals and triangle tests needed so
-    /// far. On the CPU those of a scene that [`Scene::open`] opened are mostly the file's.
+    /// Bytes of all that the scene keeps on its device: mesh, tree, and what its traversals and triangle tests needed
+    /// so far. On the CPU those of a scene that [`Scene::open`] opened are mostly the file's.
     pub fn bytes_on_device(&self) -> u64 {
         let MeshBuffers { positions, indices, .. } = &self.mesh;
         let transforms = self.transforms.as_ref().map_or(0, |buffer| buffer.bytes());

@@ -43,7 +43,7 @@ fn open(bytes: &[u8]) -> Result<Scene, String> {
     Scene::open(cpu(), &path).map_err(|error| error.to_string())
 }
 
-/// The number of a message that such a file is refused with.
+/// The message that such a file is refused with.
 fn refusal(bytes: &[u8]) -> String {
     open(bytes).expect_err("it is refused")
 }

@@ -423,8 +423,8 @@ impl Device {
         rounded.ok_or(Error::TooLarge { buffer: name, bytes, limit: limit.bytes, limit_name: limit.name })
     }
 
-    /// A buffer of `count` elements of a file, from the byte `begin` on. On the CPU it is that part of the file, and who
-    /// writes it panics.
+    /// A buffer of `count` elements of a file, from the byte `begin` on. On the CPU it is that part of the file, and
+    /// who writes it panics.
     pub(crate) fn share<T: bytemuck::Pod>(
         &self,
         name: &'static str,

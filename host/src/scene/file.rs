@@ -204,12 +204,12 @@ impl Scene {
         })
     }
 
-    /// Opens a scene that [`Scene::save`] wrote, on any machine and device. Everything in it is checked first; that reads
-    /// the whole file once. Traversal and triangle test are the default ones. [`Scene::times`] tells only how long this
-    /// took, as [`BuildTimes::upload`].
+    /// Opens a scene that [`Scene::save`] wrote, on any machine and device. Everything in it is checked first; that
+    /// reads the whole file once. Traversal and triangle test are the default ones. [`Scene::times`] tells only how
+    /// long this took, as [`BuildTimes::upload`].
     ///
-    /// On the CPU nothing is copied: the scene is a map of the file in memory, of which all processes that open it share
-    /// the pages. A GPU gets a copy.
+    /// On the CPU nothing is copied: the scene is a map of the file in memory, of which all processes that open it
+    /// share the pages. A GPU gets a copy.
     ///
     /// Do not change the file while a scene of it is open: what is found may then be anything, and if it was cut short,
     /// the system ends the process (`SIGBUS` on Unix). To replace it is safe, as [`Scene::save`] does, or to remove it:
