@@ -16,7 +16,7 @@ A ray with NaN, an infinite number or a zero direction misses, and is counted in
 
 from ._arrays import AllHits, Crossings, Hits, Steps
 from ._raykd import BUILDERS, MISS, TESTS, TRAVERSALS, __version__, devices
-from ._scene import Mesh, Scene
+from ._scene import Mesh, Scene, load
 from ._render import camera_rays, render
 
 __all__ = [
@@ -33,5 +33,6 @@ __all__ = [
     "__version__",
     "camera_rays",
     "devices",
+    "load",
     "render",
 ]

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import os
 import warnings
-from typing import Any, Union
+from typing import Any, Optional, Tuple, Union
 
 import numpy as np
 
 from . import _raykd
 from . import _arrays
 from ._arrays import AllHits, Crossings, Hits, Steps, on_host, rays, triangles
+
+_Device = Tuple[str, Optional[int]]
 
 
 class Mesh:
@@ -115,7 +117,7 @@ class Scene:
     [1.0, inf]
     """
 
-    __slots__ = ("_device", "_scene")
+    __slots__ = ("_device", "_file", "_scene")
 
     def __init__(
         self,
@@ -137,22 +139,29 @@ class Scene:
             mesh = Mesh(vertices.vertices, vertices.faces)
         options = {"builder": builder, **build}
         self._device = (device, threads)
+        self._file: str | None = None
         self._scene = _raykd.Scene(mesh._mesh, self._device, (traversal, test), None, options)
 
     @classmethod
-    def _of(cls, scene: _raykd.Scene, device: tuple[str, int | None]) -> Scene:
+    def _of(cls, scene: _raykd.Scene, device: _Device, file: str | None = None) -> Scene:
         made = cls.__new__(cls)
-        made._scene, made._device = scene, device
+        made._scene, made._device, made._file = scene, device, file
         return made
 
     def __reduce__(self) -> tuple[Any, ...]:
         ways = (self._scene.traversal, self._scene.test)
+        if self._file is not None:
+            return _from_file, (self._file, self._device, ways)
         return _with_tree, (self.mesh, self._scene.tree(), self._device, ways)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes mesh and tree to one file, for ``raykd.load``. It appears whole or not at all."""
+        self._scene.save(os.fspath(path))
 
     def using(self, *, traversal: str | None = None, test: str | None = None) -> Scene:
         """The same scene with another traversal or triangle test; both share all memory."""
         ways = (traversal or self._scene.traversal, test or self._scene.test)
-        return Scene._of(self._scene.using(*ways), self._device)
+        return Scene._of(self._scene.using(*ways), self._device, self._file)
 
     def closest(
         self, origins: Any, directions: Any, t_min: Any = 0.0, t_max: Any = np.inf, *, exclude: Any = None
@@ -246,6 +255,27 @@ class Scene:
         return f"Scene({self.mesh!r}, {self.device!r})"
 
 
-def _with_tree(mesh: Mesh, tree: bytes, device: tuple[str, int | None], ways: tuple[str, str]) -> Scene:
+def load(path: str | os.PathLike[str], *, device: str = "auto", threads: int | None = None) -> Scene:
+    """A scene that ``Scene.save`` wrote. Nothing is built again.
+
+    On the CPU the file is mapped into memory: processes that load it share that memory. Do not change the file while
+    it is in use; to save another scene to its place is safe. A pickle of the scene holds the file's path alone.
+
+    >>> import tempfile
+    >>> path = os.path.join(tempfile.mkdtemp(), "teapot.scene")
+    >>> Scene(Mesh.teapot(2), device="cpu").save(path)
+    >>> bool(load(path, device="cpu").any([0, 0, 50], [0, 0, -1]))
+    True
+    """
+    file = os.path.abspath(os.fspath(path))
+    return Scene._of(_raykd.Scene.load(file, (device, threads)), (device, threads), file)
+
+
+def _from_file(file: str, device: _Device, ways: tuple[str, str]) -> Scene:
+    """A pickled scene that lies in a file."""
+    return Scene._of(_raykd.Scene.load(file, device).using(*ways), device, file)
+
+
+def _with_tree(mesh: Mesh, tree: bytes, device: _Device, ways: tuple[str, str]) -> Scene:
     """A pickled scene, whose tree is not built again."""
     return Scene._of(_raykd.Scene(mesh._mesh, device, ways, tree, {}), device)

@@ -3,7 +3,7 @@
 //! Arrays come in as C-contiguous `float32` or `float64`. Rays are copied out of them with the interpreter's lock
 //! held, so that no other thread of Python changes them meanwhile; the lock is released while rays are traced.
 
-#![forbid(unsafe_code)]
+#![deny(unsafe_code)]
 
 mod arrays;
 mod device;

@@ -13,14 +13,19 @@ use pyo3::{
     types::{PyBytes, PyDict},
 };
 use raykd::{BuildOptions, Builder, Error, Hit, Intersector, KdTree, Query, Traversal};
-use std::{ops::Range, sync::Arc};
+use std::{
+    ops::Range,
+    path::PathBuf,
+    sync::{Arc, OnceLock},
+};
 
 /// A mesh and its tree on a device.
 #[pyclass(frozen, module = "raykd._raykd")]
 #[derive(Debug)]
 pub(crate) struct Scene {
     scene: raykd::Scene,
-    mesh: Arc<raykd::Mesh>,
+    /// Of a scene from a file, made when it is asked for.
+    mesh: OnceLock<Arc<raykd::Mesh>>,
 }
 
 /// Numbers, one a ray.
@@ -44,7 +49,24 @@ impl Scene {
             None => raykd::Scene::build(&device, &mesh, &options),
             Some(bytes) => raykd::Scene::with_tree(&device, &mesh, &KdTree::from_bytes(&bytes)?),
         });
-        Self { scene: built.map_err(error)?, mesh }.using(&ways.0, &ways.1)
+        Self { scene: built.map_err(error)?, mesh: mesh.into() }.using(&ways.0, &ways.1)
+    }
+
+    /// Opens a scene's file.
+    #[staticmethod]
+    fn load(py: Python<'_>, path: PathBuf, device: (String, Option<usize>)) -> PyResult<Self> {
+        let device = self::device(py, &device.0, device.1)?;
+        // SAFETY: nobody may change the file as long as the scene lives, and the documentation says so; Python has no
+        // other way to ask.
+        #[allow(unsafe_code, reason = "the one promise that Python's users make")]
+        let opened = py.detach(|| unsafe { raykd::Scene::open_mapped(&device, &path) });
+        Ok(Self { scene: opened.map_err(error)?, mesh: OnceLock::new() })
+    }
+
+    /// Writes a scene's file.
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        same_process()?;
+        py.detach(|| self.scene.save(&path)).map_err(error)
     }
 
     /// The same scene with another traversal and triangle test; both share all memory.
@@ -56,7 +78,7 @@ impl Scene {
         let mut scene = self.scene.clone();
         scene.traverse_by(traversal).map_err(error)?;
         scene.intersect_by(test).map_err(error)?;
-        Ok(Self { scene, mesh: Arc::clone(&self.mesh) })
+        Ok(Self { scene, mesh: self.mesh.clone() })
     }
 
     /// Hits as words, and how many rays were none.
@@ -175,8 +197,13 @@ impl Scene {
     }
 
     #[getter]
-    fn mesh(&self) -> Mesh {
-        Mesh(Arc::clone(&self.mesh))
+    fn mesh(&self, py: Python<'_>) -> PyResult<Mesh> {
+        same_process()?;
+        if let Some(mesh) = self.mesh.get() {
+            return Ok(Mesh(Arc::clone(mesh)));
+        }
+        let mesh = py.detach(|| self.scene.mesh()).map_err(error)?;
+        Ok(Mesh(Arc::clone(self.mesh.get_or_init(|| Arc::new(mesh)))))
     }
 
     #[getter]

@@ -314,3 +314,65 @@ def test_pickles_carry_the_tree(teapot):
     assert repr(again) == repr(scene)
     mesh = pickle.loads(pickle.dumps(teapot))
     assert (mesh.vertices == teapot.vertices).all() and (mesh.faces == teapot.faces).all()
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_scenes_in_files(teapot, tmp_path, device):
+    far = raykd.Mesh(teapot.vertices + [1e6, 2e6, -3e6], teapot.faces)
+    origins, directions = some_rays(1000, dtype=np.float64)
+    for mesh, at in ((teapot, 0), (far, np.array([1e6, 2e6, -3e6]))):
+        scene = raykd.Scene(mesh, device=device, builder="exact")
+        scene.save(tmp_path / "scene")
+        loaded = raykd.load(tmp_path / "scene", device=device)
+        rays = (origins + at, directions)
+        assert loaded.closest(*rays).digest() == scene.closest(*rays).digest() and loaded.any(*rays).any()
+        assert loaded.tree["digest"] == scene.tree["digest"]
+        np.testing.assert_array_equal(loaded.mesh.vertices, mesh.vertices)
+        np.testing.assert_array_equal(loaded.mesh.faces, mesh.faces)
+        exact = loaded.using(test="exact")
+        pickled = pickle.dumps(exact)
+        assert len(pickled) < 1000
+        assert pickle.loads(pickled).closest(*rays).digest() == exact.closest(*rays).digest()
+    with pytest.raises(FileNotFoundError):
+        raykd.load(tmp_path / "none")
+    (tmp_path / "bad").write_bytes((tmp_path / "scene").read_bytes()[:-7])
+    with pytest.raises(ValueError, match="truncated"):
+        raykd.load(tmp_path / "bad")
+
+
+def proportional(path):
+    """Kilobytes of the file that are in this process's memory, and its share of them."""
+    sums, ours = {"Rss:": 0, "Pss:": 0}, False
+    with open("/proc/self/smaps") as maps:
+        for line in maps:
+            first, *rest = line.split()
+            if not first.endswith(":"):
+                ours = line.rstrip().endswith(path)
+            elif ours and first in sums:
+                sums[first] += int(rest[0])
+    return sums["Rss:"], sums["Pss:"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc tells what processes share")
+def test_processes_share_a_loaded_scene(tmp_path):
+    path = str(tmp_path / "scene")
+    raykd.Scene(raykd.Mesh.teapot(30), device="cpu").save(path)
+    program = """
+        import sys, raykd
+        scene = raykd.load(sys.argv[1], device="cpu")
+        print(scene.count([0, 0, 50], [0, 0, -1]), flush=True)
+        sys.stdin.read()
+    """
+    others = [
+        subprocess.Popen(
+            [sys.executable, "-c", textwrap.dedent(program), path], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        )
+        for _ in range(2)
+    ]
+    assert all(int(other.stdout.readline()) > 0 for other in others)
+    scene = raykd.load(path, device="cpu")
+    resident, share = proportional(path)
+    for other in others:
+        other.communicate()
+    assert resident * 1024 >= os.path.getsize(path) - 4096 and share < 0.4 * resident
+    del scene

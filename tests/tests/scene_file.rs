@@ -43,6 +43,12 @@ fn open(bytes: &[u8]) -> Result<Scene, String> {
     Scene::open(cpu(), &path).map_err(|error| error.to_string())
 }
 
+/// A file of a test's own, mapped.
+fn open_mapped(device: &Device, path: &Path) -> Result<Scene, raykd::Error> {
+    // SAFETY: tests replace files, and do not change them.
+    unsafe { Scene::open_mapped(device, path) }
+}
+
 /// The message that such a file is refused with.
 fn refusal(bytes: &[u8]) -> String {
     open(bytes).expect_err("it is refused")
@@ -120,21 +126,26 @@ fn what_is_opened_is_what_was_saved() {
                 let file = fs::read(&path).unwrap();
                 assert!(*first.get_or_insert_with(|| file.clone()) == file, "{what}: another file");
 
-                let opened = Scene::open(&named.device, &path).unwrap();
-                assert_eq!(opened.header(), built.header(), "{what}");
                 let tree = built.tree().unwrap();
-                assert!(tree == opened.tree().unwrap(), "{what}: another tree");
                 let mut some = rays(mesh, tree.view(), 200, 5);
                 some.extend(raykd::rays::random(mesh.bounds(), 200, 6));
                 let expected = answers(&built, &some).unwrap();
-                for ((of, expected), (_, found)) in expected.into_iter().zip(answers(&opened, &some).unwrap())
-                {
-                    assert!(expected == found, "{what}: {of} differ");
-                }
+                for open in [Scene::open, open_mapped] {
+                    let opened = open(&named.device, &path).unwrap();
+                    assert_eq!(opened.header(), built.header(), "{what}");
+                    assert!(tree == opened.tree().unwrap(), "{what}: another tree");
+                    for ((of, expected), (_, found)) in expected.iter().zip(answers(&opened, &some).unwrap())
+                    {
+                        assert!(*expected == found, "{what}: {of} differ");
+                    }
+                    let same = opened.mesh().unwrap();
+                    assert_eq!(same.digest(), mesh.digest(), "{what}: another mesh");
+                    assert_eq!((same.bounds(), same.kept()), (mesh.bounds(), mesh.kept()), "{what}");
 
-                let again = path.with_extension("again");
-                opened.save(&again).unwrap();
-                assert!(fs::read(&again).unwrap() == file, "{what}: saved again, another file");
+                    let again = path.with_extension("again");
+                    opened.save(&again).unwrap();
+                    assert!(fs::read(&again).unwrap() == file, "{what}: saved again, another file");
+                }
             }
         }
     }
@@ -361,7 +372,7 @@ fn a_file_that_is_open_may_be_replaced() {
     let (_folder, path) = place();
     let (small, large) = (Mesh::teapot(2), Mesh::teapot(3));
     build(cpu(), &small, Builder::Binned).save(&path).unwrap();
-    let old = Scene::open(cpu(), &path).unwrap();
+    let old = open_mapped(cpu(), &path).unwrap();
     build(cpu(), &large, Builder::Binned).save(&path).unwrap();
     let new = Scene::open(cpu(), &path).unwrap();
     fs::remove_file(&path).unwrap();
@@ -422,7 +433,7 @@ mod memory {
     fn second(path: &Path) {
         let device = Device::cpu_with_threads(1).unwrap();
         let before = anonymous();
-        let scene = Scene::open(&device, path).unwrap();
+        let scene = open_mapped(&device, path).unwrap();
         trace(&scene);
         println!("\nready {}", anonymous().saturating_sub(before));
         std::io::stdin().read_line(&mut String::new()).unwrap();
@@ -439,7 +450,7 @@ mod memory {
         let (_folder, path) = place();
         build(cpu(), &Mesh::teapot(24), Builder::Binned).save(&path).unwrap();
         let size = fs::metadata(&path).unwrap().len() >> 10;
-        let scene = Scene::open(cpu(), &path).unwrap();
+        let scene = open_mapped(cpu(), &path).unwrap();
         trace(&scene);
 
         let mut child = Command::new(env::current_exe().unwrap())

@@ -1,6 +1,6 @@
 //! The CPU executor: workgroups in parallel by rayon, the lanes of each in turn.
 
-use super::{AnyBuffer, Groups, Limit, Step, Timing, file::MappedFile};
+use super::{AnyBuffer, Groups, Limit, Step, Timing, file::FileBytes};
 use crate::Error;
 use bytemuck::allocation::try_zeroed_vec;
 use raykd_kernels::{Access, Group, Order, RawBuf};
@@ -191,7 +191,7 @@ struct Allocation {
 enum Place {
     Heap(#[expect(dead_code, reason = "owns the memory")] Vec<Line>),
     Pages(#[expect(dead_code, reason = "owns the memory")] memmap2::MmapMut),
-    File(#[expect(dead_code, reason = "owns the memory")] MappedFile),
+    File(#[expect(dead_code, reason = "owns the memory")] FileBytes),
 }
 
 /// As much as a processor fetches at once.
@@ -242,8 +242,8 @@ impl Kept {
     pub(crate) fn slice<T: bytemuck::Pod>(&self) -> &[T] {
         let (ptr, len) = (self.0.0.ptr, self.0.0.len);
         // SAFETY: `keep` counted a reader, which stays until the drop below, so nobody writes; the memory is
-        // aligned to a line and holds bytes that were once zeroed, or a file's, which any `T` may be. That nobody
-        // changes a file while it is mapped is asked of whoever opens it.
+        // aligned to a line and holds bytes that were once zeroed, or a file's, which any `T` may be. Who mapped
+        // a file promised that it does not change.
         unsafe { std::slice::from_raw_parts(ptr.cast(), len / size_of::<T>()) }
     }
 }
@@ -277,7 +277,7 @@ impl Memory {
     }
 
     /// Part of a file, from a line's first byte on. It counts as read for ever, so nobody can write it.
-    pub(crate) fn part_of(file: &MappedFile, begin: usize, len: usize) -> Self {
+    pub(crate) fn part_of(file: &FileBytes, begin: usize, len: usize) -> Self {
         let inside = begin.checked_add(len).is_some_and(|end| end <= file.len());
         assert!(inside && begin.is_multiple_of(size_of::<Line>()), "a part of a file lies in it");
         let ptr = file.start().wrapping_add(begin);

@@ -1,25 +1,32 @@
-//! Files as memory that processes share.
+//! Files as memory, which processes may share.
 
-use memmap2::{MmapOptions, MmapRaw};
+use memmap2::{MmapMut, MmapOptions, MmapRaw};
 use std::{
     fs::{self, File},
-    io,
+    io::{self, Read as _},
     path::Path,
     sync::Arc,
 };
 
-/// A file's bytes, in pages that all processes share which map it. They must not be written. Clones are the same map.
+/// A file's bytes, which must not be written. Clones are the same memory.
 #[derive(Clone, Debug)]
-pub(crate) struct MappedFile(Arc<MmapRaw>);
+pub(crate) struct FileBytes(Arc<MmapRaw>);
 
-impl MappedFile {
-    /// Maps a whole file.
-    pub(crate) fn open(path: &Path) -> io::Result<Self> {
-        // Asked before it is opened: a pipe would wait for somebody who writes.
-        if !fs::metadata(path)?.is_file() {
-            return Err(io::Error::new(io::ErrorKind::InvalidInput, "this is no regular file"));
-        }
-        Ok(Self(Arc::new(MmapOptions::new().map_raw_read_only(&File::open(path)?)?)))
+impl FileBytes {
+    /// Reads a whole file.
+    pub(crate) fn read(path: &Path) -> io::Result<Self> {
+        let mut file = regular(path)?;
+        let mut bytes = MmapMut::map_anon(file.metadata()?.len().try_into().unwrap_or(usize::MAX))?;
+        file.read_exact(&mut bytes)?;
+        Ok(Self(Arc::new(bytes.into())))
+    }
+
+    /// Maps a whole file: all processes that do share the pages.
+    ///
+    /// # Safety
+    /// The file does not change as long as this or a clone of it lives.
+    pub(crate) unsafe fn map(path: &Path) -> io::Result<Self> {
+        Ok(Self(Arc::new(MmapOptions::new().map_raw_read_only(&regular(path)?)?)))
     }
 
     /// How many bytes it has.
@@ -33,6 +40,15 @@ impl MappedFile {
     }
 }
 
+/// Opens a file that has a length.
+fn regular(path: &Path) -> io::Result<File> {
+    // Asked before it is opened: a pipe would wait for somebody who writes.
+    if !fs::metadata(path)?.is_file() {
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, "this is no regular file"));
+    }
+    File::open(path)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -43,7 +59,9 @@ mod tests {
         let file = tempfile::NamedTempFile::new().unwrap();
         let words: Vec<u32> = (0..100).collect();
         fs::write(file.path(), bytemuck::cast_slice(&words)).unwrap();
-        let (device, map) = (Device::cpu(), MappedFile::open(file.path()).unwrap());
+        let device = Device::cpu();
+        // SAFETY: the file is this test's alone.
+        let map = unsafe { FileBytes::map(file.path()) }.unwrap();
         let part = device.share::<u32>("part", &map, 64, 20).unwrap();
         assert_eq!(device.read(&part, 0, 20).unwrap(), words[16..36]);
         let write = || device.write(&part, 0, &[1]);

@@ -428,7 +428,7 @@ impl Device {
     pub(crate) fn share<T: bytemuck::Pod>(
         &self,
         name: &'static str,
-        file: &file::MappedFile,
+        file: &file::FileBytes,
         begin: usize,
         count: usize,
     ) -> Result<Buffer<T>, Error> {

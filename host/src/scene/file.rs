@@ -2,9 +2,9 @@
 
 use super::Scene;
 use crate::{
-    BuildTimes, Error, Intersector, Traversal,
+    BuildTimes, Error, Intersector, Mesh, Traversal,
     build::{Kept, MeshBuffers},
-    exec::{Device, cpu::Memory, file::MappedFile},
+    exec::{Device, cpu::Memory, file::FileBytes},
     mesh::digest,
     output,
     traversal::Extras,
@@ -18,7 +18,11 @@ use raykd_kernels::{
 use raykd_shared::{LAYOUT_VERSION, Node, TreeHeader, TreeView};
 use rayon::prelude::*;
 use sha2::{Digest as _, Sha256};
-use std::{io::Write as _, path::Path, time::Instant};
+use std::{
+    io::{self, Write as _},
+    path::Path,
+    time::Instant,
+};
 
 /// First bytes of a scene file.
 const MAGIC: [u8; 8] = *b"raykd-sc";
@@ -204,23 +208,39 @@ impl Scene {
         })
     }
 
-    /// Opens a scene that [`Scene::save`] wrote, on any machine and device. Everything in it is checked first; that
-    /// reads the whole file once. Traversal and triangle test are the default ones. [`Scene::times`] tells only how
-    /// long this took, as [`BuildTimes::upload`].
-    ///
-    /// On the CPU nothing is copied: the scene is a map of the file in memory, of which all processes that open it
-    /// share the pages. A GPU gets a copy.
-    ///
-    /// Do not change the file while a scene of it is open: what is found may then be anything, and if it was cut short,
-    /// the system ends the process (`SIGBUS` on Unix). To replace it is safe, as [`Scene::save`] does, or to remove it:
-    /// scenes that are open keep the old one.
+    /// Opens a scene that [`Scene::save`] wrote, on any machine and device. Everything in it is checked first.
+    /// Traversal and triangle test are the default ones. [`Scene::times`] tells only how long this took, as
+    /// [`BuildTimes::upload`].
     ///
     /// # Errors
     /// The file cannot be read, is no regular file or no scene file, has another version, or is damaged; or the scene
     /// does not fit the device, or the device failed.
     pub fn open(device: &Device, path: &Path) -> Result<Self, Error> {
+        Self::of_file(device, path, FileBytes::read)
+    }
+
+    /// Like [`Scene::open`], but on the CPU nothing is copied: the scene is a map of the file in memory, of which all
+    /// processes that open it share the pages. A GPU gets a copy.
+    ///
+    /// # Safety
+    /// The file does not change as long as a scene of it lives: what is found could then be anything, and if it were
+    /// cut short, the system would end the process (`SIGBUS` on Unix). To replace it is safe, as [`Scene::save`] does,
+    /// or to remove it: scenes that are open keep the old one.
+    ///
+    /// # Errors
+    /// Those of [`Scene::open`].
+    pub unsafe fn open_mapped(device: &Device, path: &Path) -> Result<Self, Error> {
+        // SAFETY: what the caller promises.
+        Self::of_file(device, path, |path| unsafe { FileBytes::map(path) })
+    }
+
+    fn of_file(
+        device: &Device,
+        path: &Path,
+        bytes: impl FnOnce(&Path) -> io::Result<FileBytes>,
+    ) -> Result<Self, Error> {
         let start = Instant::now();
-        let file = MappedFile::open(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
+        let file = bytes(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
         let checked = device.install(|| checked(&file)).map_err(Error::Tree).map_err(tree::in_file(path));
         let (head, [nodes, refs, corners, positions, indices, kept]) = checked?;
         let header = TreeHeader { mesh: [0; 2], checksum: 0, ..head.tree };
@@ -250,8 +270,24 @@ impl Scene {
     }
 }
 
+impl Scene {
+    /// The mesh of which the scene was built, as kernels see it: coordinates are rounded as [`Mesh::positions`] are,
+    /// and what is too small for them is 0. Brought from the device and checked again.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn mesh(&self) -> Result<Mesh, Error> {
+        let larger = 1.0 / self.header.scale;
+        let positions: Vec<f32> = self.device.read(&self.mesh.positions, 0, self.mesh.coordinates)?;
+        let triangles = self.device.read(&self.mesh.indices.view(), 0, self.header.triangles as usize)?;
+        let corner = |p: &[f32; 3]| p.map(|x| x * larger);
+        let positions = positions.as_chunks().0.iter().map(corner).collect();
+        Ok(Mesh::new(positions, triangles)?.moved(self.translation))
+    }
+}
+
 /// The head of a file that is a scene's, whole and undamaged, and where its sections begin.
-fn checked(file: &MappedFile) -> Result<(Head, [usize; SECTIONS]), String> {
+fn checked(file: &FileBytes) -> Result<(Head, [usize; SECTIONS]), String> {
     let all = Memory::part_of(file, 0, file.len()).keep("scene file");
     let all: &[u8] = all.slice();
     if all.starts_with(tree::MAGIC) {
