@@ -9,9 +9,6 @@ import numpy as np
 
 from . import _raykd
 
-RECORD = np.dtype([("triangle", "<u4"), ("t", "<f4"), ("u", "<f4"), ("v", "<f4")])
-
-
 def on_host(array: Any) -> np.ndarray:
     """The array in this machine's memory; one on a GPU is copied, with a warning."""
     if isinstance(array, np.ndarray):
@@ -98,10 +95,13 @@ def triangles(array: Any, shape: tuple[int, ...]) -> np.ndarray:
 class Hits:
     """What rays hit: of each the triangle, where on the ray, and where on the triangle.
 
-    ``records`` is a structured array of ``triangle``, ``t``, ``u`` and ``v``, which are also attributes. Of a miss the
-    triangle is ``raykd.MISS``, which no array of triangles has a place for, and ``t`` is infinite. The point hit is
-    ``(1 - u - v) * a + u * b + v * c`` for the triangle's corners. ``invalid`` counts rays that were none.
+    ``records`` is a structured array, of type ``RECORD``: ``triangle``, ``t``, ``u`` and ``v``, which are also
+    attributes. Of a miss the triangle is ``raykd.MISS``, which no array of triangles has a place for, and ``t`` is
+    infinite. The point hit is ``(1 - u - v) * a + u * b + v * c`` for the triangle's corners. ``invalid`` counts rays
+    that were none.
     """
+
+    RECORD = np.dtype([("triangle", "<u4"), ("t", "<f4"), ("u", "<f4"), ("v", "<f4")])
 
     __slots__ = ("invalid", "records")
 
@@ -111,7 +111,7 @@ class Hits:
 
     @classmethod
     def _of(cls, words: np.ndarray, shape: tuple[int, ...], invalid: int) -> Hits:
-        return cls(words.view(RECORD).reshape(shape), invalid)
+        return cls(words.view(cls.RECORD).reshape(shape), invalid)
 
     @property
     def triangle(self) -> np.ndarray:
