@@ -18,7 +18,6 @@ mod inside;
 mod machine;
 mod measure;
 mod notes;
-mod picture;
 mod png_file;
 mod points;
 mod ray_file;

@@ -1,0 +1,44 @@
+//! Prints, as JSON, the digests that WebAssembly must give for some scenes: of the native code, for web/test.
+
+use raykd::{
+    BuildOptions, Builder, Device, Intersector, Scene, Traversal, hits_digest, internals::digest_of, mesh,
+    rays::random,
+};
+use serde_json::{Map, Value, json};
+use std::{env, error::Error};
+
+/// Rays of each scene, and the seed that makes them.
+const RAYS: usize = 2000;
+const SEED: u64 = 2026;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut all = Map::new();
+    for name in env::args().skip(1) {
+        let mesh = mesh::scene(&name)?.into_local();
+        let rays = random(mesh.bounds(), RAYS, SEED);
+        let (mut trees, mut hits) = (Map::new(), Map::new());
+        for builder in Builder::ALL {
+            let options = BuildOptions::default().with_builder(builder);
+            // One thread, as a page's worker has.
+            let mut scene = Scene::build(&Device::cpu_with_threads(1)?, &mesh, &options)?;
+            trees.insert(builder.to_string(), scene.tree()?.digest().into());
+            for intersector in [Intersector::Strict, Intersector::Exact] {
+                scene.traverse_by(Traversal::Stack)?;
+                scene.intersect_by(intersector)?;
+                for traversal in Traversal::ALL.into_iter().filter(|&it| intersector.check(it).is_ok()) {
+                    scene.traverse_by(traversal)?;
+                    let found = hits_digest(&scene.closest(&rays)?);
+                    hits.insert(format!("{builder} {traversal} {intersector}"), found.into());
+                }
+            }
+        }
+        let scene = Scene::build(&Device::cpu_with_threads(1)?, &mesh, &BuildOptions::default())?;
+        let counts = scene.crossings(&rays)?.counts;
+        let words: Vec<u32> = counts.iter().flat_map(|count| [count.entering, count.leaving]).collect();
+        let crossings = digest_of(&words.iter().flat_map(|word| word.to_le_bytes()).collect::<Vec<u8>>());
+        let facts = json!({ "rays": RAYS, "seed": SEED, "trees": trees, "hits": hits, "crossings": crossings });
+        all.insert(name, facts);
+    }
+    println!("{}", Value::Object(all));
+    Ok(())
+}
