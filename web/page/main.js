@@ -59,7 +59,9 @@ function described(id, choices, chosen, act) {
   });
 }
 
-const price = () => Number((2 ** Number($("price").value) - 0.5).toPrecision(2));
+/** From trees that are fast to small ones; the library's default is 5. */
+const PRICES = [0, 0.5, 1, 2, 5, 10, 20, 40, 100, 1000];
+const price = () => PRICES[$("price").value];
 const options = () => ({
   builder: $("builder").value, price: price(), traversal: $("traversal").value, intersector: $("intersector").value,
 });

@@ -6,6 +6,7 @@ use crate::{
 };
 use raykd::{
     KdTree, Ray,
+    kernels::trace::frame::PAD,
     shared::{Content, Node},
 };
 use serde::Serialize;
@@ -91,7 +92,7 @@ struct Visit {
     plane: Option<(u32, f32)>,
 }
 
-/// Where a ray is inside of a cell; nowhere if the first is larger.
+/// Where a ray is inside of a box; nowhere if the first is larger.
 fn span(ray: &Ray, [lo, hi]: Cell) -> [f64; 2] {
     let mut span = [f64::from(ray.t_min), f64::from(ray.t_max)];
     for axis in 0..3 {
@@ -109,38 +110,68 @@ fn span(ray: &Ray, [lo, hi]: Cell) -> [f64; 2] {
     span
 }
 
-/// The nodes that a ray passes until its closest hit, in the order of a walk with a full stack: near children first.
-/// Whether a ray is in a cell is decided by rounded numbers here; the counts of `Scene.steps` are those of the kernels.
+/// Half of what a plane counts as thick, as the kernels have it.
+fn pad(ray: &Ray, [lo, hi]: Cell) -> f64 {
+    let reach = |axis: usize| (ray.origin[axis] - lo[axis]).abs().max((ray.origin[axis] - hi[axis]).abs());
+    f64::from(PAD) * f64::from(reach(0).max(reach(1)).max(reach(2)))
+}
+
+/// The nodes that a ray passes until its closest hit, as the traversal `stack` passes them, but in numbers that are
+/// rounded otherwise: `Scene.steps` has the kernels' own counts.
 #[wasm_bindgen(unchecked_return_type = "Visit[]")]
 pub fn way(scene: &Scene, origin: &[f32], direction: &[f32]) -> Result<JsValue, JsError> {
     let ray = crate::values::rays(origin, direction, None, None)?;
     let [ray] = ray.as_slice() else { return Err(error("one ray is wanted")) };
     let hit = scene.scene.closest(&[*ray]).map_err(error)?[0];
-    let last = if hit.is_hit() { f64::from(hit.t) } else { f64::INFINITY };
     let walker = Walker::new(scene)?;
+    let root = walker.root();
+    let (pad, [enter, exit]) = (pad(ray, root), span(ray, root));
     let mut visits = Vec::new();
-    let mut waiting = vec![(0, 0, walker.root())];
-    while let Some((node, depth, cell)) = waiting.pop() {
-        let [enter, exit] = span(ray, cell);
-        if enter > exit || enter > last {
+    let mut waiting = if enter <= exit { vec![(0, 0, root, [enter, exit])] } else { Vec::new() };
+    while let Some((node, depth, cell, [enter, exit])) = waiting.pop() {
+        if hit.is_hit() && enter > f64::from(hit.t) {
             continue;
         }
         let content = walker.content(node);
-        let (triangles, plane) = match content {
-            Content::Inner { axis, split, .. } => (None, Some((axis, split))),
+        let visit = Visit {
+            node,
+            depth,
+            enter,
+            exit,
+            cell: cell.as_flattened().to_vec(),
+            triangles: None,
+            plane: None,
+        };
+        match content {
             Content::Leaf { first, count } => {
                 let refs = &walker.tree.view().refs[first as usize..][..count as usize];
-                (Some(refs.to_vec()), None)
+                visits.push(Visit { triangles: Some(refs.to_vec()), ..visit });
             }
-        };
-        visits.push(Visit { node, depth, enter, exit, cell: cell.as_flattened().to_vec(), triangles, plane });
-        if let Content::Inner { axis, split, below } = content {
-            let [low, high] = halves(cell, axis, split);
-            let (low, high) = ((below, depth + 1, low), (below + 1, depth + 1, high));
-            // What lies on the side of the origin comes first, and so is pushed last.
-            let at = axis as usize;
-            let from = (ray.origin[at], -ray.direction[at]) <= (split, 0.0);
-            waiting.extend(if from { [high, low] } else { [low, high] });
+            Content::Inner { axis, split, below } => {
+                visits.push(Visit { plane: Some((axis, split)), ..visit });
+                let [low, high] = halves(cell, axis, split);
+                let (low, high) = ((below, low), (below + 1, high));
+                let at = axis as usize;
+                // Small enough a divisor gives a large number, never an infinite one.
+                let direction = f64::from(ray.direction[at]);
+                let inverse = 1.0 / if direction == 0.0 { 1e-30 } else { direction };
+                let (near, far) = if inverse < 0.0 { (high, low) } else { (low, high) };
+                let there = (f64::from(split) - f64::from(ray.origin[at])) * inverse;
+                let (first, last) = (there - pad * inverse.abs(), there + pad * inverse.abs());
+                let empty = |node| matches!(walker.content(node), Content::Leaf { count: 0, .. });
+                let to_near = (near.0, depth + 1, near.1, [enter, exit.min(last)]);
+                let to_far = (far.0, depth + 1, far.1, [enter.max(first), exit]);
+                // Beside another child an empty leaf is not worth a visit.
+                if last < enter {
+                    waiting.push(to_far);
+                } else if first > exit || empty(far.0) {
+                    waiting.push(to_near);
+                } else if empty(near.0) {
+                    waiting.push(to_far);
+                } else {
+                    waiting.extend([to_far, to_near]);
+                }
+            }
         }
     }
     object(&visits)

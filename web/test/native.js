@@ -14,9 +14,10 @@ export const scenes = {
   [dragon]: (raykd) => raykd.Mesh.load(readFileSync(root + dragon), dragon),
 };
 
-/** Digests by scene. Takes a minute the first time, to compile. */
-export function digests(names) {
-  const cargo = ["run", "--quiet", "--locked", "--package", "raykd-web", "--example", "digests", "--", ...names];
+/** Digests of scenes, by name. Takes a minute the first time, to compile. */
+export function digests(rays, names) {
+  const program = ["--package", "raykd-web", "--example", "digests"];
+  const cargo = ["run", "--quiet", "--locked", ...program, "--", String(rays), ...names];
   const options = { cwd: root, encoding: "utf8", stdio: ["ignore", "pipe", "inherit"], maxBuffer: 1 << 24 };
   return JSON.parse(execFileSync("cargo", cargo, options));
 }

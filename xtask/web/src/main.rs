@@ -14,7 +14,7 @@ fn main() -> Result<()> {
     let folder = root.join("target/web");
     let status = Command::new(cargo)
         .args(["build", "--locked", "--package", "raykd-web", "--release", "--target", TARGET])
-        .args(["--config", "profile.release.debug=false", "--config", "profile.release.lto='fat'"])
+        .args(["--config", "profile.release.debug=false"])
         .args(["--config", "profile.release.panic='abort'"])
         // Rays never run what the registry's crates do: parsing, printing, sorting.
         .args(["--config", "profile.release.package.\"*\".opt-level='s'", "--target-dir"])
