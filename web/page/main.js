@@ -47,11 +47,14 @@ function fill(select, choices, chosen) {
   select.append(...choices.map(([name]) => new Option(name, name, name === chosen, name === chosen)));
 }
 
+/** Text without the marks of code. */
+const plain = (text) => text.replaceAll("`", "");
+
 /** A select whose description changes with it. */
 function described(id, choices, chosen, act) {
   const [select, about] = [$(id), $(`${id}-about`)];
   fill(select, choices, chosen);
-  const describe = () => (about.textContent = choices.find(([name]) => name === select.value)[1]);
+  const describe = () => (about.textContent = plain(choices.find(([name]) => name === select.value)[1]));
   describe();
   select.addEventListener("change", () => {
     describe();
@@ -138,7 +141,7 @@ function write() {
     ["SAH cost", number(report.sahCost, 2)],
     ["nodes, leaves", `${number(report.nodes, 0)}, ${number(report.leaves, 0)}`],
     ["references a triangle", number(report.refs / report.triangles, 2)],
-    ["depth", report.depth],
+    ["depth", number(report.depth, 0)],
     [`random rays, ${pool.workers.length} workers`, `${number(report.rate, 2)} million a second`],
     ["digest of the tree", code(report.digest)],
     [`of ${THOUSAND.format(RAYS)} hits`, code(report.hits)],
@@ -175,8 +178,8 @@ let first = 1;
 let version = 0;
 let drawing = Promise.resolve();
 let waiting = false;
-/** Times of coarse pictures, for tests and the status line. */
-const frames = [];
+/** When the first picture was there, and how long coarse ones took, in milliseconds: for tests and measurements. */
+const seen = { first: undefined, frames: [] };
 
 function draw() {
   version++;
@@ -191,16 +194,16 @@ function draw() {
 
 /** Waits until the picture is as sharp as it gets. */
 async function still() {
-  let seen;
+  let last;
   do {
-    seen = drawing;
-    await seen;
-  } while (seen !== drawing);
+    last = drawing;
+    await last;
+  } while (last !== drawing);
 }
 
 async function sharpen() {
   const mine = version;
-  const [begin, camera, shading] = [performance.now(), view.camera(), $("shading").value];
+  const [camera, shading] = [view.camera(), $("shading").value];
   for (let level = first; level < LEVELS.length; level++) {
     // A picture that is begun coarse is always shown, else nothing moves on slow machines.
     const going = () => mine === version || level === first;
@@ -225,8 +228,9 @@ async function sharpen() {
     if (!whole) return;
     picture.drawImage(canvas, 0, 0, SIZE, SIZE);
     const took = performance.now() - start;
+    seen.first ??= performance.now();
     if (level === first) {
-      frames.push(took);
+      seen.frames.push(took);
       if (took > QUICK && first > 0) first--;
       else if (took < QUICK / 6 && first < 2) first++;
     }
@@ -238,12 +242,10 @@ async function sharpen() {
       full = next;
       $("full").textContent = `${full} and more`;
     }
-    document.body.dataset.sharp = mine === version ? `${LEVELS.length - 1 - level}` : "";
     if (mine !== version) return;
     if (level === first) await new Promise((done) => setTimeout(done, 60));
     if (mine !== version) return;
   }
-  document.body.dataset.first ??= (performance.now() - begin).toFixed(0);
 }
 
 // What is drawn over the picture
@@ -293,7 +295,7 @@ function paint() {
 }
 
 function paintRay(project) {
-  const at = (t) => ray.origin_.map((x, i) => x + t * ray.direction[i]);
+  const at = (t) => ray.origin.map((x, i) => x + t * ray.direction[i]);
   const visit = ray.way[$("visit").value];
   const last = ray.triangle === MISS ? (ray.way[0]?.exit ?? 1) : ray.t;
   const from = project(at(Math.max(0, (ray.way[0]?.enter ?? 0) - 0.1 * last)));
@@ -342,12 +344,12 @@ async function follow(x, y) {
   const { intersector, traversal } = options();
   const found = await pool.ask("ray", view.camera(), SIZE, x, y, intersector, traversal);
   if (mine !== choice) return;
-  ray = { ...found, origin_: [...found.origin] };
+  ray = { ...found, origin: [...found.origin], direction: [...found.direction] };
   const leaves = ray.way.filter(({ triangles }) => triangles);
   const tests = leaves.reduce((sum, { triangles }) => sum + triangles.length, 0);
   const end = ray.triangle === MISS ? "and hits nothing" : `and hits triangle ${ray.triangle} at ${ray.t.toPrecision(6)}`;
   $("ray-told").textContent =
-    `The ray passes ${ray.way.length - leaves.length} inner nodes and ${leaves.length} leaves, tests ${tests} ` +
+    `The ray passes ${ray.way.length - leaves.length} inner nodes and ${leaves.length === 1 ? "1 leaf" : `${leaves.length} leaves`}, tests ${tests} ` +
     `triangles, ${end}.`;
   $("visits").replaceChildren(...ray.way.map(({ node, depth, triangles, plane, enter, exit }) => {
     const from = Math.max(0, enter).toPrecision(5);
@@ -446,7 +448,7 @@ function six(name, about, hits, exact) {
   const caption = document.createElement("figcaption");
   const rate = hits.t.length / Math.max(hits.ms, 0.1) / 1000;
   caption.textContent =
-    `${name}: ${lost.length} lost, ${invented.length} invented, ${rate.toFixed(1)} million rays a second. ${about}.`;
+    `${name}: ${lost.length} lost, ${invented.length} invented, ${rate.toFixed(1)} million rays a second. ${plain(about)}.`;
   whole.setAttribute("aria-label", caption.textContent);
   lens.setAttribute("aria-label", label);
   figure.dataset.lost = lost.length;
@@ -631,8 +633,8 @@ on("show-cells", "change", showCells);
 on("level", "input", showCells);
 $("visit").addEventListener("input", visit);
 on("beside", "click", () => {
-  const middle = ray.t === Infinity || ray.triangle === MISS ? (ray.way[0]?.exit ?? 1) : ray.t;
-  view.beside([...ray.origin], [...ray.direction], ray.origin_.map((x, i) => x + middle * ray.direction[i]));
+  const middle = ray.triangle === MISS ? (ray.way[0]?.exit ?? 1) : ray.t;
+  view.beside(ray.direction, ray.origin.map((x, i) => x + middle * ray.direction[i]));
   draw();
 });
 on("forget", "click", forget);
@@ -650,4 +652,4 @@ colours.forEach(([r, g, b], x) => {
 show();
 await trying(() => load(meshes[0][1], meshes[0][0]));
 /** For tests. */
-window.raykd = { still, frames, get view() { return view; }, draw };
+window.raykd = { still, seen };

@@ -37,7 +37,7 @@ export class View {
   }
 
   /** Looks at a line from beside it. */
-  beside(origin, direction, middle) {
+  beside(direction, middle) {
     const across = unit(cross(unit(direction), [0, 1, 0.01]));
     this.target = middle;
     this.yaw = Math.atan2(across[0], across[2]);
