@@ -13,7 +13,7 @@ const { Mesh, Scene } = raykd;
 const ofHits = ({ triangle, t, u, v }) => raykd.hitsDigest(triangle, t, u, v);
 
 test("trees and hits are native code's", () => {
-  const rays = 2000;
+  const rays = 1000;
   const native = digests(rays, Object.keys(scenes));
   for (const [name, load] of Object.entries(scenes)) {
     const mesh = load(raykd);
