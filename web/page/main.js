@@ -6,7 +6,7 @@ import { View } from "./view.js";
 const $ = (id) => document.getElementById(id);
 const SIZE = 512;
 /** Rays that are measured: those of `raykd bench`, so that its digests can be compared. */
-const [RAYS, SEED] = [50_000, 2026];
+const [RAYS, SEED, TIMES] = [50_000, 2026, 7];
 /** Pixels along a side of a picture of the comparison, and of the part that is shown enlarged. */
 const [SMALL, LENS] = [192, 16];
 const MISS = 0xffffffff;
@@ -113,7 +113,7 @@ async function build(name = title) {
 async function measure() {
   const mine = choice;
   const parts = pool.workers.length;
-  const hits = await Promise.all(pool.workers.map((worker, i) => worker.ask("random", RAYS, SEED, i, parts)));
+  const hits = await Promise.all(pool.workers.map((worker, i) => worker.ask("random", RAYS, SEED, i, parts, TIMES)));
   if (mine !== choice) return;
   const slowest = Math.max(...hits.map(({ ms }) => ms));
   report.rate = RAYS / slowest / 1000;
