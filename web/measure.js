@@ -25,11 +25,23 @@ const time = (act) => median(Array.from({ length: TIMES }, () => {
   const begin = performance.now();
   return act() ?? performance.now() - begin;
 }));
+const three = (x) => (Number.isInteger(x) ? x : Number(x.toPrecision(3)));
 const show = (what, numbers) =>
-  console.log(what, Object.entries(numbers).map(([name, x]) => `${name} ${+x.toPrecision(3)}`).join(", "));
+  console.log(what, Object.entries(numbers).map(([name, x]) => `${name} ${three(x)}`).join(", "));
 
 console.log(cpus()[0].model, "node", process.version);
 show("module", { "kB": wasm.length / 1000, "kB gzipped": gzipSync(wasm, { level: 9 }).length / 1000 });
+
+for (const level of [125, 300]) {
+  const begin = performance.now();
+  const mesh = raykd.Mesh.teapot(level);
+  const scene = raykd.Scene.of(mesh);
+  const ms = performance.now() - begin;
+  const memory = raykd.initSync().memory.buffer.byteLength;
+  show(`teapot:${level}, node:`, { triangles: mesh.triangles, "mesh and scene ms": ms, "memory MB": memory / 1e6 });
+  scene.free();
+  mesh.free();
+}
 
 for (const [name, mesh] of Object.entries(meshes)) {
   const { origins, directions } = mesh.randomRays(RAYS, SEED);
@@ -95,7 +107,7 @@ const browser = await chromium.launch({ executablePath, args: ["--no-sandbox", "
 console.log("Chromium", browser.version());
 for (const workers of [1, 2]) {
   const page = await browser.newPage({ viewport: { width: 1200, height: 1000 } });
-  await page.addInitScript((count) => Object.defineProperty(navigator, "hardwareConcurrency", { value: count }), workers);
+  await page.addInitScript((value) => Object.defineProperty(navigator, "hardwareConcurrency", { value }), workers);
   await page.goto(`http://localhost:${server.address().port}/`);
   const measured = () => page.waitForFunction(() => document.getElementById("facts").dataset.hits);
   await measured();

@@ -30,6 +30,7 @@ async function trying(act) {
   try {
     return await act();
   } catch (error) {
+    tell("");
     $("error").textContent = error.message;
   }
 }
@@ -130,7 +131,7 @@ async function measure() {
 
 /** The table of facts. */
 function write() {
-  const number = (x, digits = 1) => (x === undefined ? "…" : x.toLocaleString("en", { maximumFractionDigits: digits }));
+  const number = (x, maximumFractionDigits = 1) => x?.toLocaleString("en", { maximumFractionDigits }) ?? "…";
   const code = (text) => Object.assign(document.createElement("code"), { textContent: text ?? "…" });
   const rows = [
     ["triangles", number(report.triangles, 0)],
@@ -235,8 +236,8 @@ async function sharpen() {
     }
     const rays = (size * samples) ** 2;
     const rate = (rays / took / 1000).toFixed(1);
-    tell(`${size} x ${size}, ${samples * samples} rays a pixel, ${took.toFixed(0)} ms: ${rate} million rays a second, ` +
-      `${((100 * hits) / rays).toFixed(0)} % hit`);
+    tell(`${size} x ${size}, ${samples * samples} rays a pixel, ${took.toFixed(0)} ms: ${rate} million rays a ` +
+      `second, ${((100 * hits) / rays).toFixed(0)} % hit`);
     if (shading === "heat" && next !== full) {
       full = next;
       $("full").textContent = `${full} and more`;
@@ -287,7 +288,7 @@ function paint() {
       for (let i = 0; i < cells.length; i += 7) {
         if ((cells[i + 6] === 2) === empty) outline(project, cells.subarray(i, i + 6));
       }
-      stroke(cells.length > 7000 ? 0.5 : 1.5, empty ? [4, 8] : []);
+      stroke(cells.length > 7 * 500 ? 0.5 : 1.5, empty ? [4, 8] : []);
     }
   }
   if (ray) paintRay(project);
@@ -319,7 +320,7 @@ function paintRay(project) {
 }
 
 /** Most cells that are drawn. */
-const MOST = 20_000;
+const MOST = 3000;
 
 async function showCells() {
   const level = Number($("level").value);
@@ -346,10 +347,11 @@ async function follow(x, y) {
   ray = { ...found, origin: [...found.origin], direction: [...found.direction] };
   const leaves = ray.way.filter(({ triangles }) => triangles);
   const tests = leaves.reduce((sum, { triangles }) => sum + triangles.length, 0);
-  const end = ray.triangle === MISS ? "and hits nothing" : `and hits triangle ${ray.triangle} at ${ray.t.toPrecision(6)}`;
+  const hits = ray.triangle === MISS ? "nothing" : `triangle ${ray.triangle} at ${ray.t.toPrecision(6)}`;
+  const several = leaves.length === 1 ? "1 leaf" : `${leaves.length} leaves`;
   $("ray-told").textContent =
-    `The ray passes ${ray.way.length - leaves.length} inner nodes and ${leaves.length === 1 ? "1 leaf" : `${leaves.length} leaves`}, tests ${tests} ` +
-    `triangles, ${end}.`;
+    `The ray passes ${ray.way.length - leaves.length} inner nodes and ${several}, tests ${tests} triangles, and ` +
+    `hits ${hits}.`;
   $("visits").replaceChildren(...ray.way.map(({ node, depth, triangles, plane, enter, exit }) => {
     const from = Math.max(0, enter).toPrecision(5);
     const what = plane ? `node ${node}, level ${depth}: plane at ${"xyz"[plane[0]]} = ${plane[1].toPrecision(5)}`
@@ -399,7 +401,12 @@ async function compare() {
   for (const [name] of tests) found.push(await pool.ask("test", camera, SMALL, name, intersector, traversal));
   if (mine !== choice) return;
   const exact = found[tests.findIndex(([name]) => name === "exact")];
-  $("six").replaceChildren(...tests.map(([name, about], i) => six(name, about, found[i], exact)));
+  $("six").replaceChildren();
+  for (const [i, [name, about]] of tests.entries()) {
+    $("six").append(six(name, about, found[i], exact));
+    // The page answers in between.
+    await new Promise((done) => setTimeout(done));
+  }
   tell("traced by six tests");
 }
 
@@ -446,8 +453,8 @@ function six(name, about, hits, exact) {
   }
   const caption = document.createElement("figcaption");
   const rate = hits.t.length / Math.max(hits.ms, 0.1) / 1000;
-  caption.textContent =
-    `${name}: ${lost.length} lost, ${invented.length} invented, ${rate.toFixed(1)} million rays a second. ${plain(about)}.`;
+  const wrong = `${lost.length} lost, ${invented.length} invented`;
+  caption.textContent = `${name}: ${wrong}, ${rate.toFixed(1)} million rays a second. ${plain(about)}.`;
   whole.setAttribute("aria-label", caption.textContent);
   lens.setAttribute("aria-label", label);
   figure.dataset.lost = lost.length;
@@ -606,7 +613,13 @@ async function walk() {
   // Tests other than strict go with a full stack alone, so that is chosen first.
   await pool.all("traverse", "stack");
   await pool.all("intersect", intersector);
-  await pool.all("traverse", traversal);
+  try {
+    await pool.all("traverse", traversal);
+  } catch (error) {
+    $("traversal").value = "stack";
+    $("traversal").dispatchEvent(new Event("change"));
+    throw error;
+  }
   draw();
   await still();
   await measure();

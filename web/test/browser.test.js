@@ -59,7 +59,8 @@ const pixels = (id = "picture") => page.$eval(`#${id}`, (canvas) => {
   copy.drawImage(canvas, 0, 0);
   const { data } = copy.getImageData(0, 0, canvas.width, canvas.height);
   const words = new Uint32Array(data.buffer);
-  return { drawn: words.filter((word) => word !== words[0]).length, sum: words.reduce((a, b) => (a * 31 + b) >>> 0, 7) };
+  const sum = words.reduce((all, word) => (Math.imul(all, 31) + word) >>> 0, 7);
+  return { drawn: words.filter((word) => word !== words[0]).length, sum };
 });
 
 test("the page draws the teapot, and its digests are native code's", async () => {
@@ -126,6 +127,12 @@ test("every shading, builder, traversal and test", async () => {
   await choose("builder", "binned");
   await choose("traversal", "stack");
   for (const value of (await values("intersector")).reverse()) await choose("intersector", value);
+  await choose("intersector", "woop");
+  await page.selectOption("#traversal", "ropes");
+  await page.waitForFunction(() => document.getElementById("error").textContent);
+  assert.match(await page.textContent("#error"), /woop works with the traversals stack and brute/);
+  assert.equal(await page.inputValue("#traversal"), "stack");
+  await choose("intersector", "strict");
   await page.evaluate(() => (document.getElementById("facts").dataset.hits = ""));
   await page.click("#measure");
   await measured();
