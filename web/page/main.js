@@ -24,14 +24,18 @@ function tell(text) {
   $("status").textContent = text;
 }
 
+function complain(error) {
+  tell("");
+  $("error").textContent = error.message;
+}
+
 /** Runs what may fail, and shows why it did. */
 async function trying(act) {
   $("error").textContent = "";
   try {
     return await act();
   } catch (error) {
-    tell("");
-    $("error").textContent = error.message;
+    complain(error);
   }
 }
 
@@ -188,7 +192,7 @@ function draw() {
   waiting = true;
   drawing = drawing.then(() => {
     waiting = false;
-    return trying(sharpen);
+    return sharpen().catch(complain);
   });
 }
 
