@@ -75,15 +75,19 @@ for (const [name, mesh] of Object.entries(meshes)) {
       hits[i] = bvh.raycastFirst(ray, THREE.DoubleSide);
     }
   });
-  let [missed, invented, other] = [0, 0, 0];
+  let [missed, invented, misplaced, ties] = [0, 0, 0, 0];
   hits.forEach((hit, i) => {
     const should = truth.triangle[i] !== 0xffffffff;
     if (should && !hit) missed++;
     else if (hit && !should) invented++;
-    else if (hit && hit.faceIndex !== truth.triangle[i]) other++;
+    else if (hit) {
+      const t = hit.distance / Math.hypot(...directions.subarray(3 * i, 3 * i + 3));
+      if (Math.abs(t / truth.t[i] - 1) > 1e-5) misplaced++;
+      else if (hit.faceIndex !== truth.triangle[i]) ties++;
+    }
   });
   show(`${name}, three-mesh-bvh, node:`, {
-    "build ms": built, "Mray/s": RAYS / traced / 1000, missed, invented, "other triangle": other,
+    "build ms": built, "Mray/s": RAYS / traced / 1000, missed, invented, misplaced, "another triangle there": ties,
   });
 }
 
