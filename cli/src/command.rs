@@ -8,6 +8,7 @@ use crate::{
     check::CheckArgs,
     devices::DevicesArgs,
     inside::InsideArgs,
+    rays::RaysArgs,
     render::RenderArgs,
     stress::StressArgs,
     task::{On, Task},
@@ -22,6 +23,7 @@ Examples:
   raykd bench dragon sponza --json       two scenes, for scripts
   raykd build mesh.ply -o mesh.kd        build a tree and save it
   raykd trace mesh.ply --rays r --hits h trace a file of rays
+  raykd rays mesh.ply diffuse -o r.npy   write rays to compare ray tracers by
   raykd inside mesh.ply --points p.csv   tell which points are inside
   raykd check mesh.ply                   tell whether a mesh is closed
   raykd voxels mesh.ply --size 99 -o v.npy  fill a mesh with voxels
@@ -50,6 +52,7 @@ pub(super) enum Command {
     Bench(BenchArgs),
     Build(BuildArgs),
     Trace(TraceArgs),
+    Rays(RaysArgs),
     Inside(InsideArgs),
     Check(CheckArgs),
     Voxels(VoxelsArgs),
@@ -67,6 +70,7 @@ impl Command {
             Self::Bench(args) => ("bench", args),
             Self::Build(args) => ("build", args),
             Self::Trace(args) => ("trace", args),
+            Self::Rays(args) => ("rays", args),
             Self::Inside(args) => ("inside", args),
             Self::Check(args) => ("check", args),
             Self::Voxels(args) => ("voxels", args),

@@ -18,9 +18,11 @@ mod inside;
 mod machine;
 mod measure;
 mod notes;
+mod npy;
 mod png_file;
 mod points;
 mod ray_file;
+mod rays;
 mod render;
 mod report;
 #[cfg(unix)]

@@ -1,6 +1,7 @@
 //! Files of points.
 
-use anyhow::{Context as _, bail, ensure};
+use crate::npy::{self, Rows};
+use anyhow::{Context as _, bail};
 use raykd::internals::{all_of, ply_vertices, quoted};
 use std::{
     ffi::OsStr,
@@ -31,7 +32,7 @@ impl Points {
         let bytes = all_of(path, max_bytes)?;
         let extension = path.extension().and_then(OsStr::to_str).unwrap_or_default().to_ascii_lowercase();
         let found = match extension.as_str() {
-            "npy" => npy(&bytes),
+            _ if npy::is_named(path) => npy(&bytes),
             "ply" => {
                 ply_vertices(&bytes).map_err(Into::into).map(|points| Self { points, format: Format::Ply })
             }
@@ -44,14 +45,9 @@ impl Points {
     pub(super) fn write(&self, file: &mut dyn Write, numbers: &[i32]) -> io::Result<()> {
         match &self.format {
             Format::Npy => {
-                use npyz::WriterBuilder as _;
-                let shape = [self.points.len() as u64, 4];
-                let mut array =
-                    npyz::WriteOptions::new().default_dtype().shape(&shape).writer(file).begin_nd()?;
-                for (&[x, y, z], &number) in self.points.iter().zip(numbers) {
-                    array.extend([x, y, z, f64::from(number)])?;
-                }
-                array.finish()
+                let rows = self.points.iter().zip(numbers);
+                let numbers = rows.flat_map(|(&[x, y, z], &number)| [x, y, z, f64::from(number)]);
+                npy::write(file, &[self.points.len(), 4], numbers)
             }
             Format::Ply => {
                 for ([x, y, z], number) in self.points.iter().zip(numbers) {
@@ -74,28 +70,10 @@ impl Points {
 }
 
 fn npy(bytes: &[u8]) -> anyhow::Result<Points> {
-    let file = npyz::NpyFile::new(bytes).context("this is no NPY array; write it by numpy.save")?;
-    let shape = file.shape().to_vec();
-    ensure!(
-        shape.len() == 2 && shape[1] == 3,
-        "its shape is {shape:?}; points are an array of N x 3 numbers"
-    );
-    let by_column = file.order() == npyz::Order::Fortran;
-    // Only a number type can tell whether it is the file's.
-    let numbers: io::Result<Vec<f64>> = match file.try_data::<f64>() {
-        Ok(data) => data.collect(),
-        Err(file) => match file.try_data::<f32>() {
-            Ok(data) => data.map(|x| x.map(f64::from)).collect(),
-            Err(_) => {
-                bail!("its numbers are neither f32 nor f64; convert it, in numpy by points.astype(float)")
-            }
-        },
+    let points = match npy::rows(bytes, "points")? {
+        Rows::Narrow(points) => points.into_iter().map(|point| point.map(f64::from)).collect(),
+        Rows::Wide(points) => points,
     };
-    let numbers =
-        numbers.with_context(|| format!("it does not hold the {} points that it promises", shape[0]))?;
-    let count = numbers.len() / 3;
-    let at = |point: usize, axis: usize| if by_column { axis * count + point } else { 3 * point + axis };
-    let points = (0..count).map(|point| [0, 1, 2].map(|axis| numbers[at(point, axis)])).collect();
     Ok(Points { points, format: Format::Npy })
 }
 

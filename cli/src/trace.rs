@@ -9,7 +9,7 @@ use crate::{
     machine::Machines,
     measure::{self, mrays, ms},
     notes::Notes,
-    ray_file::Rays,
+    ray_file::{self, Rays},
     report::{count, three, write_json},
     task::{On, Task},
 };
@@ -20,7 +20,7 @@ use raykd::{
 };
 use std::{
     ffi::OsString,
-    io::{StdoutLock, Write as _},
+    io::{self, StdoutLock, Write as _},
     path::{Path, PathBuf},
     process::ExitCode,
     time::{Duration, Instant},
@@ -33,6 +33,8 @@ infinite), in the mesh's own coordinates; with --f64, of 8 f64. Hits: records of
 numbered from 0 in file order. Rays that are none (NaN, zero direction) miss and are counted.
 --query all writes LIMIT records a ray, by rising t, the rest of them misses; --query count writes
 one u32 a ray.
+
+Files named .npy are arrays of numpy: rays of N x 8 f32 or f64, hits of N records.
 
 Examples:
   raykd trace mesh.ply --rays rays.bin --hits hits.bin
@@ -206,7 +208,7 @@ fn run(args: &TraceArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
         )
     });
     notes.stage(format_args!("writing {}", hits.display()));
-    output::write_whole(hits, |file| file.write_all(found.bytes()))?;
+    output::write_whole(hits, |file| found.write(hits, file))?;
     notes.clear();
     if args.json {
         write_json(out, &told)?
@@ -305,6 +307,13 @@ impl Found {
         match self {
             Self::Hits(hits) => bytemuck::cast_slice(hits),
             Self::Totals(totals) => bytemuck::cast_slice(totals),
+        }
+    }
+
+    fn write(&self, path: &Path, file: &mut dyn io::Write) -> io::Result<()> {
+        match self {
+            Self::Hits(hits) => ray_file::write_hits(path, file, hits),
+            Self::Totals(totals) => ray_file::write_counts(path, file, totals),
         }
     }
 }

@@ -160,7 +160,7 @@ pub enum Error {
         /// Triangles given.
         excluded: usize,
     },
-    /// A tree file or tree does not hold together.
+    /// A tree, or the file of a tree or a scene, does not hold together.
     #[error("{0}")]
     Tree(String),
 }

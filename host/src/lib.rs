@@ -29,6 +29,7 @@
 //!   [`Mesh::edges`] tells whether it is closed, [`Scene::contacts`] where it meets itself.
 //! * [`Traversal`] and [`Intersector`]: ways through the tree, and triangle tests.
 //! * [`KdTree`]: the tree as data, to save and to load.
+//! * [`Scene::save`], [`Scene::open`] and [`Scene::open_mapped`]: a whole scene in a file, which processes may share.
 //!
 //! # What is promised
 //! Triangles are closed: no ray passes between two that share an edge or a vertex. Of hits with equal `t`, the

@@ -7,6 +7,7 @@ mod contacts;
 mod crossings;
 #[cfg(feature = "gpu")]
 mod encode;
+mod file;
 #[cfg(feature = "gpu")]
 mod on;
 mod rebuild;
@@ -100,5 +101,15 @@ impl Scene {
     /// Bytes of the tree on the device as its traversal uses it: nodes, references, and parents, boxes or ropes.
     pub fn tree_bytes(&self) -> u64 {
         u64::from(self.header.nodes) * 8 + u64::from(self.header.refs) * 4 + self.extras.bytes(self.traversal)
+    }
+
+    /// Bytes of all that the scene keeps on its device: mesh, tree, and what its traversals and triangle tests needed
+    /// so far. On the CPU those of a scene that [`Scene::open`] opened are mostly the file's.
+    pub fn bytes_on_device(&self) -> u64 {
+        let MeshBuffers { positions, indices, .. } = &self.mesh;
+        let transforms = self.transforms.as_ref().map_or(0, |buffer| buffer.bytes());
+        let tree = self.header_buffer.bytes() + self.nodes.bytes() + self.refs.bytes() + self.corners.bytes();
+        let mesh = positions.bytes() + indices.bytes() + self.kept.bytes_on_device();
+        tree + mesh + transforms + self.extras.all_bytes()
     }
 }

@@ -177,6 +177,12 @@ impl Extras {
         }
     }
 
+    /// Bytes of all that was made.
+    pub(crate) fn all_bytes(&self) -> u64 {
+        let links = self.ropes.iter().chain([&self.boxes]).flatten();
+        links.map(|buffer| buffer.bytes()).sum::<u64>() + self.parents.as_ref().map_or(0, |it| it.bytes())
+    }
+
     fn parents(&self) -> &Buffer<u32> {
         self.parents.as_ref().expect("made for the traversal")
     }

@@ -14,7 +14,7 @@ pub struct KdTree {
 }
 
 /// First bytes of a tree file.
-const MAGIC: &[u8; 8] = b"raykd-kd";
+pub(crate) const MAGIC: &[u8; 8] = b"raykd-kd";
 /// Bytes of the checksum at the end of a tree file.
 const SUM: usize = 32;
 
@@ -25,10 +25,8 @@ impl KdTree {
     }
 
     /// A tree whose header says which mesh it is of, and has its checksum.
-    pub(crate) fn sealed(mut header: TreeHeader, nodes: Vec<Node>, refs: Vec<u32>, mesh: [u32; 2]) -> Self {
-        header.mesh = mesh;
-        header.checksum = TreeView { header: &header, nodes: &nodes, refs: &refs }.checksum();
-        Self { header, nodes, refs }
+    pub(crate) fn sealed(header: TreeHeader, nodes: Vec<Node>, refs: Vec<u32>, mesh: [u32; 2]) -> Self {
+        Self { header: seal(header, &nodes, &refs, mesh), nodes, refs }
     }
 
     /// Tells whether this is a tree of these triangles, with these numbers.
@@ -91,16 +89,25 @@ impl KdTree {
     /// # Errors
     /// The file cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), Error> {
+        crate::output::write_whole(path, |file| self.write(file))
+    }
+
+    /// The bytes of the file that [`KdTree::save`] writes.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        self.write(&mut bytes).expect("memory takes all that is written");
+        bytes
+    }
+
+    fn write(&self, file: &mut dyn Write) -> std::io::Result<()> {
         let mut hasher = Sha256::new();
-        crate::output::write_whole(path, |file| {
-            let version = LAYOUT_VERSION.to_le_bytes();
-            let [header, nodes, refs] = self.parts();
-            for part in [MAGIC.as_slice(), &version, header, nodes, refs] {
-                hasher.update(part);
-                file.write_all(part)?;
-            }
-            file.write_all(&hasher.finalize_reset())
-        })
+        let version = LAYOUT_VERSION.to_le_bytes();
+        let [header, nodes, refs] = self.parts();
+        for part in [MAGIC.as_slice(), &version, header, nodes, refs] {
+            hasher.update(part);
+            file.write_all(part)?;
+        }
+        file.write_all(&hasher.finalize())
     }
 
     /// Reads a tree that [`KdTree::save`] wrote, and checks every node. No more than
@@ -118,13 +125,10 @@ impl KdTree {
     /// The file cannot be read, is larger, is no tree file, has another version, or is damaged.
     pub fn load_up_to(path: &Path, max_bytes: u64) -> Result<Self, Error> {
         let bytes = crate::read::all_of(path, max_bytes)?;
-        Self::from_bytes(&bytes).map_err(|e| match e {
-            Error::Tree(what) => Error::Tree(format!("{}: {what}", quoted(path.display()))),
-            other => other,
-        })
+        Self::from_bytes(&bytes).map_err(in_file(path))
     }
 
-    /// Reads a tree from the bytes of a tree file.
+    /// Reads a tree from the bytes of a tree file, as [`KdTree::to_bytes`] gives them.
     ///
     /// # Errors
     /// They are no tree file, of another version, or damaged.
@@ -159,6 +163,20 @@ impl KdTree {
         let tree = Self { header, nodes, refs };
         tree.validate()?;
         Ok(tree)
+    }
+}
+
+/// A header that says which mesh the tree is of, and has the tree's checksum.
+pub(crate) fn seal(header: TreeHeader, nodes: &[Node], refs: &[u32], mesh: [u32; 2]) -> TreeHeader {
+    let header = TreeHeader { mesh, ..header };
+    TreeHeader { checksum: TreeView { header: &header, nodes, refs }.checksum(), ..header }
+}
+
+/// Adds the file to what is wrong in it.
+pub(crate) fn in_file(path: &Path) -> impl Fn(Error) -> Error + '_ {
+    |error| match error {
+        Error::Tree(what) => Error::Tree(format!("{}: {what}", quoted(path.display()))),
+        other => other,
     }
 }
 

@@ -134,7 +134,8 @@ impl Sides for Eight {
     #[inline(always)]
     fn columns(rows: &[Vec4; 8]) -> [Self; 4] {
         avx2!({
-            let two = |i: usize| _mm256_set_m128(rows[i + 4].into(), rows[i].into());
+            let row = |i: usize| _mm_loadu_ps(rows[i].as_ref().as_ptr());
+            let two = |i: usize| _mm256_set_m128(row(i + 4), row(i));
             let (a, b, c, d) = (two(0), two(1), two(2), two(3));
             let (xy0, zw0) = (_mm256_unpacklo_ps(a, b), _mm256_unpackhi_ps(a, b));
             let (xy1, zw1) = (_mm256_unpacklo_ps(c, d), _mm256_unpackhi_ps(c, d));
@@ -173,7 +174,7 @@ impl Sides for Eight {
     #[inline(always)]
     fn turned(v: Vec4, turn: __m256i) -> Self {
         Self(avx2!({
-            let v = v.into();
+            let v = _mm_loadu_ps(v.as_ref().as_ptr());
             _mm256_permutevar_ps(_mm256_set_m128(v, v), turn)
         }))
     }

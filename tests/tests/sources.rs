@@ -49,6 +49,7 @@ fn every_unsafe_is_listed() {
         "host/src",
         "cli/src",
         "spirv/src",
+        "python/src",
         "xtask/src",
         "xtask/kernels/src",
     ] {

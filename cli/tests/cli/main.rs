@@ -10,6 +10,8 @@ mod inside;
 #[cfg(unix)]
 mod outputs;
 #[cfg(feature = "gpu")]
+mod rays;
+#[cfg(feature = "gpu")]
 mod stress;
 #[cfg(feature = "gpu")]
 mod voxels;

@@ -122,6 +122,14 @@ impl Kept {
         }
     }
 
+    /// Bytes that it takes there.
+    pub(crate) fn bytes_on_device(&self) -> u64 {
+        match self {
+            Self::Host(_) => 0,
+            Self::Device { list, .. } => list.bytes(),
+        }
+    }
+
     /// The list, on the device.
     pub(crate) fn on(&self, device: &Device) -> Result<Buffer<u32>, Error> {
         match self {

@@ -1,6 +1,6 @@
 //! The CPU executor: workgroups in parallel by rayon, the lanes of each in turn.
 
-use super::{AnyBuffer, Groups, Limit, Step, Timing};
+use super::{AnyBuffer, Groups, Limit, Step, Timing, file::FileBytes};
 use crate::{Error, clock::Instant};
 use bytemuck::allocation::try_zeroed_vec;
 use raykd_kernels::{Access, Group, Order, RawBuf};
@@ -169,9 +169,9 @@ pub(super) fn memory(buffer: &AnyBuffer) -> &Memory {
     }
 }
 
-/// Shared ownership of zeroed memory, aligned to [`Line`]s.
+/// Shared ownership of memory, aligned to [`Line`]s.
 #[derive(Clone, Debug)]
-pub(super) struct Memory(Arc<Allocation>);
+pub(crate) struct Memory(Arc<Allocation>);
 
 #[derive(Debug)]
 struct Allocation {
@@ -188,6 +188,7 @@ struct Allocation {
 enum Place {
     Heap(#[expect(dead_code, reason = "owns the memory")] Vec<Line>),
     Pages(#[allow(dead_code, reason = "owns the memory, where there are any")] memmap2::MmapMut),
+    File(#[expect(dead_code, reason = "owns the memory")] FileBytes),
 }
 
 /// As much as a processor fetches at once.
@@ -238,7 +239,8 @@ impl Kept {
     pub(crate) fn slice<T: bytemuck::Pod>(&self) -> &[T] {
         let (ptr, len) = (self.0.0.ptr, self.0.0.len);
         // SAFETY: `keep` counted a reader, which stays until the drop below, so nobody writes; the memory is
-        // aligned to a line and holds bytes that were once zeroed, which any `T` may be.
+        // aligned to a line and holds bytes that were once zeroed, or a file's, which any `T` may be. Who mapped
+        // a file promised that it does not change.
         unsafe { std::slice::from_raw_parts(ptr.cast(), len / size_of::<T>()) }
     }
 }
@@ -251,7 +253,7 @@ impl Drop for Kept {
 
 impl Memory {
     /// Keeps others from writing it.
-    pub(super) fn keep(&self, name: &str) -> Kept {
+    pub(crate) fn keep(&self, name: &str) -> Kept {
         std::mem::forget(self.begin(name, false));
         Kept(self.clone())
     }
@@ -269,6 +271,14 @@ impl Memory {
             (map.as_mut_ptr(), Place::Pages(map))
         };
         Some(Self(Arc::new(Allocation { ptr, len, _place: place, users: AtomicU32::new(0) })))
+    }
+
+    /// Part of a file, from a line's first byte on. It counts as read for ever, so nobody can write it.
+    pub(crate) fn part_of(file: &FileBytes, begin: usize, len: usize) -> Self {
+        let inside = begin.checked_add(len).is_some_and(|end| end <= file.len());
+        assert!(inside && begin.is_multiple_of(size_of::<Line>()), "a part of a file lies in it");
+        let ptr = file.start().wrapping_add(begin);
+        Self(Arc::new(Allocation { ptr, len, _place: Place::File(file.clone()), users: AtomicU32::new(1) }))
     }
 
     /// Begins to use it. Waiting could take for ever, as a thread that waits may be given other work.

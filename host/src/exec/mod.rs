@@ -1,6 +1,7 @@
 //! Running kernels: buffers and dispatches on the CPU and on the GPU behind one surface.
 
 pub(crate) mod cpu;
+pub(crate) mod file;
 #[cfg(feature = "gpu")]
 mod gpu;
 #[cfg(feature = "gpu")]
@@ -403,12 +404,7 @@ impl Device {
     /// The size is past the device's limit, or memory ran out.
     #[doc(hidden)]
     pub fn alloc<T>(&self, name: &'static str, count: u64) -> Result<Buffer<T>, Error> {
-        let limit = self.limit();
-        let bytes = count.saturating_mul(size_of::<T>() as u64);
-        let rounded = bytes.max(16).checked_next_multiple_of(16).filter(|&rounded| rounded <= limit.bytes);
-        let Some(bytes) = rounded else {
-            return Err(Error::TooLarge { buffer: name, bytes, limit: limit.bytes, limit_name: limit.name });
-        };
+        let bytes = self.rounded::<T>(name, count)?;
         let memory = match &*self.machine {
             Machine::Cpu(cpu) => Memory::Cpu(cpu.alloc(name, bytes)?),
             #[cfg(feature = "gpu")]
@@ -417,6 +413,32 @@ impl Device {
         let buffer = AnyBuffer::of(name, bytes, memory).view();
         watch::poison(self, &buffer)?;
         Ok(buffer)
+    }
+
+    /// Bytes of a buffer of `count` elements.
+    fn rounded<T>(&self, name: &'static str, count: u64) -> Result<u64, Error> {
+        let limit = self.limit();
+        let bytes = count.saturating_mul(size_of::<T>() as u64);
+        let rounded = bytes.max(16).checked_next_multiple_of(16).filter(|&rounded| rounded <= limit.bytes);
+        rounded.ok_or(Error::TooLarge { buffer: name, bytes, limit: limit.bytes, limit_name: limit.name })
+    }
+
+    /// A buffer of `count` elements of a file, from the byte `begin` on. On the CPU it is that part of the file, and
+    /// who writes it panics.
+    pub(crate) fn share<T: bytemuck::Pod>(
+        &self,
+        name: &'static str,
+        file: &file::FileBytes,
+        begin: usize,
+        count: usize,
+    ) -> Result<Buffer<T>, Error> {
+        let bytes = self.rounded::<T>(name, count as u64)?;
+        let part = cpu::Memory::part_of(file, begin, bytes as usize);
+        match &*self.machine {
+            Machine::Cpu(_) => Ok(AnyBuffer::of(name, bytes, Memory::Cpu(part)).view()),
+            #[cfg(feature = "gpu")]
+            Machine::Gpu(_) => self.put(name, &part.keep(name).slice()[..count]),
+        }
     }
 
     /// A buffer of `count` elements at least, for work that writes them before it reads them: their values may be

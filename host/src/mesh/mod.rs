@@ -217,10 +217,15 @@ impl Mesh {
         [0, 1, 2].map(|a| f64::from(position[a]) + self.translation[a])
     }
 
+    /// The mesh with its positions taken for coordinates less a translation.
+    pub(crate) fn moved(self, translation: [f64; 3]) -> Self {
+        Self { translation, ..self }
+    }
+
     /// The mesh with its positions taken for its own coordinates: its translation is forgotten.
     #[must_use]
     pub fn into_local(self) -> Self {
-        Self { translation: [0.0; 3], ..self }
+        self.moved([0.0; 3])
     }
 
     /// The same, or this mesh if it was not moved.

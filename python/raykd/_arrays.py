@@ -1,0 +1,177 @@
+"""Arrays that people have, as the compiled module takes them, and answers as arrays."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from . import _raykd
+
+RECORD = np.dtype([("triangle", "<u4"), ("t", "<f4"), ("u", "<f4"), ("v", "<f4")])
+
+
+def on_host(array: Any) -> np.ndarray:
+    """The array in this machine's memory; one on a GPU is copied, with a warning."""
+    if isinstance(array, np.ndarray):
+        return array
+    where = getattr(array, "__dlpack_device__", None)
+    # 1 is the CPU, 3 memory of the host that a GPU sees, too.
+    on_gpu = hasattr(array, "__cuda_array_interface__") or (where is not None and where()[0] not in (1, 3))
+    if not on_gpu:
+        return np.asarray(array)
+    for way in ("cpu", "get", "copy_to_host"):
+        copy = getattr(array, way, None)
+        if copy is not None:
+            warnings.warn("an array on a GPU is copied to the host, and to the GPU again", stacklevel=4)
+            return np.asarray(copy())
+    raise ValueError("an array on a GPU has neither cpu(), get() nor copy_to_host(); copy it to the host first")
+
+
+def numbers(array: Any, name: str) -> np.ndarray:
+    """The array as float32 if it is that, else as float64."""
+    array = on_host(array)
+    if array.dtype.kind not in "fiu":
+        raise ValueError(f"{name} must be numbers, but are {array.dtype}")
+    return array if array.dtype == np.float32 else array.astype(np.float64, copy=False)
+
+
+def points(array: Any, name: str = "points") -> tuple[np.ndarray, tuple[int, ...]]:
+    """Points in rows, and the shape of what they were."""
+    array = numbers(array, name)
+    if array.ndim == 0 or array.shape[-1] != 3:
+        raise ValueError(f"{name} must be of shape (..., 3), but are of shape {array.shape}")
+    return rows(array, array.shape[:-1], 3), array.shape[:-1]
+
+
+def rows(array: np.ndarray, shape: tuple[int, ...], width: int) -> np.ndarray:
+    """The array broadcast, in rows of so many numbers, without a copy where it can be."""
+    wide = np.broadcast_to(array, (*shape, width))
+    return np.ascontiguousarray(wide).reshape(-1, width)
+
+
+class Rays(NamedTuple):
+    """Rays as the compiled module takes them."""
+
+    origins: np.ndarray
+    directions: np.ndarray
+    t_min: np.ndarray
+    t_max: np.ndarray
+
+
+def rays(origins: Any, directions: Any, t_min: Any, t_max: Any) -> tuple[Rays, tuple[int, ...]]:
+    """The rays in rows, and their shape."""
+    o, d = numbers(origins, "origins"), numbers(directions, "directions")
+    for array, name in ((o, "origins"), (d, "directions")):
+        if array.ndim == 0 or array.shape[-1] != 3:
+            raise ValueError(f"{name} must be of shape (..., 3), but are of shape {array.shape}")
+    # Numbers for all rays do not make them float64.
+    limits = [on_host(t_min), on_host(t_max)]
+    wide = o.dtype == np.float64 or d.dtype == np.float64
+    wide = wide or any(limit.ndim > 0 and limit.dtype != np.float32 for limit in limits)
+    kind = np.float64 if wide else np.float32
+    try:
+        shape = np.broadcast_shapes(o.shape[:-1], d.shape[:-1], *(limit.shape for limit in limits))
+    except ValueError:
+        shapes = [o.shape[:-1], d.shape[:-1], *(limit.shape for limit in limits)]
+        raise ValueError(f"origins, directions, t_min and t_max do not go together: they are of {shapes}") from None
+    each = [
+        limit.astype(kind).reshape(1) if limit.ndim == 0 else rows(limit.astype(kind)[..., None], shape, 1).reshape(-1)
+        for limit in limits
+    ]
+    o, d = (rows(array.astype(kind, copy=False), shape, 3) for array in (o, d))
+    return Rays(o, d, each[0], each[1]), shape
+
+
+def triangles(array: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """Triangle numbers, one a ray."""
+    array = on_host(array)
+    if array.dtype.kind not in "iu" or (array.size and array.min() < 0):
+        raise ValueError("exclude must be triangle numbers, raykd.MISS for none")
+    wide = np.broadcast_to(array, shape)
+    if wide.size and wide.max() > _raykd.MISS:
+        raise ValueError("exclude must be triangle numbers, raykd.MISS for none")
+    return np.ascontiguousarray(wide, dtype=np.uint32).reshape(-1)
+
+
+class Hits:
+    """What rays hit: of each the triangle, where on the ray, and where on the triangle.
+
+    ``records`` is a structured array of ``triangle``, ``t``, ``u`` and ``v``, which are also attributes. Of a miss the
+    triangle is ``raykd.MISS``, which no array of triangles has a place for, and ``t`` is infinite. The point hit is
+    ``(1 - u - v) * a + u * b + v * c`` for the triangle's corners. ``invalid`` counts rays that were none.
+    """
+
+    __slots__ = ("invalid", "records")
+
+    def __init__(self, records: np.ndarray, invalid: int = 0) -> None:
+        self.records = records
+        self.invalid = invalid
+
+    @classmethod
+    def _of(cls, words: np.ndarray, shape: tuple[int, ...], invalid: int) -> Hits:
+        return cls(words.view(RECORD).reshape(shape), invalid)
+
+    @property
+    def triangle(self) -> np.ndarray:
+        """Numbers of triangles."""
+        return self.records["triangle"]
+
+    @property
+    def t(self) -> np.ndarray:
+        """Distances in lengths of the direction."""
+        return self.records["t"]
+
+    @property
+    def u(self) -> np.ndarray:
+        """Weights of the triangles' second corners."""
+        return self.records["u"]
+
+    @property
+    def v(self) -> np.ndarray:
+        """Weights of the triangles' third corners."""
+        return self.records["v"]
+
+    @property
+    def is_hit(self) -> np.ndarray:
+        """Which rays hit something."""
+        return self.triangle != _raykd.MISS
+
+    def digest(self) -> str:
+        """SHA-256 of the hits, the same on every machine, as the program ``raykd`` prints it."""
+        return _raykd.digest(np.ascontiguousarray(self.records).reshape(-1).view(np.uint32))
+
+    def __len__(self) -> int:
+        return len(self.records)
+
+    def __getitem__(self, index: Any) -> Hits:
+        return Hits(self.records[index])
+
+    def __repr__(self) -> str:
+        return f"Hits(shape={self.records.shape}, hit={int(self.is_hit.sum())}, invalid={self.invalid})"
+
+
+class AllHits(NamedTuple):
+    """All hits of rays, ray by ray, of each by rising ``t``: ``ray[i]`` is the ray of hit ``i``, counted as in a flat
+    array; ray ``r`` has the hits from ``begin[r]`` to ``begin[r + 1]``."""
+
+    ray: np.ndarray
+    hits: Hits
+    begin: np.ndarray
+
+
+class Crossings(NamedTuple):
+    """How often rays leave through the surface, how often they enter, and how many were none."""
+
+    leaving: np.ndarray
+    entering: np.ndarray
+    invalid: int
+
+
+class Steps(NamedTuple):
+    """What the closest hits of rays took: inner nodes, leaves and triangle tests."""
+
+    inner: np.ndarray
+    leaves: np.ndarray
+    tests: np.ndarray

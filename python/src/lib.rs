@@ -1,0 +1,57 @@
+//! The compiled half of the Python package: meshes and scenes over arrays that `raykd/*.py` has made plain.
+//!
+//! Arrays come in as C-contiguous `float32` or `float64`. Rays are copied out of them with the interpreter's lock
+//! held, so that no other thread of Python changes them meanwhile; the lock is released while rays are traced.
+
+#![deny(unsafe_code)]
+
+mod arrays;
+mod device;
+mod mesh;
+mod scene;
+
+use pyo3::{
+    exceptions::{PyMemoryError, PyOSError, PyRuntimeError, PyValueError},
+    prelude::*,
+};
+use raykd::{Error, mesh::MeshError};
+
+/// What Python calls such an error, with raykd's own sentence.
+fn error(error: Error) -> PyErr {
+    let text = error.to_string();
+    match error {
+        Error::Io { source, .. } | Error::Mesh(MeshError::Read { source, .. }) => {
+            // By its number Python chooses the kind, such as `FileNotFoundError`.
+            match source.raw_os_error() {
+                Some(number) => PyOSError::new_err((number, text)),
+                None => PyOSError::new_err(text),
+            }
+        }
+        Error::OutOfMemory { .. } | Error::TooLarge { .. } => PyMemoryError::new_err(text),
+        Error::Threads(_)
+        | Error::NoAdapter { .. }
+        | Error::Inexact { .. }
+        | Error::DeviceFailed { .. }
+        | Error::Kernel(_)
+        | Error::Wgpu(_) => PyRuntimeError::new_err(text),
+        _ => PyValueError::new_err(text),
+    }
+}
+
+#[pymodule(gil_used = true)]
+mod _raykd {
+    #[pymodule_export]
+    use super::{device::devices, mesh::Mesh, scene::Scene, scene::digest};
+
+    use pyo3::prelude::*;
+    use raykd::{Builder, Intersector, Traversal};
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+        module.add("MISS", raykd::shared::MISS)?;
+        module.add("BUILDERS", Builder::ALL.map(Builder::name).to_vec())?;
+        module.add("TRAVERSALS", Traversal::ALL.map(Traversal::name).to_vec())?;
+        module.add("TESTS", Intersector::ALL.map(Intersector::name).to_vec())
+    }
+}

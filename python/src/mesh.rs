@@ -1,0 +1,106 @@
+//! Meshes.
+
+use crate::{
+    arrays::{Threes, rows},
+    device::same_process,
+    error,
+};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
+use pyo3::{prelude::*, types::PyDict};
+use raykd::Error;
+use std::{path::PathBuf, sync::Arc};
+
+/// A checked triangle mesh.
+#[pyclass(frozen, module = "raykd._raykd")]
+#[derive(Debug)]
+pub(crate) struct Mesh(pub(crate) Arc<raykd::Mesh>);
+
+impl Mesh {
+    fn of(mesh: Result<raykd::Mesh, raykd::mesh::MeshError>) -> PyResult<Self> {
+        mesh.map(|mesh| Self(Arc::new(mesh))).map_err(|e| error(Error::from(e)))
+    }
+}
+
+#[pymethods]
+impl Mesh {
+    #[new]
+    fn new(py: Python<'_>, vertices: &Bound<'_, PyAny>, faces: PyReadonlyArray2<'_, u32>) -> PyResult<Self> {
+        same_process()?;
+        let vertices: Threes<'_> = vertices.extract()?;
+        let faces = rows(&faces)?.to_vec();
+        match vertices {
+            Threes::Narrow(vertices) => {
+                let vertices = rows(&vertices)?.to_vec();
+                Self::of(py.detach(|| raykd::Mesh::new(vertices, faces)))
+            }
+            Threes::Wide(vertices) => {
+                let vertices = rows(&vertices)?.to_vec();
+                Self::of(py.detach(|| raykd::Mesh::from_f64(vertices, faces)))
+            }
+        }
+    }
+
+    #[staticmethod]
+    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+        same_process()?;
+        Self::of(py.detach(|| raykd::Mesh::load(&path)))
+    }
+
+    #[staticmethod]
+    fn scene(py: Python<'_>, name: &str) -> PyResult<Self> {
+        same_process()?;
+        Self::of(py.detach(|| raykd::mesh::scene(name)))
+    }
+
+    fn vertices<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let count = self.0.positions().len() as u32;
+        let vertices: Vec<f64> = (0..count).flat_map(|i| self.0.vertex(i)).collect();
+        square(PyArray1::from_vec(py, vertices))
+    }
+
+    fn positions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        square(PyArray1::from_slice(py, self.0.positions().as_flattened()))
+    }
+
+    fn faces<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<u32>>> {
+        square(PyArray1::from_slice(py, self.0.triangles().as_flattened()))
+    }
+
+    #[getter]
+    fn translation(&self) -> [f64; 3] {
+        self.0.translation()
+    }
+
+    #[getter]
+    fn bounds(&self) -> [[f64; 3]; 2] {
+        let ((lo, hi), moved) = (self.0.bounds(), self.0.translation());
+        [lo, hi].map(|corner| [0, 1, 2].map(|axis| f64::from(corner[axis]) + moved[axis]))
+    }
+
+    fn is_closed(&self, py: Python<'_>) -> bool {
+        py.detach(|| self.0.edges().are_closed())
+    }
+
+    fn repairs<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let repairs = self.0.repairs();
+        let told = PyDict::new(py);
+        for (name, count) in [
+            ("zero_area", repairs.zero_area),
+            ("duplicates", repairs.duplicates),
+            ("flushed", repairs.flushed),
+            ("rounded", repairs.rounded),
+            ("collapsed", repairs.collapsed),
+        ] {
+            told.set_item(name, count)?;
+        }
+        told.set_item("largest_change", repairs.largest_change)?;
+        Ok(told)
+    }
+}
+
+/// Rows of three.
+fn square<T: numpy::Element>(flat: Bound<'_, PyArray1<T>>) -> PyResult<Bound<'_, PyArray2<T>>> {
+    use numpy::{PyArrayMethods as _, PyUntypedArrayMethods as _};
+    let rows = flat.len() / 3;
+    flat.reshape([rows, 3])
+}

@@ -1,0 +1,330 @@
+//! Scenes, and what can be asked of them.
+
+use crate::{
+    arrays::{Arrays, Part, Rays, Threes, hits, rows, with_rays, words},
+    device::{device, same_process},
+    error,
+    mesh::Mesh,
+};
+use numpy::{PyArray1, PyReadonlyArray1};
+use pyo3::{
+    exceptions::PyValueError,
+    prelude::*,
+    types::{PyBytes, PyDict},
+};
+use raykd::{BuildOptions, Builder, Error, Hit, Intersector, KdTree, Query, Traversal};
+use std::{
+    ops::Range,
+    path::PathBuf,
+    sync::{Arc, OnceLock},
+};
+
+/// A mesh and its tree on a device.
+#[pyclass(frozen, module = "raykd._raykd")]
+#[derive(Debug)]
+pub(crate) struct Scene {
+    scene: raykd::Scene,
+    /// Of a scene from a file, made when it is asked for.
+    mesh: OnceLock<Arc<raykd::Mesh>>,
+}
+
+/// Numbers, one a ray.
+type Words<'py> = Bound<'py, PyArray1<u32>>;
+
+#[pymethods]
+impl Scene {
+    #[new]
+    fn new(
+        py: Python<'_>,
+        mesh: &Mesh,
+        device: (String, Option<usize>),
+        ways: (String, String),
+        tree: Option<Vec<u8>>,
+        options: &Bound<'_, PyDict>,
+    ) -> PyResult<Self> {
+        let device = self::device(py, &device.0, device.1)?;
+        let mesh = Arc::clone(&mesh.0);
+        let options = build_options(options)?;
+        let built = py.detach(|| match tree {
+            None => raykd::Scene::build(&device, &mesh, &options),
+            Some(bytes) => raykd::Scene::with_tree(&device, &mesh, &KdTree::from_bytes(&bytes)?),
+        });
+        Self { scene: built.map_err(error)?, mesh: mesh.into() }.using(&ways.0, &ways.1)
+    }
+
+    /// Opens a scene's file.
+    #[staticmethod]
+    fn load(py: Python<'_>, path: PathBuf, device: (String, Option<usize>)) -> PyResult<Self> {
+        let device = self::device(py, &device.0, device.1)?;
+        // SAFETY: nobody may change the file as long as the scene lives, and the documentation says so; Python has no
+        // other way to ask.
+        #[allow(unsafe_code, reason = "the one promise that Python's users make")]
+        let opened = py.detach(|| unsafe { raykd::Scene::open_mapped(&device, &path) });
+        Ok(Self { scene: opened.map_err(error)?, mesh: OnceLock::new() })
+    }
+
+    /// Writes a scene's file.
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        same_process()?;
+        py.detach(|| self.scene.save(&path)).map_err(error)
+    }
+
+    /// The same scene with another traversal and triangle test; both share all memory.
+    fn using(&self, traversal: &str, test: &str) -> PyResult<Self> {
+        same_process()?;
+        let traversal = named("traversal", traversal, Traversal::ALL, Traversal::name)?;
+        let test = named("test", test, Intersector::ALL, Intersector::name)?;
+        test.check(traversal).map_err(error)?;
+        let mut scene = self.scene.clone();
+        scene.traverse_by(traversal).map_err(error)?;
+        scene.intersect_by(test).map_err(error)?;
+        Ok(Self { scene, mesh: self.mesh.clone() })
+    }
+
+    /// Hits as words, and how many rays were none.
+    fn trace<'py>(
+        &self,
+        py: Python<'py>,
+        any: bool,
+        rays: Arrays<'_>,
+        exclude: Option<PyReadonlyArray1<'_, u32>>,
+    ) -> PyResult<(Words<'py>, u32)> {
+        let rays = Rays::new(&rays)?;
+        let query = if any { Query::Any } else { Query::Closest };
+        let exclude = exclude.as_ref().map(PyReadonlyArray1::as_slice).transpose()?;
+        if let Some(exclude) = exclude
+            && exclude.len() != rays.len()
+        {
+            return Err(error(Error::Excluded { rays: rays.len(), excluded: exclude.len() }));
+        }
+        let (mut found, mut invalid) = (Vec::with_capacity(rays.len()), 0);
+        self.in_parts(py, &rays, |range, part| {
+            let traced = with_rays!(part, rays => match exclude {
+                None => self.scene.trace(query, &rays)?,
+                Some(exclude) => self.scene.trace_except(query, &rays, &exclude[range])?,
+            });
+            invalid += traced.invalid;
+            found.extend_from_slice(&traced.hits);
+            Ok(())
+        })?;
+        Ok((words(py, found), invalid))
+    }
+
+    /// Where each ray's hits begin among all of them, the hits as words, and how many rays were none.
+    fn all<'py>(
+        &self,
+        py: Python<'py>,
+        rays: Arrays<'_>,
+        limit: Option<u32>,
+    ) -> PyResult<(Bound<'py, PyArray1<u64>>, Words<'py>, u32)> {
+        let rays = Rays::new(&rays)?;
+        let (mut begins, mut found, mut invalid) = (vec![0], Vec::new(), 0);
+        self.in_parts(py, &rays, |_, part| {
+            invalid += with_rays!(part, rays => self.all_of(&rays, limit, &mut begins, &mut found))?;
+            Ok(())
+        })?;
+        Ok((PyArray1::from_vec(py, begins), words(py, found), invalid))
+    }
+
+    /// How many hits each ray has, and how many rays were none.
+    fn count<'py>(&self, py: Python<'py>, rays: Arrays<'_>) -> PyResult<(Words<'py>, u32)> {
+        let rays = Rays::new(&rays)?;
+        let (mut counts, mut invalid) = (Vec::with_capacity(rays.len()), 0);
+        self.in_parts(py, &rays, |_, part| {
+            let all = with_rays!(part, rays => self.scene.all(&rays, 0)?);
+            invalid += all.invalid;
+            counts.extend_from_slice(&all.totals);
+            Ok(())
+        })?;
+        Ok((PyArray1::from_vec(py, counts), invalid))
+    }
+
+    /// How often each ray leaves, how often it enters, and how many rays were none.
+    fn crossings<'py>(&self, py: Python<'py>, rays: Arrays<'_>) -> PyResult<(Words<'py>, Words<'py>, u32)> {
+        let rays = Rays::new(&rays)?;
+        let (mut leaving, mut entering, mut invalid) = (Vec::new(), Vec::new(), 0);
+        self.in_parts(py, &rays, |_, part| {
+            let counted = with_rays!(part, rays => self.scene.crossings(&rays)?);
+            invalid += counted.invalid;
+            leaving.extend(counted.counts.iter().map(|it| it.leaving));
+            entering.extend(counted.counts.iter().map(|it| it.entering));
+            Ok(())
+        })?;
+        Ok((PyArray1::from_vec(py, leaving), PyArray1::from_vec(py, entering), invalid))
+    }
+
+    /// Winding numbers of points, and how many points were none.
+    fn winding<'py>(
+        &self,
+        py: Python<'py>,
+        points: Threes<'_>,
+    ) -> PyResult<(Bound<'py, PyArray1<i32>>, u32)> {
+        let (mut windings, mut invalid) = (Vec::with_capacity(points.len()), 0);
+        for range in self.ranges(points.len())? {
+            // Copied while the interpreter's lock is held.
+            let counted = match &points {
+                Threes::Narrow(points) => {
+                    let part = rows(points)?[range].to_vec();
+                    py.detach(|| self.scene.winding(&part))
+                }
+                Threes::Wide(points) => {
+                    let part = rows(points)?[range].to_vec();
+                    py.detach(|| self.scene.winding(&part))
+                }
+            };
+            let counted = counted.map_err(error)?;
+            invalid += counted.invalid;
+            windings.extend(counted.counts);
+            py.check_signals()?;
+        }
+        Ok((PyArray1::from_vec(py, windings), invalid))
+    }
+
+    /// Inner nodes, leaves and triangle tests that the closest hit of each ray took.
+    fn steps<'py>(&self, py: Python<'py>, rays: Arrays<'_>) -> PyResult<[Words<'py>; 3]> {
+        let rays = Rays::new(&rays)?;
+        let mut counts = [const { Vec::new() }; 3];
+        self.in_parts(py, &rays, |_, part| {
+            let (_, steps) = with_rays!(part, rays => self.scene.steps(&rays)?);
+            for step in steps {
+                for (counts, count) in counts.iter_mut().zip([step.inner, step.leaves, step.tests]) {
+                    counts.push(count);
+                }
+            }
+            Ok(())
+        })?;
+        Ok(counts.map(|counts| PyArray1::from_vec(py, counts)))
+    }
+
+    #[getter]
+    fn mesh(&self, py: Python<'_>) -> PyResult<Mesh> {
+        same_process()?;
+        if let Some(mesh) = self.mesh.get() {
+            return Ok(Mesh(Arc::clone(mesh)));
+        }
+        let mesh = py.detach(|| self.scene.mesh()).map_err(error)?;
+        Ok(Mesh(Arc::clone(self.mesh.get_or_init(|| Arc::new(mesh)))))
+    }
+
+    #[getter]
+    fn device(&self) -> (&'static str, &str) {
+        (self.scene.device().kind(), self.scene.device().name())
+    }
+
+    #[getter]
+    fn traversal(&self) -> &'static str {
+        self.scene.traversal().name()
+    }
+
+    #[getter]
+    fn test(&self) -> &'static str {
+        self.scene.intersector().name()
+    }
+
+    /// The bytes of a tree file.
+    fn tree<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        let bytes = py.detach(|| self.scene.tree().map(|tree| tree.to_bytes())).map_err(error)?;
+        Ok(PyBytes::new(py, &bytes))
+    }
+
+    /// What the tree is, and what building it took.
+    fn about<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let tree = py.detach(|| self.scene.tree()).map_err(error)?;
+        let about = PyDict::new(py);
+        about.set_item("digest", tree.digest())?;
+        about.set_item("nodes", self.scene.header().nodes)?;
+        about.set_item("references", self.scene.header().refs)?;
+        about.set_item("bytes", self.scene.tree_bytes())?;
+        about.set_item("build_seconds", self.scene.times().build.as_secs_f64())?;
+        Ok(about)
+    }
+}
+
+impl Scene {
+    /// Parts of so many rays that a person who wants to stop need not wait.
+    fn ranges(&self, rays: usize) -> PyResult<impl Iterator<Item = Range<usize>> + use<>> {
+        same_process()?;
+        let most = 1 << if self.scene.device().kind() == "cpu" { 18 } else { 23 };
+        Ok((0..rays).step_by(most).map(move |start| start..rays.min(start + most)))
+    }
+
+    fn in_parts(
+        &self,
+        py: Python<'_>,
+        rays: &Rays<'_>,
+        mut ask: impl FnMut(Range<usize>, Part) -> Result<(), Error> + Send,
+    ) -> PyResult<()> {
+        for range in self.ranges(rays.len())? {
+            let part = rays.part(range.clone());
+            py.detach(|| ask(range, part)).map_err(error)?;
+            py.check_signals()?;
+        }
+        Ok(())
+    }
+
+    /// Adds all hits of some rays, at most so many of each.
+    fn all_of(
+        &self,
+        rays: &[impl raykd::rays::AnyRay],
+        limit: Option<u32>,
+        begins: &mut Vec<u64>,
+        found: &mut Vec<Hit>,
+    ) -> Result<u32, Error> {
+        // So many that room for as many hits as the ray with the most has is little.
+        const AT_ONCE: usize = 1 << 14;
+        let mut invalid = 0;
+        for rays in rays.chunks(AT_ONCE) {
+            let totals = self.scene.all(rays, 0)?.totals;
+            let most = totals.iter().copied().max().unwrap_or(0).min(limit.unwrap_or(u32::MAX));
+            let all = self.scene.all(rays, most)?;
+            invalid += all.invalid;
+            for (i, &total) in totals.iter().enumerate() {
+                let first = i * most as usize;
+                found.extend_from_slice(&all.hits[first..first + total.min(most) as usize]);
+                begins.push(found.len() as u64);
+            }
+        }
+        Ok(invalid)
+    }
+}
+
+/// What has that name.
+fn named<T: Copy, const N: usize>(
+    what: &str,
+    name: &str,
+    all: [T; N],
+    name_of: impl Fn(T) -> &'static str,
+) -> PyResult<T> {
+    all.into_iter().find(|&it| name_of(it) == name).ok_or_else(|| {
+        let names = all.map(name_of).join(", ");
+        PyValueError::new_err(format!("{what} {name:?} is none of {names}"))
+    })
+}
+
+fn build_options(given: &Bound<'_, PyDict>) -> PyResult<BuildOptions> {
+    let mut options = BuildOptions::default();
+    for (key, value) in given.iter() {
+        let key: String = key.extract()?;
+        match key.as_str() {
+            "builder" => {
+                options.builder = named("builder", &value.extract::<String>()?, Builder::ALL, Builder::name)?;
+            }
+            "cost_step" => options.cost_step = value.extract()?,
+            "cost_test" => options.cost_test = value.extract()?,
+            "price" => options.price = value.extract()?,
+            "long" => options.long = value.extract()?,
+            "budget" => options.budget = value.extract()?,
+            "empty" => options.empty = value.extract()?,
+            "max_depth" => options.max_depth = value.extract()?,
+            "clip" => options.clip = value.extract()?,
+            _ => return Err(PyValueError::new_err(format!("there is no build option {key:?}"))),
+        }
+    }
+    Ok(options)
+}
+
+/// SHA-256 of hits, as the program `raykd` prints it.
+#[pyfunction]
+pub(crate) fn digest(words: PyReadonlyArray1<'_, u32>) -> PyResult<String> {
+    Ok(raykd::hits_digest(&hits(words.as_slice()?)?))
+}

@@ -1,0 +1,378 @@
+"""The package as people use it. On a GPU too: a software driver serves, but there must be one."""
+
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import raykd
+
+DEVICES = ["cpu", "gpu"]
+
+
+@pytest.fixture(scope="module")
+def teapot():
+    return raykd.Mesh.teapot(8)
+
+
+def some_rays(count, seed=7, dtype=np.float32):
+    """Rays from around the teapot to points in it."""
+    random = np.random.default_rng(seed)
+    origins = random.normal(size=(count, 3))
+    origins *= 40 / np.linalg.norm(origins, axis=1, keepdims=True)
+    targets = random.uniform([-10, -5, -6], [10, 5, 6], size=(count, 3))
+    return origins.astype(dtype), (targets - origins).astype(dtype)
+
+
+@pytest.mark.parametrize("builder", raykd.BUILDERS)
+def test_devices_and_builders_find_the_same_bytes(teapot, builder):
+    rays = some_rays(3000)
+    digests = {
+        raykd.Scene(teapot, device=device, builder=builder, traversal=traversal).closest(*rays).digest()
+        for device in DEVICES
+        for traversal in ("stack", "ropes", "restart")
+    }
+    assert len(digests) == 1
+
+
+def test_digests_are_those_of_the_program(teapot, tmp_path):
+    program = os.environ.get("RAYKD_PROGRAM")
+    if program is None:
+        pytest.fail("name the program raykd by RAYKD_PROGRAM")
+    origins, directions = some_rays(5000)
+    limits = np.tile(np.float32([0, np.inf]), (5000, 1))
+    np.hstack([origins, directions, limits]).astype("<f4").tofile(tmp_path / "rays")
+    command = [program, "trace", "teapot:8", "--device", "cpu", "--rays", tmp_path / "rays", "--hits", tmp_path / "hits"]
+    subprocess.run(command, check=True, capture_output=True)
+    written = np.fromfile(tmp_path / "hits", dtype="<u4").reshape(-1, 4)
+    hits = raykd.Scene(teapot, device="cpu").closest(origins, directions)
+    assert 1000 < hits.is_hit.sum() < 5000
+    missed = ~hits.is_hit
+    assert (written[missed] == [raykd.MISS, 0, 0, 0]).all()
+    assert (written[~missed] == hits.records.view("<u4").reshape(-1, 4)[~missed]).all()
+    assert raykd._raykd.digest(written.reshape(-1)) == hits.digest()
+
+
+def test_hits_are_where_they_say(teapot):
+    origins, directions = some_rays(2000, dtype=np.float64)
+    hits = raykd.Scene(teapot, device="cpu").closest(origins, directions)
+    on = hits.is_hit
+    a, b, c = (teapot.vertices[teapot.faces[hits.triangle[on]][:, corner]] for corner in range(3))
+    u, v = (x[on][:, None].astype(np.float64) for x in (hits.u, hits.v))
+    by_weights = (1 - u - v) * a + u * b + v * c
+    by_t = origins[on] + hits.t[on][:, None] * directions[on]
+    assert on.sum() > 500
+    np.testing.assert_allclose(by_weights, by_t, atol=1e-4)
+    assert np.isinf(hits.t[~on]).all()
+
+
+def test_every_layout_of_arrays_gives_the_same(teapot):
+    scene = raykd.Scene(teapot, device="cpu")
+    origins, directions = some_rays(600)
+    expected = scene.closest(origins, directions).digest()
+    padded = np.zeros((600, 8), np.float32)
+    padded[:, 2:5] = directions
+    twice = np.repeat(origins, 2, axis=0)
+    for o, d in [
+        (np.asfortranarray(origins), directions),
+        (twice[::2], padded[:, 2:5]),
+        (origins.tolist(), directions.tolist()),
+        (origins.astype(np.float64), directions),
+        (origins[::-1][::-1], directions.astype(">f4")),
+    ]:
+        assert scene.closest(o, d).digest() == expected
+    picture = scene.closest(origins.reshape(20, 30, 3), directions.reshape(20, 30, 3))
+    assert picture.t.shape == (20, 30) and picture.digest() == expected
+
+
+def test_rays_are_broadcast(teapot):
+    scene = raykd.Scene(teapot, device="cpu")
+    _, directions = some_rays(50)
+    together = scene.closest([0, 0, 40], directions)
+    alone = [scene.closest([0, 0, 40], direction) for direction in directions.astype(np.float64)]
+    assert [float(hit.t) for hit in alone] == together.t.tolist()
+    near = scene.closest([0, 0, 40], directions, t_max=np.linspace(0, 2, 50))
+    assert (near.t[near.is_hit] <= np.linspace(0, 2, 50)[near.is_hit]).all()
+    assert scene.closest(np.zeros((0, 3)), [0, 0, 1]).t.shape == (0,)
+
+
+def test_doubles_lose_nothing_far_from_zero(teapot):
+    far = np.array([1e7, -3e6, 2.5e7])
+    moved = raykd.Scene(teapot.vertices + far, teapot.faces, device="cpu")
+    origins, directions = some_rays(1000, dtype=np.float64)
+    at_zero = raykd.Scene(teapot, device="cpu").closest(origins, directions)
+    hits = moved.closest(origins + far, directions)
+    assert (hits.is_hit == at_zero.is_hit).mean() > 0.999
+    both = hits.is_hit & at_zero.is_hit
+    np.testing.assert_allclose(hits.t[both], at_zero.t[both], rtol=1e-4)
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_all_count_any_and_crossings_agree(teapot, device):
+    scene = raykd.Scene(teapot, device=device, test="exact")
+    rays = some_rays(2000)
+    every, counts = scene.all(*rays), scene.count(*rays)
+    assert (np.diff(every.begin) == counts).all() and counts.sum() == len(every.hits) > 1000
+    assert (np.bincount(every.ray, minlength=2000) == counts).all()
+    closest = scene.closest(*rays)
+    first = every.begin[:-1][counts > 0]
+    assert (every.hits.records[first] == closest.records[counts > 0]).all()
+    assert (scene.any(*rays) == (counts > 0)).all()
+    crossed = scene.crossings(*rays)
+    # The teapot isn't closed; but in general position each triangle is crossed as often as it is hit.
+    assert (crossed.leaving + crossed.entering == counts).mean() > 0.99
+    few = scene.all(*rays, limit=2)
+    assert (np.diff(few.begin) == np.minimum(counts, 2)).all()
+
+
+def test_a_ray_leaves_the_triangle_that_is_excluded(teapot):
+    scene = raykd.Scene(teapot, device="cpu")
+    origins, directions = some_rays(500)
+    hits = scene.closest(origins, directions)
+    next_ones = scene.closest(origins, directions, exclude=hits.triangle)
+    assert (next_ones.triangle != hits.triangle)[hits.is_hit].all()
+    assert (next_ones.t >= hits.t).all() and next_ones.is_hit.any()
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_what_is_inside_of_a_box(device):
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+    faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+             [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
+    scene = raykd.Scene(corners, faces, device=device)
+    assert scene.mesh.is_closed
+    points = np.random.default_rng(1).uniform(-0.5, 1.5, size=(4000, 3)).round(1)
+    within = ((points > 0) & (points < 1)).all(axis=1)
+    outside = ((points < 0) | (points > 1)).any(axis=1)
+    winding = scene.winding(points)
+    assert (winding[within] == 1).all() and (winding[outside] == 0).all() and within.sum() > 300
+    assert (scene.inside(points.reshape(40, 100, 3)) == (winding != 0).reshape(40, 100)).all()
+
+
+def test_inside_of_an_open_mesh_warns(teapot):
+    with pytest.warns(UserWarning, match="not closed"):
+        raykd.Scene(teapot, device="cpu").inside([[0, 0, 0]])
+
+
+def test_rays_that_are_none_miss_and_are_counted(teapot):
+    scene = raykd.Scene(teapot, device="cpu")
+    bad = np.array([[np.nan, 0, 0], [np.inf, 0, 0], [0, 0, 0]])
+    hits = scene.closest(bad, [[0, 0, 1], [0, 0, 1], [0, 0, 0]])
+    assert not hits.is_hit.any() and hits.invalid == 3
+    assert (scene.count(bad, [0, 0, 1])[:2] == 0).all()
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda s: raykd.Mesh([[0, 0, 0]], [[0, 0, 1]]), "faces name vertices"),
+        (lambda s: raykd.Mesh([[0, 0, 0]], [[0, 0, -1]]), "faces name vertices"),
+        (lambda s: raykd.Mesh([[0, 0]], [[0, 0, 0]]), "shape"),
+        (lambda s: raykd.Mesh([[0, 0, 0]], [[0.5, 0, 0]]), "integers"),
+        (lambda s: raykd.Mesh([[np.nan, 0, 0]] * 3, [[0, 1, 2]]), "vertex 0"),
+        (lambda s: raykd.Mesh(np.zeros((0, 3)), np.zeros((0, 3), int)), "no faces"),
+        (lambda s: raykd.Scene(s.mesh, device="cpu", builder="best"), "builder"),
+        (lambda s: raykd.Scene(s.mesh, device="cpu", traversal="best"), "traversal"),
+        (lambda s: raykd.Scene(s.mesh, device="cpu", price=-1.0), "price"),
+        (lambda s: raykd.Scene(s.mesh, device="cpu", speed=1.0), "speed"),
+        (lambda s: s.closest([0, 0], [0, 0, 1]), "origins"),
+        (lambda s: s.closest(["a", "b", "c"], [0, 0, 1]), "numbers"),
+        (lambda s: s.closest(np.zeros((2, 3)), np.zeros((3, 3))), "go together"),
+        (lambda s: s.closest([0, 0, 0], [0, 0, 1], exclude=-1), "exclude"),
+        (lambda s: s.using(test="moeller").count([0, 0, 0], [0, 0, 1]), "exact"),
+        (lambda s: raykd._raykd.Scene(s.mesh._mesh, ("cpu", None), ("stack", "strict"), b"no tree", {}), "tree"),
+    ],
+)
+def test_bad_input_is_refused_in_words(teapot, call, message):
+    with pytest.raises(ValueError, match=message):
+        call(raykd.Scene(teapot, device="cpu"))
+
+
+def test_files_that_are_not_there():
+    with pytest.raises(FileNotFoundError):
+        raykd.Mesh.load("no/such/file.ply")
+    with pytest.raises(RuntimeError, match="no such adapter"):
+        raykd.Scene(raykd.Mesh.teapot(1), device="no such adapter")
+
+
+def test_what_is_on_a_gpu_is_copied_with_a_warning(teapot):
+    class Tensor:
+        """As much of a tensor on a GPU as is looked at."""
+
+        def __init__(self, array):
+            self.array = array
+
+        def __dlpack_device__(self):
+            return (2, 0)
+
+        def cpu(self):
+            return self.array
+
+    scene = raykd.Scene(teapot, device="cpu")
+    origins, directions = some_rays(100)
+    with pytest.warns(UserWarning, match="copied to the host"):
+        hits = scene.closest(Tensor(origins), directions)
+    assert hits.digest() == scene.closest(origins, directions).digest()
+    Tensor.cpu = None
+    with pytest.raises(ValueError, match="on a GPU"):
+        scene.closest(Tensor(origins), directions)
+
+
+def test_threads_trace_one_scene_at_once(teapot):
+    scene = raykd.Scene(teapot, device="cpu")
+    rays = some_rays(20000)
+    expected, found = scene.closest(*rays).digest(), []
+    threads = [threading.Thread(target=lambda: found.append(scene.closest(*rays).digest())) for _ in range(4)]
+    [thread.start() for thread in threads]
+    [thread.join() for thread in threads]
+    assert found == [expected] * 4
+
+
+def test_the_lock_is_free_while_rays_are_traced(teapot):
+    scene = raykd.Scene(teapot, device="cpu", threads=1)
+    rays = some_rays(200_000)
+    scene.count(*rays)
+    turns, done = 0, threading.Event()
+
+    def trace():
+        scene.count(*rays)
+        done.set()
+
+    thread = threading.Thread(target=trace)
+    thread.start()
+    while not done.is_set():
+        turns += 1
+        time.sleep(0.001)
+    thread.join()
+    assert turns > 20
+
+
+def test_an_interrupt_is_heard():
+    program = """
+        import numpy as np, raykd
+        scene = raykd.Scene(raykd.Mesh.teapot(30), device="cpu", threads=1)
+        directions = np.random.default_rng(1).normal(size=(50_000_000, 3)).astype(np.float32)
+        print("begun", flush=True)
+        scene.count([0, 0, 0], directions)
+    """
+    child = subprocess.Popen(
+        [sys.executable, "-c", textwrap.dedent(program)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert child.stdout.readline() == "begun\n"
+    time.sleep(1.0)
+    sent = time.monotonic()
+    child.send_signal(signal.SIGINT)
+    _, errors = child.communicate(timeout=60)
+    assert "KeyboardInterrupt" in errors and time.monotonic() - sent < 30
+
+
+def test_a_forked_process_is_told_to_start_afresh(teapot):
+    program = """
+        import os, raykd
+        raykd.Scene(raykd.Mesh.teapot(1), device="cpu")
+        child = os.fork()
+        if child == 0:
+            try:
+                raykd.Scene(raykd.Mesh.teapot(1), device="cpu")
+            except RuntimeError as error:
+                os._exit(3 if "forked" in str(error) else 4)
+            os._exit(5)
+        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+    """
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", textwrap.dedent(program)], capture_output=True, text=True, timeout=60
+    )
+    assert done.stdout == "3\n", done.stderr
+
+
+def test_pictures(teapot):
+    scene = raykd.Scene(teapot, device="cpu")
+    picture = raykd.render(scene, 64, 48)
+    assert picture.shape == (48, 64, 3) and picture.dtype == np.uint8
+    drawn = (picture != 255).any(axis=2)
+    assert 0.1 < drawn.mean() < 0.9 and not drawn[0].any() and not drawn[:, 0].any()
+
+
+def test_devices_are_listed():
+    devices = raykd.devices()
+    assert devices[0]["kind"] == "cpu" and any(it["kind"] == "gpu" and it["usable"] for it in devices)
+
+
+def test_pickles_carry_the_tree(teapot):
+    scene = raykd.Scene(teapot, device="cpu", builder="exact", test="exact", traversal="stack")
+    rays = some_rays(500)
+    again = pickle.loads(pickle.dumps(scene))
+    assert again.tree["digest"] == scene.tree["digest"] and again.tree["build_seconds"] == 0
+    assert again.closest(*rays).digest() == scene.closest(*rays).digest()
+    assert repr(again) == repr(scene)
+    mesh = pickle.loads(pickle.dumps(teapot))
+    assert (mesh.vertices == teapot.vertices).all() and (mesh.faces == teapot.faces).all()
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_scenes_in_files(teapot, tmp_path, device):
+    far = raykd.Mesh(teapot.vertices + [1e6, 2e6, -3e6], teapot.faces)
+    origins, directions = some_rays(1000, dtype=np.float64)
+    for mesh, at in ((teapot, 0), (far, np.array([1e6, 2e6, -3e6]))):
+        scene = raykd.Scene(mesh, device=device, builder="exact")
+        scene.save(tmp_path / "scene")
+        loaded = raykd.load(tmp_path / "scene", device=device)
+        rays = (origins + at, directions)
+        assert loaded.closest(*rays).digest() == scene.closest(*rays).digest() and loaded.any(*rays).any()
+        assert loaded.tree["digest"] == scene.tree["digest"]
+        np.testing.assert_array_equal(loaded.mesh.vertices, mesh.vertices)
+        np.testing.assert_array_equal(loaded.mesh.faces, mesh.faces)
+        exact = loaded.using(test="exact")
+        pickled = pickle.dumps(exact)
+        assert len(pickled) < 1000
+        assert pickle.loads(pickled).closest(*rays).digest() == exact.closest(*rays).digest()
+    with pytest.raises(FileNotFoundError):
+        raykd.load(tmp_path / "none")
+    (tmp_path / "bad").write_bytes((tmp_path / "scene").read_bytes()[:-7])
+    with pytest.raises(ValueError, match="truncated"):
+        raykd.load(tmp_path / "bad")
+
+
+def proportional(path):
+    """Kilobytes of the file that are in this process's memory, and its share of them."""
+    sums, ours = {"Rss:": 0, "Pss:": 0}, False
+    with open("/proc/self/smaps") as maps:
+        for line in maps:
+            first, *rest = line.split()
+            if not first.endswith(":"):
+                ours = line.rstrip().endswith(path)
+            elif ours and first in sums:
+                sums[first] += int(rest[0])
+    return sums["Rss:"], sums["Pss:"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc tells what processes share")
+def test_processes_share_a_loaded_scene(tmp_path):
+    path = str(tmp_path / "scene")
+    raykd.Scene(raykd.Mesh.teapot(30), device="cpu").save(path)
+    program = """
+        import sys, raykd
+        scene = raykd.load(sys.argv[1], device="cpu")
+        print(scene.count([0, 0, 50], [0, 0, -1]), flush=True)
+        sys.stdin.read()
+    """
+    others = [
+        subprocess.Popen(
+            [sys.executable, "-c", textwrap.dedent(program), path], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        )
+        for _ in range(2)
+    ]
+    assert all(int(other.stdout.readline()) > 0 for other in others)
+    scene = raykd.load(path, device="cpu")
+    resident, share = proportional(path)
+    for other in others:
+        other.communicate()
+    assert resident * 1024 >= os.path.getsize(path) - 4096 and share < 0.4 * resident
+    del scene
