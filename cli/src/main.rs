@@ -19,7 +19,6 @@ mod machine;
 mod measure;
 mod notes;
 mod npy;
-mod picture;
 mod png_file;
 mod points;
 mod ray_file;

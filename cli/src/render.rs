@@ -2,12 +2,11 @@
 
 use crate::{
     amount,
-    args::{HowArgs, OneArgs, ReadArgs, WalkArgs, point, size, within},
+    args::{HowArgs, OneArgs, ReadArgs, WalkArgs, one_of, point, size, within},
     files::Files,
     input::Input,
     measure::ms,
     notes::Notes,
-    picture::{Picture, Shading, corners, rays_of, render},
     png_file,
     report::count,
     task::{On, Task},
@@ -16,7 +15,11 @@ use anyhow::{Context as _, bail};
 use clap::Parser;
 use raykd::{
     Device, Error, Scene,
-    internals::{output, quoted},
+    internals::{
+        output,
+        picture::{Picture, Shading, corners, rays_of, render},
+        quoted,
+    },
     rays::Camera,
 };
 use std::{
@@ -46,7 +49,8 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = size)]
     pub size: [u32; 2],
     /// What colours show
-    #[arg(long, value_enum, default_value_t = Shading::Normal)]
+    #[arg(long, default_value_t)]
+    #[arg(value_parser = one_of(&Shading::ALL, Shading::name, Shading::about))]
     pub shading: Shading,
     #[command(flatten)]
     pub walk: WalkArgs,

@@ -48,11 +48,13 @@
 
 mod build;
 mod choices;
+mod clock;
 mod error;
 mod exec;
 mod intersector;
 pub mod mesh;
 mod output;
+mod picture;
 #[cfg(feature = "plan")]
 pub mod plan;
 mod query;
@@ -114,6 +116,12 @@ pub mod internals {
 
     #[cfg(feature = "gltf")]
     pub use crate::mesh::files_beside;
+    /// Pictures of scenes.
+    pub mod picture {
+        pub use crate::picture::{
+            Picture, Rgb, Shading, corners, encode, full_scale, heat, rays_of, render, rows,
+        };
+    }
     /// Files that appear whole or not at all.
     pub mod output {
         pub use crate::output::{abandon, check, check_folder, write_folder, write_whole};

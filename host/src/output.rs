@@ -86,6 +86,7 @@ impl Whole {
     fn prepare(path: &Path) -> io::Result<Self> {
         let old = existing(path)?;
         let target = old.as_ref().map_or(path, |(target, _)| target);
+        #[cfg_attr(not(unix), allow(unused_mut, reason = "only modes change it"))]
         let mut builder = temporary_name();
         // Readable as any new file. One that replaces another is private until it has that one's mode.
         #[cfg(unix)]
@@ -221,6 +222,7 @@ pub fn write_whole(
 fn new_folder(folder: &Path) -> io::Result<Option<Listed<TempDir>>> {
     match fs::symlink_metadata(folder) {
         Err(error) if error.kind() == ErrorKind::NotFound => {
+            #[cfg_attr(not(unix), allow(unused_mut, reason = "only modes change it"))]
             let mut builder = temporary_name();
             #[cfg(unix)]
             builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o777));

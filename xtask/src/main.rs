@@ -9,6 +9,7 @@ mod kernels;
 mod results;
 mod scenes;
 mod test;
+mod web;
 
 /// Chores of the raykd checkout.
 #[derive(Debug, Parser)]
@@ -28,6 +29,8 @@ enum Task {
     Scenes(scenes::Args),
     /// Try to bring raykd down: hostile files, trees, places, limits and moments, each answer judged.
     Attack(attack::Args),
+    /// Compile raykd to WebAssembly for JavaScript: web/pkg.
+    Web,
     /// Run every test; where no Vulkan driver is found, install a software one first.
     Test(test::Args),
 }
@@ -38,6 +41,7 @@ fn main() -> anyhow::Result<()> {
         Task::Kernels(args) => kernels::run(&args, root),
         Task::Results(args) => results::run(&args, root),
         Task::Scenes(args) => scenes::run(&args, root),
+        Task::Web => web::run(root),
         Task::Attack(args) => attack::run(&args, root),
         Task::Test(args) => test::run(&args, root),
     }

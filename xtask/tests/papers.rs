@@ -27,8 +27,8 @@ fn files(folder: &Path, end: &str) -> Vec<PathBuf> {
 
 /// README and its like, and what docs holds.
 fn papers() -> Vec<(PathBuf, String)> {
-    let ours =
-        ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "peers/README.md"].map(|name| root().join(name));
+    let ours = ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "peers/README.md", "web/README.md"]
+        .map(|name| root().join(name));
     let all = ours.into_iter().chain(files(&root().join("docs"), ".md"));
     all.map(|path| (path.clone(), fs::read_to_string(path).unwrap())).collect()
 }

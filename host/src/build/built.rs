@@ -3,14 +3,12 @@
 use super::{levels::Last, options::BuildTimes, room::Arena};
 use crate::{
     Error,
+    clock::Instant,
     exec::{Buffer, Device},
     mesh::Mesh,
 };
 use raykd_shared::{Node, TreeHeader};
-use std::{
-    sync::Arc,
-    time::{Duration, Instant},
-};
+use std::{sync::Arc, time::Duration};
 
 /// A tree on a device.
 #[derive(Debug)]

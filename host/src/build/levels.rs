@@ -8,6 +8,7 @@ use super::{
 };
 use crate::{
     Error,
+    clock::Instant,
     exec::{Buffer, Device, Launch, Step},
 };
 use raykd_kernels::{
@@ -27,7 +28,6 @@ use raykd_kernels::{
     glam::{UVec2, UVec4, Vec3},
 };
 use raykd_shared::{BuildParams, Node, limits::CHUNK, status};
-use std::time::Instant;
 
 /// The buffers of one try, in pairs where a level is made from the one above.
 #[derive(Debug)]

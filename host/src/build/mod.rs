@@ -17,12 +17,12 @@ pub use options::{BuildOptions, BuildTimes, Builder, KernelTimes};
 pub(crate) use survey::{Copies, survey};
 pub use sweep::LISTED;
 
-use crate::{Error, exec::Device};
+use crate::{Error, clock::Instant, exec::Device};
 use built::{Facts, Grown, KeptIn};
 use raykd_shared::{Node, TreeHeader};
 use retry::{Setting, Stop, Way};
 use room::Arena;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Builds the tree of a mesh on a device, which has it.
 pub(crate) fn build(device: &Device, from: &Given<'_>, options: &BuildOptions) -> Result<Built, Error> {

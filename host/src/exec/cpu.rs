@@ -1,19 +1,16 @@
 //! The CPU executor: workgroups in parallel by rayon, the lanes of each in turn.
 
 use super::{AnyBuffer, Groups, Limit, Step, Timing, file::FileBytes};
-use crate::Error;
+use crate::{Error, clock::Instant};
 use bytemuck::allocation::try_zeroed_vec;
 use raykd_kernels::{Access, Group, Order, RawBuf};
 use rayon::prelude::*;
-use std::{
-    sync::{
-        Arc,
-        atomic::{
-            AtomicU32,
-            Ordering::{Acquire, Relaxed, Release},
-        },
+use std::sync::{
+    Arc,
+    atomic::{
+        AtomicU32,
+        Ordering::{Acquire, Relaxed, Release},
     },
-    time::Instant,
 };
 
 /// The processor as a device.
@@ -190,7 +187,7 @@ struct Allocation {
 #[derive(Debug)]
 enum Place {
     Heap(#[expect(dead_code, reason = "owns the memory")] Vec<Line>),
-    Pages(#[expect(dead_code, reason = "owns the memory")] memmap2::MmapMut),
+    Pages(#[allow(dead_code, reason = "owns the memory, where there are any")] memmap2::MmapMut),
     File(#[expect(dead_code, reason = "owns the memory")] FileBytes),
 }
 
@@ -199,8 +196,8 @@ enum Place {
 #[repr(align(64))]
 struct Line(#[expect(dead_code, reason = "read by kernels")] [u8; 64]);
 
-/// Bytes from which memory is mapped.
-const LARGE: usize = 1 << 18;
+/// Bytes from which memory is mapped. WebAssembly has nothing to map.
+const LARGE: usize = if cfg!(target_arch = "wasm32") { usize::MAX } else { 1 << 18 };
 
 /// What [`Allocation::users`] is while one writes.
 const WRITTEN: u32 = u32::MAX;

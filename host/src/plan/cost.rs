@@ -3,9 +3,10 @@
 use super::Choice;
 use crate::{
     Device, Error, Hit, Mesh, Query, Ray, Scene,
+    clock::Instant,
     rays::{Camera, bounces},
 };
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Repeated until nothing was faster for so long, at least [`TIMES`] times;
 const ENOUGH: Duration = Duration::from_millis(30);

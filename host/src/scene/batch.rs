@@ -3,6 +3,7 @@
 use super::{Scene, Traced};
 use crate::{
     Error, Query,
+    clock::Instant,
     exec::{Buffer, Device, OnDevice, Step},
     rays::AnyRay,
 };
@@ -14,7 +15,7 @@ use raykd_kernels::{
     },
 };
 use raykd_shared::{Hit, Ray, status};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 impl Scene {
     /// Puts rays on the device, to trace them as often as one likes.

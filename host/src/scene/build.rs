@@ -4,12 +4,12 @@ use super::Scene;
 use crate::{
     BuildOptions, BuildTimes, Error, Intersector, KdTree, Mesh, Traversal,
     build::{Built, Copies, Given, Kept, MeshBuffers, build, survey, sweep_by_kernels, upload},
+    clock::Instant,
     exec::{Buffer, Device, Launch},
     traversal::Extras,
 };
 use raykd_kernels::trace::prepare::corners;
 use raykd_shared::TreeHeader;
-use std::time::Instant;
 
 impl Scene {
     /// Builds the tree of a mesh on a device.

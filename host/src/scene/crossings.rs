@@ -3,6 +3,7 @@
 use super::{Scene, batch::Batch};
 use crate::{
     Error,
+    clock::Instant,
     exec::Launch as _,
     rays::{AnyPoint, AnyRay},
 };
@@ -12,7 +13,7 @@ use raykd_kernels::trace::{
 };
 use raykd_shared::{Crossings, Ray};
 use rayon::prelude::*;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// What was counted for every ray or point, and what that took: see [`Scene::crossings`] and [`Scene::winding`].
 #[derive(Clone, Debug, Default)]

@@ -4,6 +4,7 @@ use super::Scene;
 use crate::{
     BuildTimes, Error, Intersector, Mesh, Traversal,
     build::{Kept, MeshBuffers},
+    clock::Instant,
     exec::{Device, cpu::Memory, file::FileBytes},
     mesh::digest,
     output,
@@ -21,7 +22,6 @@ use sha2::{Digest as _, Sha256};
 use std::{
     io::{self, Write as _},
     path::Path,
-    time::Instant,
 };
 
 /// First bytes of a scene file.

@@ -3,13 +3,14 @@
 use super::{Scene, batch::Batch};
 use crate::{
     Error, Query,
+    clock::Instant,
     exec::{Buffer, Groups, Step},
     rays::AnyRay,
     traversal::Traversal,
 };
 use raykd_kernels::trace::queries;
 use raykd_shared::{Hit, Ray};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// What one ray cost: see [`Scene::steps`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]

@@ -15,6 +15,7 @@ use crate::{
         retry::Stop,
         room::{Arena, growth, most_of_sweep},
     },
+    clock::Instant,
     exec::cpu::has_usual_instructions,
     mesh::Mesh,
 };
@@ -37,7 +38,6 @@ use std::{
         Mutex, MutexGuard, PoisonError,
         atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed},
     },
-    time::Instant,
 };
 
 /// Nodes of more references are built by several threads.

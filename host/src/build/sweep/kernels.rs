@@ -8,6 +8,7 @@ use crate::{
         retry::Stop,
         room::{Arena, Need, growth},
     },
+    clock::Instant,
     exec::{Buffer, Launch, Step},
 };
 use raykd_kernels::{
@@ -25,7 +26,6 @@ use raykd_kernels::{
     glam::{UVec2, UVec4, Vec3},
 };
 use raykd_shared::{BuildParams, Node, status};
-use std::time::Instant;
 
 /// Levels after which the host looks whether there are more.
 const LOOK: usize = 16;

@@ -1,7 +1,7 @@
 //! Colours: linear light until they are encoded.
 
 /// Red, green and blue, linear.
-pub(super) type Rgb = [f32; 3];
+pub type Rgb = [f32; 3];
 
 pub(super) fn add(a: Rgb, b: Rgb) -> Rgb {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
@@ -17,7 +17,7 @@ pub(super) fn mix(a: Rgb, b: Rgb, share: f32) -> Rgb {
 }
 
 /// As sRGB bytes (IEC 61966-2-1).
-pub(super) fn encode(colour: Rgb) -> [u8; 3] {
+pub fn encode(colour: Rgb) -> [u8; 3] {
     colour.map(|x| {
         let x = x.clamp(0.0, 1.0);
         let y = if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 };
@@ -36,7 +36,7 @@ const HEAT: [Rgb; 6] = [
 ];
 
 /// The colour of a share of full scale.
-pub(super) fn heat(share: f32) -> Rgb {
+pub fn heat(share: f32) -> Rgb {
     let place = share.clamp(0.0, 1.0) * (HEAT.len() - 1) as f32;
     let below = (place as usize).min(HEAT.len() - 2);
     mix(HEAT[below], HEAT[below + 1], place - below as f32)

@@ -1,38 +1,43 @@
-//! Pictures of scenes.
+//! Pictures of scenes, as the program and the page of `web` draw them.
 
 mod colour;
 mod legend;
 
-use clap::ValueEnum;
-use colour::{Rgb, add, encode, heat, mix, scale};
-use raykd::{
+use crate::{
     Error, Hit, Mesh, Ray, Scene,
+    choices::choices,
     rays::{Camera, Random, bounces, facing_normal},
 };
+pub use colour::{Rgb, encode, heat};
+use colour::{add, mix, scale};
+pub use legend::full_scale;
+use std::ops::Range;
 
 /// Most rays traced at a time.
 const BAND_RAYS: u64 = 1 << 22;
 /// Behind the mesh, in pictures that show numbers.
 const NOTHING: Rgb = [0.004, 0.004, 0.006];
 
-/// What colours show.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Shading {
-    /// Surfaces under a soft light
-    Normal,
-    /// Distance: near is bright
-    Depth,
-    /// Work per pixel: nodes visited and triangles tested
-    Heat,
-    /// A colour per triangle
-    Id,
-    /// Ambient occlusion: how much of the sky each point sees
-    Ao,
+choices! {
+    /// What colours show.
+    pub enum Shading {
+        /// Surfaces under a soft light
+        Normal = "normal",
+        /// Distance: near is bright
+        Depth = "depth",
+        /// Work per pixel: nodes visited and triangles tested
+        Heat = "heat",
+        /// A colour per triangle
+        Id = "id",
+        /// Ambient occlusion: how much of the sky each point sees
+        Ao = "ao",
+    }
+    default = Normal;
 }
 
 /// A picture.
 #[derive(Clone, Debug)]
-pub(crate) struct Picture {
+pub struct Picture {
     /// Red, green and blue of each pixel, row by row from the top left.
     pub rgb: Vec<u8>,
     /// Rays traced.
@@ -42,49 +47,65 @@ pub(crate) struct Picture {
 }
 
 /// Renders a picture with `samples` by `samples` rays a pixel.
-pub(crate) fn render(
+pub fn render(
     scene: &Scene,
     mesh: &Mesh,
     camera: &Camera,
-    [width, height]: [u32; 2],
+    size: [u32; 2],
     samples: u32,
     shading: Shading,
 ) -> Result<Picture, Error> {
-    let (across, down) = (width * samples, height * samples);
-    // Bands of whole pixels.
-    let rows = (BAND_RAYS / u64::from(across * samples)).clamp(1, height.into()) as u32;
-    let artist = Artist::new(mesh, camera, [across, down], shading);
-    let mut hit = 0;
+    let [width, height] = size;
+    let band = (BAND_RAYS / u64::from(width * samples * samples)).clamp(1, height.into()) as u32;
+    let mut hits = 0;
     let mut pixels: Vec<Rgb> = Vec::with_capacity(width as usize * height as usize);
-    for first in (0..height).step_by(rows as usize) {
-        let band = first * samples..(first + rows).min(height) * samples;
-        let rays = camera.rows(across, down, band.clone());
-        let (hits, seen): (_, Vec<Rgb>) = if shading == Shading::Heat {
-            let (hits, steps) = scene.steps(&rays)?;
-            let seen = steps.iter().map(|s| [(s.inner + s.leaves + s.tests) as f32; 3]).collect();
-            (hits, seen)
-        } else if shading == Shading::Ao {
-            let hits = scene.closest(&rays)?;
-            let seen = sky(scene, mesh, &rays, &hits, band.start)?;
-            (hits, seen)
-        } else {
-            let hits = scene.closest(&rays)?;
-            let row = |i: usize| band.start + (i / across as usize) as u32;
-            let seen = (0..rays.len()).map(|i| artist.paint(&rays[i], &hits[i], row(i))).collect();
-            (hits, seen)
-        };
-        hit += hits.iter().filter(|hit| hit.is_hit()).count() as u64;
-        pixels.extend(means(&seen, across as usize, samples as usize));
+    for first in (0..height).step_by(band as usize) {
+        let part = first..(first + band).min(height);
+        let (seen, hit) = rows(scene, mesh, camera, size, samples, shading, part)?;
+        pixels.extend(seen);
+        hits += hit;
     }
     let rgb = if shading == Shading::Heat {
-        let full = legend::full_scale(pixels.iter().map(|pixel| pixel[0]));
+        let full = full_scale(pixels.iter().map(|pixel| pixel[0]));
         let mut rgb: Vec<u8> = pixels.iter().flat_map(|pixel| encode(heat(pixel[0] / full))).collect();
         legend::draw(&mut rgb, [width as usize, height as usize], full, "STEPS PER RAY");
         rgb
     } else {
         pixels.iter().flat_map(|&pixel| encode(pixel)).collect()
     };
-    Ok(Picture { rgb, rays: u64::from(across) * u64::from(down), hits: hit })
+    Ok(Picture { rgb, rays: u64::from(width) * u64::from(height) * u64::from(samples * samples), hits })
+}
+
+/// What the pixels of some rows show, and how many of their rays hit. [`Shading::Heat`] has steps instead of light.
+pub fn rows(
+    scene: &Scene,
+    mesh: &Mesh,
+    camera: &Camera,
+    [width, height]: [u32; 2],
+    samples: u32,
+    shading: Shading,
+    rows: Range<u32>,
+) -> Result<(Vec<Rgb>, u64), Error> {
+    let (across, down) = (width * samples, height * samples);
+    let band = rows.start * samples..rows.end * samples;
+    let rays = camera.rows(across, down, band.clone());
+    let (hits, seen): (_, Vec<Rgb>) = if shading == Shading::Heat {
+        let (hits, steps) = scene.steps(&rays)?;
+        let seen = steps.iter().map(|s| [(s.inner + s.leaves + s.tests) as f32; 3]).collect();
+        (hits, seen)
+    } else if shading == Shading::Ao {
+        let hits = scene.closest(&rays)?;
+        let seen = sky(scene, mesh, &rays, &hits, band.start)?;
+        (hits, seen)
+    } else {
+        let hits = scene.closest(&rays)?;
+        let artist = Artist::new(mesh, camera, [across, down], shading);
+        let row = |i: usize| band.start + (i / across as usize) as u32;
+        let seen = (0..rays.len()).map(|i| artist.paint(&rays[i], &hits[i], row(i))).collect();
+        (hits, seen)
+    };
+    let hit = hits.iter().filter(|hit| hit.is_hit()).count() as u64;
+    Ok((means(&seen, across as usize, samples as usize), hit))
 }
 
 /// Rays of ambient occlusion from every point seen.
@@ -93,7 +114,7 @@ const SKY_RAYS: u64 = 16;
 const SKY_REACH: f64 = 0.2;
 
 /// How many rays a picture of so many primary ones takes in all: of those about half hit what fills the picture.
-pub(crate) const fn rays_of(shading: Shading, primary: u64) -> u64 {
+pub const fn rays_of(shading: Shading, primary: u64) -> u64 {
     match shading {
         Shading::Ao => primary + primary / 2 * SKY_RAYS,
         Shading::Normal | Shading::Depth | Shading::Heat | Shading::Id => primary,
@@ -119,7 +140,7 @@ fn sky(scene: &Scene, mesh: &Mesh, rays: &[Ray], hits: &[Hit], seed: u32) -> Res
 }
 
 /// The corners of the triangles that can be seen.
-pub(crate) fn corners(mesh: &Mesh) -> impl Iterator<Item = [f32; 3]> {
+pub fn corners(mesh: &Mesh) -> impl Iterator<Item = [f32; 3]> {
     let corner = |i: u32| mesh.positions()[i as usize];
     mesh.kept().iter().flat_map(move |&triangle| mesh.triangles()[triangle as usize].map(corner))
 }
@@ -153,7 +174,9 @@ impl<'a> Artist<'a> {
     fn new(mesh: &'a Mesh, camera: &Camera, [_, rows]: [u32; 2], shading: Shading) -> Self {
         let frame = camera.frame();
         let mut fade = [f64::INFINITY, 0.0f64];
-        for point in corners(mesh) {
+        // Nothing else fades, and meshes may be large.
+        let fading = (shading == Shading::Depth).then(|| corners(mesh));
+        for point in fading.into_iter().flatten() {
             let depth = along(frame[2], minus(point.map(f64::from), camera.eye));
             fade = [fade[0].min(depth.max(0.0)), fade[1].max(depth)];
         }
@@ -217,7 +240,7 @@ fn along(a: [f64; 3], b: [f64; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use raykd::{BuildOptions, Device};
+    use crate::{BuildOptions, Device};
 
     /// A square of two triangles, two by two, facing +z.
     fn square() -> Mesh {

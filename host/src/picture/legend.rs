@@ -32,7 +32,7 @@ const BAR: [usize; 2] = [80, 6];
 const STRIP: [usize; 2] = [BAR[0] + 16, 2 + 5 + 2 + BAR[1] + 2 + 5 + 2];
 
 /// A round number that all but one in a thousand values stay below.
-pub(super) fn full_scale(values: impl Iterator<Item = f32>) -> f32 {
+pub fn full_scale(values: impl Iterator<Item = f32>) -> f32 {
     let mut values: Vec<f32> = values.collect();
     if values.is_empty() {
         return 1.0;

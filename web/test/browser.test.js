@@ -1,0 +1,235 @@
+// The page in Chromium: it draws, its digests are native code's, every control works, and nothing complains.
+
+import assert from "node:assert/strict";
+import { mkdirSync } from "node:fs";
+import { after, before, test } from "node:test";
+import { fileURLToPath } from "node:url";
+import { chromium } from "playwright-core";
+import { serve } from "../serve.js";
+import { digests } from "./native.js";
+
+const executablePath = process.env.CHROMIUM ?? "/usr/bin/chromium";
+/** Nothing is asked of the network; as root there is no sandbox. */
+const args = [
+  "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
+  "--disable-component-update", "--disable-sync",
+];
+/** Pictures of the page, to be looked at. */
+const shots = fileURLToPath(new URL("../../target/web/shots/", import.meta.url));
+
+let server, browser, page;
+const complaints = [];
+
+before(async () => {
+  mkdirSync(shots, { recursive: true });
+  server = await serve(0);
+  browser = await chromium.launch({ executablePath, args });
+  page = await browser.newPage({ viewport: { width: 1200, height: 1000 } });
+  page.on("console", (message) => {
+    if (["error", "warning"].includes(message.type())) complaints.push(message.text());
+  });
+  page.on("pageerror", (error) => complaints.push(error.message));
+  page.setDefaultTimeout(60_000);
+  await page.goto(`http://localhost:${server.address().port}/`);
+  await measured();
+});
+
+after(async () => {
+  await browser?.close();
+  server?.close();
+});
+
+/** Waits for the hits of the tree that is there now. */
+const measured = () => page.waitForFunction(() => document.getElementById("facts").dataset.hits);
+const still = () => page.evaluate(() => window.raykd.still());
+const shot = (name) => page.screenshot({ path: `${shots}${name}.png`, fullPage: true });
+const facts = () => page.$eval("#facts", ({ dataset: { tree, hits } }) => ({ tree, hits }));
+
+/** Chooses, and waits for what comes of it. */
+async function choose(id, value) {
+  await page.evaluate(() => (document.getElementById("facts").dataset.hits = ""));
+  await page.selectOption(`#${id}`, value);
+  await measured();
+  assert.equal(await page.textContent("#error"), "");
+}
+
+/** The picture's pixels: how many differ from the first, and a number that any change alters. */
+const pixels = (id = "picture") => page.$eval(`#${id}`, (canvas) => {
+  const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext("2d", { willReadFrequently: true });
+  copy.drawImage(canvas, 0, 0);
+  const { data } = copy.getImageData(0, 0, canvas.width, canvas.height);
+  const words = new Uint32Array(data.buffer);
+  const sum = words.reduce((all, word) => (Math.imul(all, 31) + word) >>> 0, 7);
+  return { drawn: words.filter((word) => word !== words[0]).length, sum };
+});
+
+test("the page draws the teapot, and its digests are native code's", async () => {
+  await still();
+  const native = digests(50_000, ["teapot"]).teapot;
+  assert.deepEqual(await facts(), { tree: native.trees.binned, hits: native.hits["binned stack strict"] });
+  assert.ok((await pixels()).drawn > 50_000);
+  await shot("teapot");
+});
+
+test("the picture turns by mouse, wheel, keys and touch", async () => {
+  const box = await (await page.$("#overlay")).boundingBox();
+  const middle = [box.x + box.width / 2, box.y + box.height / 2];
+  let last = await pixels();
+  const changed = async (what, act) => {
+    await act();
+    const begin = Date.now();
+    let now;
+    do {
+      await still();
+      now = await pixels();
+    } while (now.sum === last.sum && Date.now() - begin < 5000);
+    assert.notEqual(now.sum, last.sum, what);
+    last = now;
+  };
+  await changed("mouse", async () => {
+    await page.mouse.move(...middle);
+    await page.mouse.down();
+    await page.mouse.move(middle[0] + 80, middle[1] + 20, { steps: 8 });
+    await page.mouse.up();
+  });
+  await changed("wheel", () => page.mouse.wheel(0, 200));
+  await page.focus("#overlay");
+  for (const key of ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "+", "-"]) {
+    await changed(key, () => page.keyboard.press(key));
+  }
+  await changed("touch", () => page.$eval("#overlay", (stage) => {
+    const { left, top, width } = stage.getBoundingClientRect();
+    const at = (type, pointerId, x, y) => stage.dispatchEvent(new PointerEvent(type, {
+      pointerId, pointerType: "touch", clientX: left + x * width, clientY: top + y * width, bubbles: true,
+    }));
+    stage.setPointerCapture = () => {};
+    at("pointerdown", 11, 0.4, 0.5);
+    at("pointerdown", 12, 0.6, 0.5);
+    at("pointermove", 12, 0.9, 0.5);
+    at("pointerup", 11, 0.4, 0.5);
+    at("pointerup", 12, 0.9, 0.5);
+  }));
+  await changed("home", () => page.click("#home"));
+});
+
+test("every shading, builder, traversal and test", async () => {
+  for (const value of await values("shading")) {
+    await page.selectOption("#shading", value);
+    await still();
+    assert.ok((await pixels()).drawn > 50_000, value);
+    assert.equal(await page.isVisible("#legend"), value === "heat");
+    await shot(`shading-${value}`);
+  }
+  await page.selectOption("#shading", "normal");
+  const { hits } = await facts();
+  for (const id of ["builder", "traversal"]) {
+    for (const value of (await values(id)).filter((value) => value !== "brute").reverse()) {
+      await choose(id, value);
+      assert.equal((await facts()).hits, hits, `${id} ${value}`);
+    }
+  }
+  await choose("builder", "binned");
+  await choose("traversal", "stack");
+  for (const value of (await values("intersector")).reverse()) await choose("intersector", value);
+  await choose("intersector", "woop");
+  await page.selectOption("#traversal", "ropes");
+  await page.waitForFunction(() => document.getElementById("error").textContent);
+  assert.match(await page.textContent("#error"), /woop works with the traversals stack and brute/);
+  assert.equal(await page.inputValue("#traversal"), "stack");
+  await choose("intersector", "strict");
+  await page.evaluate(() => (document.getElementById("facts").dataset.hits = ""));
+  await page.click("#measure");
+  await measured();
+  const { tree } = await facts();
+  await page.$eval("#price", (slider) => {
+    slider.value = 8;
+    for (const type of ["input", "change"]) slider.dispatchEvent(new Event(type));
+  });
+  await page.waitForFunction((old) => {
+    const { tree, hits } = document.getElementById("facts").dataset;
+    return tree !== old && hits;
+  }, tree);
+});
+
+const values = (id) => page.$$eval(`#${id} option`, (options) => options.map(({ value }) => value));
+
+test("cells, level by level, and one ray's way", async () => {
+  const before = await pixels("overlay");
+  assert.equal(before.drawn, 0);
+  await page.check("#show-cells");
+  await slide("level", 5);
+  await page.waitForFunction(() => document.getElementById("level-told").textContent.includes("5 of"));
+  assert.ok((await pixels("overlay")).drawn > 1000);
+  await still();
+  await shot("cells");
+  await page.uncheck("#show-cells");
+  await page.focus("#overlay");
+  await page.keyboard.press("Enter");
+  await page.waitForSelector("#ray:not([hidden])");
+  assert.match(await page.textContent("#ray-told"), /passes \d+ inner nodes and \d+ lea(f|ves),.*hits triangle \d+/);
+  await page.click("#beside");
+  await slide("visit", 3);
+  await still();
+  assert.match(await page.textContent("#visit-told"), /^4 of \d+$/);
+  assert.equal(await page.$$eval("#counts tbody tr", (rows) => rows.length), (await values("traversal")).length);
+  assert.ok((await pixels("overlay")).drawn > 1000);
+  await shot("ray");
+  await page.click("#forget");
+  assert.equal((await pixels("overlay")).drawn, 0);
+  await page.click("#overlay");
+  await page.waitForSelector("#ray:not([hidden])");
+  await page.click("#home");
+});
+
+const slide = (id, value) => page.$eval(`#${id}`, (slider, value) => {
+  slider.value = value;
+  slider.dispatchEvent(new Event("input"));
+}, value);
+
+test("six tests side by side: exact loses nothing, textbooks' tests do", async () => {
+  await slide("far", 4);
+  await page.click("#compare");
+  await page.waitForFunction(() => document.querySelectorAll("#six figure").length === 6);
+  const lost = await page.$$eval("#six figure", (all) =>
+    Object.fromEntries(all.map((one) => [one.textContent.split(":")[0], Number(one.dataset.lost)])));
+  assert.equal(lost.exact, 0);
+  assert.ok(lost.moeller + lost.plane + lost.baldwin > 0, JSON.stringify(lost));
+  await page.fill("#stress-rays", "500");
+  await page.selectOption("#stress", "hair");
+  await page.click("#judge");
+  await page.waitForFunction(() => document.querySelectorAll("#failures tbody tr").length === 6);
+  const failures = await page.$$eval("#failures tbody tr", (rows) =>
+    Object.fromEntries(rows.map(({ cells }) => [cells[0].textContent, Number(cells[1].textContent)])));
+  assert.equal(failures.strict + failures.exact, 0);
+  assert.ok(failures.moeller > 0, JSON.stringify(failures));
+  await shot("tests");
+});
+
+test("scenes by name, files, and files that are none", async () => {
+  for (const value of ["stress:hair", "dragon_res4", "teapot"]) await choose("scene", value);
+  await page.evaluate(() => (document.getElementById("facts").dataset.hits = ""));
+  const obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+  await page.setInputFiles("#file", { name: "one.obj", mimeType: "text/plain", buffer: Buffer.from(obj) });
+  await measured();
+  assert.match(await page.textContent("#facts"), /triangles1/);
+  await page.setInputFiles("#file", { name: "bad.ply", mimeType: "text/plain", buffer: Buffer.from("nothing") });
+  await page.waitForFunction(() => document.getElementById("error").textContent);
+  assert.match(await page.textContent("#error"), /bad\.ply/);
+  await choose("scene", "teapot:20");
+});
+
+test("on a narrow screen nothing is cut off", async () => {
+  await page.setViewportSize({ width: 390, height: 844 });
+  const [wide, seen] = await page.evaluate(() => [document.documentElement.scrollWidth, innerWidth]);
+  assert.ok(wide <= seen, `${wide} of ${seen} pixels`);
+  await shot("phone");
+});
+
+test("every control has a name", async () => {
+  const unnamed = await page.$$eval("button, select, input, canvas[tabindex]", (all) =>
+    all.filter((it) => !(it.labels?.length || it.textContent.trim() || it.getAttribute("aria-label")))
+      .map(({ id }) => id));
+  assert.deepEqual(unnamed, []);
+});
+
+test("nothing was complained of", () => assert.deepEqual(complaints, []));
