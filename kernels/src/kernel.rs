@@ -251,6 +251,11 @@ macro_rules! bindings {
     };
 }
 
+/// Whether there is but the copy for the usual order: a page loads every byte, and no test runs there that turns the
+/// order round.
+#[cfg(not(target_arch = "spirv"))]
+pub(crate) const ONE_COPY: bool = cfg!(target_arch = "wasm32");
+
 /// Runs a workgroup, by one of two copies of the same code.
 #[cfg(not(target_arch = "spirv"))]
 macro_rules! run_twice {
@@ -267,7 +272,7 @@ macro_rules! run_twice {
         |group, buffers| {
             // SAFETY: as for the caller, who says that the processor has these instructions.
             unsafe {
-                if group.usual {
+                if group.usual || $crate::kernel::ONE_COPY {
                     usual(group, buffers)
                 } else {
                     run($crate::Group { usual: false, ..group }, buffers)
