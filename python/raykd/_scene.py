@@ -53,9 +53,14 @@ class Mesh:
         return cls._of(_raykd.Mesh.load(os.fspath(path)))
 
     @classmethod
+    def scene(cls, name: str) -> Mesh:
+        """A scene by the name that the program has for it, or a file: ``teapot:8``, ``dragon``, ``sponza``."""
+        return cls._of(_raykd.Mesh.scene(name))
+
+    @classmethod
     def teapot(cls, level: int = 8) -> Mesh:
         """The Utah teapot, each of its 32 patches cut into ``level`` by ``level`` quads (1 to 1000)."""
-        return cls._of(_raykd.Mesh.scene(f"teapot:{level}"))
+        return cls.scene(f"teapot:{level}")
 
     @property
     def vertices(self) -> np.ndarray:
