@@ -5,8 +5,8 @@
     python peers/inside.py [--points 1000000] [--raykd target/release/raykd]
 
 Prints a row for each mesh, set of points and program: millions of points a second, without reading the mesh or
-building its tree where a program tells these apart, and wrong answers a million. The points are random ones of the box, and
-ones from which the rays of the others, along an axis or their own ways, meet vertices and edges.
+building its tree where a program tells these apart, and wrong answers a million. The points are random ones of the
+box, and ones from which the rays of the others, along an axis or their own ways, meet vertices and edges.
 
 Who judges: of cubes on a lattice and of an octahedron, whole numbers, since coordinates of corners and points are
 multiples of a power of two. Of other meshes, libigl's winding number (the sum of all solid angles, not the fast one)

@@ -5,8 +5,8 @@
     python peers/rays.py [dragon_res3 ...] [--threads 2] [--rounds 5] [--raykd target/release/raykd]
 
 Prints a row for each scene, set of rays and program: millions of rays a second, the best of all rounds, in which
-programs take turns; and wrong answers a million. Rays are those of `raykd rays`, and rays from the same origins at points
-of edges of the mesh. The program's own time for the kernel tells what the binding adds.
+programs take turns; and wrong answers a million. Rays are those of `raykd rays`, and rays from the origins of the
+random ones to points of edges.
 
 Who judges: `exact`, by testing every triangle (`traversal="brute"`), on the first 2,000 rays of each set. An answer is
 wrong if it is a miss for a hit or a hit for a miss, or if its triangle lies at another `t`, by more than 1e-4 of it.
@@ -123,7 +123,8 @@ def main():
             for program, ask in asked.items():
                 wrong = judge(args, mesh, few, ask(few)) * 1e6 / len(few)
                 speed = len(some) / best[program] / 1e6
-                print(json.dumps({"scene": name, "rays": kind, "by": program, "mrays": round(speed, 3), "wrong": wrong}))
+                told = {"scene": name, "rays": kind, "by": program, "mrays": round(speed, 3), "wrong": wrong}
+                print(json.dumps(told))
 
 
 if __name__ == "__main__":

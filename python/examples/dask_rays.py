@@ -42,7 +42,9 @@ def trace(scene: str, rays: str, hits: str, first: int, last: int, device: str, 
     return found.invalid
 
 
-def trace_all(client: Client, scene: str, rays: str, hits: str, *, at_once: int, device: str, threads: int | None) -> int:
+def trace_all(
+    client: Client, scene: str, rays: str, hits: str, *, at_once: int, device: str, threads: int | None
+) -> int:
     """Traces all rays of the file by the client's workers, and returns how many were none."""
     count = len(np.load(rays, mmap_mode="r"))
     np.lib.format.open_memmap(hits, "w+", raykd.Hits.RECORD, (count,)).flush()

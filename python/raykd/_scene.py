@@ -84,7 +84,7 @@ class Mesh:
 
     @property
     def is_closed(self) -> bool:
-        """Whether every edge has as many triangles on one side as on the other, so that points are inside or outside."""
+        """Whether at every edge as many triangles go one way as the other, so that points are inside or outside."""
         if self._closed is None:
             self._closed = self._mesh.is_closed()
         return self._closed

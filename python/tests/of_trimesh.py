@@ -67,8 +67,8 @@ def raykd_was_asked():
 def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         wanted = f"trimesh=={version('trimesh')}"
-        pip = [sys.executable, "-m", "pip", "download", "-q", "--no-deps", "--no-binary", "trimesh", "-d", folder, wanted]
-        subprocess.run(pip, check=True)
+        pip = [sys.executable, "-m", "pip", "download", "-q", "--no-deps", "--no-binary", "trimesh"]
+        subprocess.run([*pip, "-d", folder, wanted], check=True)
         (archive,) = Path(folder).glob("trimesh-*.tar.gz")
         tests = Path(folder, "own")
         tests.mkdir()

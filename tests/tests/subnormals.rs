@@ -146,8 +146,8 @@ fn a_device_that_flushes_subnormals_finds_the_same() {
     assert!(hits.iter().all(|&n| n > 2000), "{hits:?}");
 }
 
-/// Triangles in planes across an axis, many in each, and rays that start next to those planes: of triangles that are met
-/// at the same `t` the first one counts, however small that is.
+/// Triangles in planes across an axis, many in each, and rays that start next to those planes: of triangles that are
+/// met at the same `t` the first one counts, however small that is.
 #[test]
 fn so_it_does_of_triangles_next_to_the_origin() {
     let mut random = Random::new(10);

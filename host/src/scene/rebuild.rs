@@ -6,7 +6,8 @@ use crate::{BuildOptions, Device, Error, Mesh};
 /// A GPU's memory is used again: the second rebuild takes the last there is to take, as long as the mesh does not
 /// grow by more than an eighth; see [`Device::recycling`]. The tree is built anew, to the same bytes as ever. Clones
 /// stay what they are, and may be traced while this goes on, by other threads too: so a program that shows the old
-/// mesh meanwhile keeps one. Traversal and triangle test stay as they were chosen. If it fails, the scene stays as it was.
+/// mesh meanwhile keeps one. Traversal and triangle test stay as they were chosen. If it fails, the scene stays as it
+/// was.
 ///
 /// ```
 /// use raykd::{BuildOptions, Device, Mesh, Ray, Scene};
