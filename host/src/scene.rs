@@ -25,7 +25,7 @@ pub use tracer::Tracer;
 pub use world::{World, WorldHit};
 
 use crate::{
-    BuildTimes, Error, Intersector, KdTree,
+    BuildTimes, Error, Intersector, KdTree, Mesh,
     build::{Kept, MeshBuffers},
     exec::{Buffer, Device},
     mesh::digest,
@@ -80,12 +80,37 @@ impl Scene {
     pub fn tree(&self) -> Result<KdTree, Error> {
         let nodes = self.device.read(&self.nodes.view(), 0, self.header.nodes as usize)?;
         let refs = self.device.read(&self.refs, 0, self.header.refs as usize)?;
-        let positions = self.device.read(&self.mesh.positions, 0, self.mesh.coordinates)?;
-        let indices: Vec<[u32; 3]> =
-            self.device.read(&self.mesh.indices.view(), 0, self.header.triangles as usize)?;
+        let (positions, indices) = self.coordinates_and_indices()?;
         let kept = self.kept.list(&self.device)?;
         let mesh = self.device.install(|| digest(&positions, &indices, &kept));
         Ok(KdTree::sealed(self.header, nodes, refs, mesh))
+    }
+
+    /// The mesh of which the scene was built, as kernels see it: coordinates are rounded as [`Mesh::positions`] are,
+    /// and what is too small for them is 0. Brought from the device and checked again.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn mesh(&self) -> Result<Mesh, Error> {
+        let (positions, indices) = self.coordinates_and_indices()?;
+        let larger = 1.0 / self.header.scale;
+        let vertex = |p: &[f32; 3]| p.map(|x| x * larger);
+        let positions = positions.as_chunks().0.iter().map(vertex).collect();
+        Ok(Mesh::new(positions, indices)?.moved(self.translation))
+    }
+
+    /// The mesh as it lies on the device, scaled.
+    fn coordinates_and_indices(&self) -> Result<(Vec<f32>, Vec<[u32; 3]>), Error> {
+        let positions = self.device.read(&self.mesh.positions, 0, self.mesh.coordinates)?;
+        let indices = self.device.read(&self.mesh.indices.view(), 0, self.header.triangles as usize)?;
+        Ok((positions, indices))
+    }
+
+    /// The scene for rays that are where its mesh was moved to.
+    #[doc(hidden)]
+    #[must_use]
+    pub fn into_local(self) -> Self {
+        Self { translation: [0.0; 3], ..self }
     }
 
     /// How rays find their way through the tree.

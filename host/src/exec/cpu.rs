@@ -1,6 +1,9 @@
 //! The CPU executor: workgroups in parallel by rayon, the lanes of each in turn.
 
-use super::{AnyBuffer, Groups, Limit, Step, Timing, file::FileBytes};
+use super::{
+    AnyBuffer, Groups, Limit, Step, Timing,
+    pages::{FileBytes, pages},
+};
 use crate::{Error, clock::Instant};
 use bytemuck::allocation::try_zeroed_vec;
 use raykd_kernels::{Access, Group, Order, RawBuf};
@@ -126,8 +129,8 @@ impl Cpu {
                 *slot = shared.0;
             }
             let group = Group { id, width: step.kernel.threads, order: self.order, usual };
-            // SAFETY: one live, aligned buffer per slot (`Device::dispatch` counts them), which `uses` keeps
-            // others from writing; the groups of one dispatch have different ids, and kernels give every word one writer.
+            // SAFETY: one live, aligned buffer per slot (`Device::dispatch` counts them), which `uses` keeps others from
+            // writing; the groups of one dispatch have different ids, and kernels give every word one writer.
             unsafe { (step.kernel.run)(group, &buffers[..raw.len()]) }
         };
         if self.order == Order::Reverse {
@@ -264,10 +267,7 @@ impl Memory {
             let mut lines: Vec<Line> = try_zeroed_vec(len.div_ceil(size_of::<Line>())).ok()?;
             (lines.as_mut_ptr().cast(), Place::Heap(lines))
         } else {
-            let mut map = memmap2::MmapMut::map_anon(len).ok()?;
-            // Traversal jumps about; finding small pages would cost it more than reading them.
-            #[cfg(target_os = "linux")]
-            let _ = map.advise(memmap2::Advice::HugePage);
+            let mut map = pages(len).ok()?;
             (map.as_mut_ptr(), Place::Pages(map))
         };
         Some(Self(Arc::new(Allocation { ptr, len, _place: place, users: AtomicU32::new(0) })))

@@ -1,9 +1,9 @@
 //! Running kernels: buffers and dispatches on the CPU and on the GPU behind one surface.
 
 pub(crate) mod cpu;
-pub(crate) mod file;
 #[cfg(feature = "gpu")]
 mod gpu;
+pub(crate) mod pages;
 #[cfg(feature = "gpu")]
 mod pool;
 #[doc(hidden)]
@@ -428,7 +428,7 @@ impl Device {
     pub(crate) fn share<T: bytemuck::Pod>(
         &self,
         name: &'static str,
-        file: &file::FileBytes,
+        file: &pages::FileBytes,
         begin: usize,
         count: usize,
     ) -> Result<Buffer<T>, Error> {

@@ -229,8 +229,8 @@ impl Mesh {
     }
 
     /// The same, or this mesh if it was not moved.
-    #[cfg(feature = "plan")]
-    pub(crate) fn local(&self) -> Cow<'_, Self> {
+    #[doc(hidden)]
+    pub fn local(&self) -> Cow<'_, Self> {
         if self.translation == [0.0; 3] { Cow::Borrowed(self) } else { Cow::Owned(self.clone().into_local()) }
     }
 

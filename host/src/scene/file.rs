@@ -2,10 +2,10 @@
 
 use super::Scene;
 use crate::{
-    BuildTimes, Error, Intersector, Mesh, Traversal,
+    BuildTimes, Error, Intersector, Traversal,
     build::{Kept, MeshBuffers},
     clock::Instant,
-    exec::{Device, cpu::Memory, file::FileBytes},
+    exec::{Device, cpu::Memory, pages::FileBytes},
     mesh::digest,
     output,
     traversal::Extras,
@@ -267,22 +267,6 @@ impl Scene {
             transforms: None,
             extras: Extras::default(),
         })
-    }
-}
-
-impl Scene {
-    /// The mesh of which the scene was built, as kernels see it: coordinates are rounded as [`Mesh::positions`] are,
-    /// and what is too small for them is 0. Brought from the device and checked again.
-    ///
-    /// # Errors
-    /// The device failed.
-    pub fn mesh(&self) -> Result<Mesh, Error> {
-        let larger = 1.0 / self.header.scale;
-        let positions: Vec<f32> = self.device.read(&self.mesh.positions, 0, self.mesh.coordinates)?;
-        let triangles = self.device.read(&self.mesh.indices.view(), 0, self.header.triangles as usize)?;
-        let corner = |p: &[f32; 3]| p.map(|x| x * larger);
-        let positions = positions.as_chunks().0.iter().map(corner).collect();
-        Ok(Mesh::new(positions, triangles)?.moved(self.translation))
     }
 }
 

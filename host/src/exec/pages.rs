@@ -1,4 +1,4 @@
-//! Files as memory, which processes may share.
+//! Memory of pages: zeros, and files, which processes may share.
 
 use memmap2::{MmapMut, MmapOptions, MmapRaw};
 use std::{
@@ -16,7 +16,7 @@ impl FileBytes {
     /// Reads a whole file.
     pub(crate) fn read(path: &Path) -> io::Result<Self> {
         let mut file = regular(path)?;
-        let mut bytes = MmapMut::map_anon(file.metadata()?.len().try_into().unwrap_or(usize::MAX))?;
+        let mut bytes = pages(file.metadata()?.len().try_into().unwrap_or(usize::MAX))?;
         file.read_exact(&mut bytes)?;
         Ok(Self(Arc::new(bytes.into())))
     }
@@ -38,6 +38,15 @@ impl FileBytes {
     pub(super) fn start(&self) -> *mut u8 {
         self.0.as_mut_ptr()
     }
+}
+
+/// So many bytes of zeros.
+pub(super) fn pages(len: usize) -> io::Result<MmapMut> {
+    let map = MmapMut::map_anon(len)?;
+    // Traversal jumps about; finding small pages would cost it more than reading them.
+    #[cfg(target_os = "linux")]
+    let _ = map.advise(memmap2::Advice::HugePage);
+    Ok(map)
 }
 
 /// Opens a file that has a length.
