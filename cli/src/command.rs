@@ -120,6 +120,7 @@ mod tests {
             "raykd render m -o p --quality usual --costs c.json",
             "raykd trace m --rays r --hits h --brute",
             "raykd trace m --rays r --hits h --limit 4",
+            "raykd trace m --rays r.npy --hits h --f64",
             "raykd trace m --rays r --hits h --query count --limit 4",
             "raykd trace m --rays r --hits h --intersector plane --query all",
             "raykd render m -o p --intersector moeller --shading heat",

@@ -9,6 +9,7 @@ use crate::{
     machine::Machines,
     measure::{self, mrays, ms},
     notes::Notes,
+    npy,
     ray_file::{self, Rays},
     report::{count, three, write_json},
     task::{On, Task},
@@ -34,7 +35,8 @@ numbered from 0 in file order. Rays that are none (NaN, zero direction) miss and
 --query all writes LIMIT records a ray, by rising t, the rest of them misses; --query count writes
 one u32 a ray.
 
-Files named .npy are arrays of numpy: rays of N x 8 f32 or f64, hits of N records.
+Files named .npy are arrays of numpy: rays of N x 8 f32 or f64, hits and numbers of hits one after
+the other.
 
 Examples:
   raykd trace mesh.ply --rays rays.bin --hits hits.bin
@@ -164,6 +166,9 @@ impl Task for TraceArgs {
     fn check(&self) -> Result<(), String> {
         if self.limit.is_some() && self.query != Ask::All {
             return Err("--limit is for --query all".to_owned());
+        }
+        if self.f64 && self.rays.as_deref().is_some_and(npy::is_named) {
+            return Err("--f64 is for records; a file named .npy says itself what its numbers are".to_owned());
         }
         if self.brute && !self.compare {
             return Err("--brute is for --compare".to_owned());
