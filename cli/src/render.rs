@@ -17,7 +17,7 @@ use raykd::{
     Device, Error, Scene,
     internals::{
         output,
-        picture::{Picture, Shading, corners, rays_of, render},
+        picture::{self, Picture, Shading, rays_of, render, samples_of},
         quoted,
     },
     rays::Camera,
@@ -108,7 +108,7 @@ fn run(args: &RenderArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
     let input = Input::load(&args.mesh, args.read, &notes)?;
     let camera = camera(args, &input)?;
     let shading = args.shading;
-    let samples = args.samples.unwrap_or(if shading == Shading::Normal { 2 } else { 1 });
+    let samples = args.samples.unwrap_or_else(|| samples_of(shading));
     let rays = u64::from(args.size[0]) * u64::from(args.size[1]) * u64::from(samples * samples);
     let rays = rays_of(shading, rays);
     let device = &args.on;
@@ -141,21 +141,10 @@ fn run(args: &RenderArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
 
 /// The camera given, or one that sees the whole mesh.
 fn camera(args: &RenderArgs, input: &Input) -> anyhow::Result<Camera> {
-    let mesh = &input.mesh;
     let local = |point: [f64; 3]| [0, 1, 2].map(|a| point[a] - input.translation[a]);
-    let [width, height] = args.size;
-    let framing = Camera::framing(mesh.bounds());
-    let camera = match args.eye {
-        None => {
-            let camera = Camera { up: args.up, fov: args.fov, ..framing };
-            camera.fitted(corners(mesh), f64::from(width) / f64::from(height))
-        }
-        Some(eye) => {
-            let (lo, hi) = mesh.bounds();
-            let middle = [0, 1, 2].map(|a| f64::midpoint(f64::from(lo[a]), f64::from(hi[a])));
-            Camera { eye: local(eye), target: args.target.map_or(middle, local), up: args.up, fov: args.fov }
-        }
-    };
+    let [width, height] = args.size.map(f64::from);
+    let ends = [args.eye, args.target].map(|end| end.map(local));
+    let camera = picture::camera(&input.mesh, width / height, ends, args.up, args.fov);
     (camera.eye != camera.target)
         .then_some(camera)
         .context("--eye and --target are the same point; move one of them")

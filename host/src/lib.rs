@@ -119,7 +119,7 @@ pub mod internals {
     /// Pictures of scenes.
     pub mod picture {
         pub use crate::picture::{
-            Picture, Rgb, Shading, corners, encode, full_scale, heat, rays_of, render, rows,
+            Picture, Rgb, Shading, camera, encode, full_scale, heat, rays_of, render, rows, samples_of,
         };
     }
     /// Files that appear whole or not at all.

@@ -15,13 +15,14 @@ A ray with NaN, an infinite number or a zero direction misses, and is counted in
 """
 
 from ._arrays import AllHits, Crossings, Hits, Steps
-from ._raykd import BUILDERS, MISS, TESTS, TRAVERSALS, __version__, devices
+from ._raykd import BUILDERS, MISS, SHADINGS, TESTS, TRAVERSALS, __version__, devices
 from ._scene import Mesh, Scene, load
 from ._render import camera_rays, render
 
 __all__ = [
     "BUILDERS",
     "MISS",
+    "SHADINGS",
     "TESTS",
     "TRAVERSALS",
     "AllHits",

@@ -12,12 +12,16 @@ MISS: int
 BUILDERS: list[str]
 TRAVERSALS: list[str]
 TESTS: list[str]
+SHADINGS: list[str]
 
 _Rays = tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]
 _Words = NDArray[np.uint32]
+_View = tuple[int, int, list[float] | None, list[float] | None, list[float], float]
 
 def devices() -> list[dict[str, Any]]: ...
 def digest(words: _Words) -> str: ...
+def camera_rays(scene: Scene, view: _View) -> tuple[list[float], NDArray[np.float32]]: ...
+def render(scene: Scene, view: _View, shading: str, samples: int | None) -> NDArray[np.uint8]: ...
 
 class Mesh:
     def __init__(self, vertices: NDArray[Any], faces: _Words) -> None: ...

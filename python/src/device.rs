@@ -1,7 +1,11 @@
 //! Devices by name.
 
 use crate::error;
-use pyo3::{exceptions::PyRuntimeError, prelude::*, types::PyDict};
+use pyo3::{
+    exceptions::{PyRuntimeError, PyValueError},
+    prelude::*,
+    types::PyDict,
+};
 use raykd::Device;
 use std::{
     collections::HashMap,
@@ -26,6 +30,11 @@ pub(crate) fn device(py: Python<'_>, name: &str, threads: Option<usize>) -> PyRe
     type Opened = Mutex<HashMap<(String, Option<usize>), Device>>;
     static OPENED: OnceLock<Opened> = OnceLock::new();
     same_process()?;
+    if threads.is_some() && !matches!(name, "cpu" | "auto") {
+        return Err(PyValueError::new_err(
+            "threads are those of the CPU; leave them out, or say device=\"cpu\"",
+        ));
+    }
     let opened = OPENED.get_or_init(Opened::default);
     let key = (name.to_owned(), threads);
     py.detach(|| {
@@ -46,7 +55,7 @@ fn open(name: &str, threads: Option<usize>) -> Result<Device, raykd::Error> {
         ("cpu", None) => Ok(Device::cpu()),
         ("auto", None) => Ok(Device::best()),
         #[cfg(feature = "gpu")]
-        ("gpu", _) => Device::gpu(None),
+        ("gpu", None) => Device::gpu(None),
         #[cfg(feature = "gpu")]
         (part, _) => Device::gpu(Some(part)),
         #[cfg(not(feature = "gpu"))]

@@ -1,13 +1,14 @@
 //! The compiled half of the Python package: meshes and scenes over arrays that `raykd/*.py` has made plain.
 //!
 //! Arrays come in as C-contiguous `float32` or `float64`. Rays are copied out of them with the interpreter's lock
-//! held, so that no other thread of Python changes them meanwhile; the lock is released while rays are traced.
+//! held, which is released while rays are traced.
 
 #![deny(unsafe_code)]
 
 mod arrays;
 mod device;
 mod mesh;
+mod picture;
 mod scene;
 
 use pyo3::{
@@ -38,13 +39,31 @@ fn error(error: Error) -> PyErr {
     }
 }
 
+/// What has that name.
+fn named<T: Copy, const N: usize>(
+    what: &str,
+    name: &str,
+    all: [T; N],
+    name_of: impl Fn(T) -> &'static str,
+) -> PyResult<T> {
+    all.into_iter().find(|&it| name_of(it) == name).ok_or_else(|| {
+        let names = all.map(name_of).join(", ");
+        PyValueError::new_err(format!("{what} {name:?} is none of {names}"))
+    })
+}
+
 #[pymodule(gil_used = true)]
 mod _raykd {
     #[pymodule_export]
-    use super::{device::devices, mesh::Mesh, scene::Scene, scene::digest};
+    use super::{
+        device::devices,
+        mesh::Mesh,
+        picture::{camera_rays, render},
+        scene::{Scene, digest},
+    };
 
     use pyo3::prelude::*;
-    use raykd::{Builder, Intersector, Traversal};
+    use raykd::{Builder, Intersector, Traversal, internals::picture::Shading};
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -52,6 +71,7 @@ mod _raykd {
         module.add("MISS", raykd::shared::MISS)?;
         module.add("BUILDERS", Builder::ALL.map(Builder::name).to_vec())?;
         module.add("TRAVERSALS", Traversal::ALL.map(Traversal::name).to_vec())?;
-        module.add("TESTS", Intersector::ALL.map(Intersector::name).to_vec())
+        module.add("TESTS", Intersector::ALL.map(Intersector::name).to_vec())?;
+        module.add("SHADINGS", Shading::ALL.map(Shading::name).to_vec())
     }
 }

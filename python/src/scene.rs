@@ -5,6 +5,7 @@ use crate::{
     device::{device, same_process},
     error,
     mesh::Mesh,
+    named,
 };
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::{
@@ -23,7 +24,7 @@ use std::{
 #[pyclass(frozen, module = "raykd._raykd")]
 #[derive(Debug)]
 pub(crate) struct Scene {
-    scene: raykd::Scene,
+    pub(crate) scene: raykd::Scene,
     /// Of a scene from a file, made when it is asked for.
     mesh: OnceLock<Arc<raykd::Mesh>>,
 }
@@ -198,12 +199,7 @@ impl Scene {
 
     #[getter]
     fn mesh(&self, py: Python<'_>) -> PyResult<Mesh> {
-        same_process()?;
-        if let Some(mesh) = self.mesh.get() {
-            return Ok(Mesh(Arc::clone(mesh)));
-        }
-        let mesh = py.detach(|| self.scene.mesh()).map_err(error)?;
-        Ok(Mesh(Arc::clone(self.mesh.get_or_init(|| Arc::new(mesh)))))
+        self.shared_mesh(py).map(Mesh)
     }
 
     #[getter]
@@ -241,6 +237,16 @@ impl Scene {
 }
 
 impl Scene {
+    /// The mesh, brought from the device if the scene was loaded.
+    pub(crate) fn shared_mesh(&self, py: Python<'_>) -> PyResult<Arc<raykd::Mesh>> {
+        same_process()?;
+        if let Some(mesh) = self.mesh.get() {
+            return Ok(Arc::clone(mesh));
+        }
+        let mesh = py.detach(|| self.scene.mesh()).map_err(error)?;
+        Ok(Arc::clone(self.mesh.get_or_init(|| Arc::new(mesh))))
+    }
+
     /// Parts of so many rays that a person who wants to stop need not wait.
     fn ranges(&self, rays: usize) -> PyResult<impl Iterator<Item = Range<usize>> + use<>> {
         same_process()?;
@@ -286,19 +292,6 @@ impl Scene {
         }
         Ok(invalid)
     }
-}
-
-/// What has that name.
-fn named<T: Copy, const N: usize>(
-    what: &str,
-    name: &str,
-    all: [T; N],
-    name_of: impl Fn(T) -> &'static str,
-) -> PyResult<T> {
-    all.into_iter().find(|&it| name_of(it) == name).ok_or_else(|| {
-        let names = all.map(name_of).join(", ");
-        PyValueError::new_err(format!("{what} {name:?} is none of {names}"))
-    })
 }
 
 fn build_options(given: &Bound<'_, PyDict>) -> PyResult<BuildOptions> {

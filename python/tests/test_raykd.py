@@ -9,6 +9,7 @@ import textwrap
 import threading
 import time
 
+import matplotlib.image
 import numpy as np
 import pytest
 
@@ -49,8 +50,8 @@ def test_digests_are_those_of_the_program(teapot, tmp_path):
     origins, directions = some_rays(5000)
     limits = np.tile(np.float32([0, np.inf]), (5000, 1))
     np.hstack([origins, directions, limits]).astype("<f4").tofile(tmp_path / "rays")
-    command = [program, "trace", "teapot:8", "--device", "cpu", "--rays", tmp_path / "rays", "--hits", tmp_path / "hits"]
-    subprocess.run(command, check=True, capture_output=True)
+    files = ["--rays", tmp_path / "rays", "--hits", tmp_path / "hits"]
+    subprocess.run([program, "trace", "teapot:8", "--device", "cpu", *files], check=True, capture_output=True)
     written = np.fromfile(tmp_path / "hits", dtype="<u4").reshape(-1, 4)
     hits = raykd.Scene(teapot, device="cpu").closest(origins, directions)
     assert 1000 < hits.is_hit.sum() < 5000
@@ -182,6 +183,12 @@ def test_rays_that_are_none_miss_and_are_counted(teapot):
         (lambda s: raykd.Scene(s.mesh, device="cpu", traversal="best"), "traversal"),
         (lambda s: raykd.Scene(s.mesh, device="cpu", price=-1.0), "price"),
         (lambda s: raykd.Scene(s.mesh, device="cpu", speed=1.0), "speed"),
+        (lambda s: raykd.Scene(s.mesh, device="gpu", threads=2), "threads"),
+        (lambda s: raykd.render(s, 0, 5), "width and height"),
+        (lambda s: raykd.render(s, shading="best"), "shading"),
+        (lambda s: raykd.render(s, samples=9), "samples"),
+        (lambda s: raykd.render(s, fov=float("nan")), "fov"),
+        (lambda s: raykd.render(s, eye=[1, 1, 1], target=[1, 1, 1]), "same point"),
         (lambda s: s.closest([0, 0], [0, 0, 1]), "origins"),
         (lambda s: s.closest(["a", "b", "c"], [0, 0, 1]), "numbers"),
         (lambda s: s.closest(np.zeros((2, 3)), np.zeros((3, 3))), "go together"),
@@ -294,10 +301,37 @@ def test_a_forked_process_is_told_to_start_afresh(teapot):
 
 def test_pictures(teapot):
     scene = raykd.Scene(teapot, device="cpu")
-    picture = raykd.render(scene, 64, 48)
-    assert picture.shape == (48, 64, 3) and picture.dtype == np.uint8
-    drawn = (picture != 255).any(axis=2)
+    for shading in raykd.SHADINGS:
+        picture = raykd.render(scene, 64, 48, shading=shading)
+        assert picture.shape == (48, 64, 3) and picture.dtype == np.uint8
+    nothing = raykd.render(scene, 64, 48, shading="id", eye=[0, 0, 50], target=[0, 0, 99])
+    drawn = (raykd.render(scene, 64, 48, shading="id") != nothing).any(axis=2)
     assert 0.1 < drawn.mean() < 0.9 and not drawn[0].any() and not drawn[:, 0].any()
+    hit = scene.closest(*raykd.camera_rays(scene, 64, 48)).is_hit
+    assert (hit == drawn).all()
+
+
+def test_pictures_are_the_same_wherever_a_mesh_is(teapot):
+    far = np.array([1e7, -3e6, 2.5e7])
+    moved = raykd.Scene(teapot.vertices + far, teapot.faces, device="cpu")
+    assert any(moved._scene.mesh.translation)
+    ends = {"eye": np.array([5.0, 8.0, 50.0]), "target": np.array([0.0, 1.0, 0.0])}
+    pictures = [
+        raykd.render(raykd.Scene(teapot, device="cpu"), 64, 48, **ends),
+        raykd.render(moved, 64, 48, **{name: end + far for name, end in ends.items()}),
+    ]
+    assert (np.abs(pictures[0].astype(int) - pictures[1]) > 8).mean() < 0.01
+    origin, directions = raykd.camera_rays(moved, 64, 48)
+    assert 0.1 < moved.any(origin, directions).mean() < 0.9
+
+
+def test_pictures_are_those_of_the_program(teapot, tmp_path):
+    program = os.environ["RAYKD_PROGRAM"]
+    command = [program, "render", "teapot:8", "-o", tmp_path / "p.png", "--size", "96x64", "--device", "cpu"]
+    subprocess.run([*command, "--shading", "heat"], check=True, capture_output=True)
+    drawn = matplotlib.image.imread(tmp_path / "p.png")
+    picture = raykd.render(raykd.Scene(teapot, device="cpu"), 96, 64, shading="heat")
+    assert (np.rint(drawn[:, :, :3] * 255) == picture).all()
 
 
 def test_devices_are_listed():

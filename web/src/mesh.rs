@@ -1,12 +1,13 @@
 //! Meshes.
 
-use crate::values::error;
+use crate::{
+    stress::case,
+    values::{error, fields, floats},
+};
 use js_sys::{Float32Array, Float64Array, Uint32Array};
-use raykd::{Ray, rays::random, stress::cases::CASES};
+use raykd::{Ray, rays::random};
 use std::path::Path;
 use wasm_bindgen::prelude::*;
-
-use crate::values::{fields, floats};
 
 /// A checked triangle mesh. If its coordinates lose digits where they are, it is moved by `translation`; rays and
 /// pictures know only of where it is then.
@@ -56,9 +57,7 @@ impl Mesh {
 
     /// The mesh of a scene in which ray tracers fail; see `choices().stress`.
     pub fn stress(name: &str) -> Result<Self, JsError> {
-        let case = CASES.iter().find(|case| case.name == name);
-        let case = case.ok_or_else(|| error(format!("no stress scene is named '{name}'")))?;
-        let part = case.parts(1).into_iter().next().ok_or_else(|| error("a scene without a mesh"))?;
+        let part = case(name)?.parts(1).into_iter().next().ok_or_else(|| error("a scene without a mesh"))?;
         Ok(part.mesh.into())
     }
 

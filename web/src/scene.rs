@@ -7,7 +7,7 @@ use crate::{
 use js_sys::{Int32Array, Uint8ClampedArray};
 use raykd::{
     Device, Hit, Intersector, Query, Traversal,
-    internals::picture::{Shading, corners, encode, full_scale, heat, rows},
+    internals::picture::{self, Shading, encode, full_scale, heat, rows},
     rays::Camera,
 };
 use serde::{Deserialize, Serialize};
@@ -221,7 +221,8 @@ impl Scene {
     /// A camera that sees the whole mesh.
     #[wasm_bindgen(unchecked_return_type = "Camera")]
     pub fn camera(&self, aspect: f64) -> Result<JsValue, JsError> {
-        let camera = Camera::framing(self.mesh.bounds()).fitted(corners(&self.mesh), aspect);
+        let Camera { up, fov, .. } = Camera::framing(self.mesh.bounds());
+        let camera = picture::camera(&self.mesh, aspect, [None; 2], up, fov);
         object(&View { eye: camera.eye, target: camera.target, up: camera.up, fov: camera.fov })
     }
 
@@ -234,7 +235,8 @@ impl Scene {
         height: u32,
     ) -> Result<JsValue, JsError> {
         check("width and height", width.max(height), MOST_PIXELS)?;
-        Ok(of_rays(&Camera::from(view(&camera)?).rays(width, height)))
+        let view: View = read("camera", &camera)?;
+        Ok(of_rays(&Camera::from(view).rays(width, height)))
     }
 
     /// Draws some rows of a picture.
@@ -273,11 +275,6 @@ fn check(what: &str, value: u32, most: u32) -> Result<(), JsError> {
         return Ok(());
     }
     Err(error(format!("{what} are {value}, and must be from 1 to {most}")))
-}
-
-/// A camera that looks somewhere.
-fn view(given: &JsValue) -> Result<View, JsError> {
-    read("camera", given)
 }
 
 /// SHA-256 of hits, as `raykd bench` prints it.

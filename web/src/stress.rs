@@ -3,7 +3,8 @@
 use crate::values::{error, named, object};
 use raykd::{
     Builder, Device, Intersector, Traversal,
-    stress::{Method, Way, cases::CASES},
+    internals::quoted,
+    stress::{Case, Method, Way, cases::CASES},
 };
 use serde::Serialize;
 use wasm_bindgen::prelude::*;
@@ -23,6 +24,12 @@ struct Outcome {
     ms: f64,
 }
 
+/// The stress scene of this name.
+pub(crate) fn case(name: &str) -> Result<&'static Case, JsError> {
+    let case = CASES.iter().find(|case| case.name == name);
+    case.ok_or_else(|| error(format!("no stress scene is named '{}'", quoted(name))))
+}
+
 /// The exact answers of more rays take long.
 const MOST_RAYS: u32 = 1 << 20;
 
@@ -31,8 +38,7 @@ impl Trial {
     /// Makes the scene, its rays and their answers.
     #[wasm_bindgen(constructor)]
     pub fn new(scene: &str, rays: u32) -> Result<Self, JsError> {
-        let case = CASES.iter().find(|case| case.name == scene);
-        let case = case.ok_or_else(|| error(format!("no stress scene is named '{scene}'")))?;
+        let case = case(scene)?;
         if !(1..=MOST_RAYS).contains(&rays) {
             return Err(error(format!("{rays} rays; there may be from 1 to {MOST_RAYS}")));
         }

@@ -113,6 +113,11 @@ const SKY_RAYS: u64 = 16;
 /// Their length, in diagonals of the mesh: what is farther off does not darken.
 const SKY_REACH: f64 = 0.2;
 
+/// Rays along a pixel, if nothing is said.
+pub fn samples_of(shading: Shading) -> u32 {
+    if shading == Shading::Normal { 2 } else { 1 }
+}
+
 /// How many rays a picture of so many primary ones takes in all: of those about half hit what fills the picture.
 pub const fn rays_of(shading: Shading, primary: u64) -> u64 {
     match shading {
@@ -139,8 +144,25 @@ fn sky(scene: &Scene, mesh: &Mesh, rays: &[Ray], hits: &[Hit], seed: u32) -> Res
     Ok(hits.iter().map(|hit| paint(hit).unwrap_or(NOTHING)).collect())
 }
 
+/// The camera at `eye`, which looks at `target` or at the middle of the mesh; or one that sees the whole mesh in a
+/// picture of `aspect` = width / height.
+pub fn camera(
+    mesh: &Mesh,
+    aspect: f64,
+    [eye, target]: [Option<[f64; 3]>; 2],
+    up: [f64; 3],
+    fov: f64,
+) -> Camera {
+    let Some(eye) = eye else {
+        return Camera { up, fov, ..Camera::framing(mesh.bounds()) }.fitted(corners(mesh), aspect);
+    };
+    let (lo, hi) = mesh.bounds();
+    let middle = || [0, 1, 2].map(|a| f64::midpoint(f64::from(lo[a]), f64::from(hi[a])));
+    Camera { eye, target: target.unwrap_or_else(middle), up, fov }
+}
+
 /// The corners of the triangles that can be seen.
-pub fn corners(mesh: &Mesh) -> impl Iterator<Item = [f32; 3]> {
+fn corners(mesh: &Mesh) -> impl Iterator<Item = [f32; 3]> {
     let corner = |i: u32| mesh.positions()[i as usize];
     mesh.kept().iter().flat_map(move |&triangle| mesh.triangles()[triangle as usize].map(corner))
 }
