@@ -98,14 +98,21 @@ impl Scene {
         {
             return Err(error(Error::Excluded { rays: rays.len(), excluded: exclude.len() }));
         }
-        let (mut found, mut invalid) = (Vec::with_capacity(rays.len()), 0);
+        let (mut found, mut invalid) = (Vec::new(), 0);
+        let all = rays.len();
         self.in_parts(py, &rays, |range, part| {
             let traced = with_rays!(part, rays => match exclude {
                 None => self.scene.trace(query, &rays)?,
                 Some(exclude) => self.scene.trace_except(query, &rays, &exclude[range])?,
             });
             invalid += traced.invalid;
-            found.extend_from_slice(&traced.hits);
+            // Hits of many rays take longer to copy than to find.
+            if traced.hits.len() == all {
+                found = traced.hits;
+            } else {
+                found.reserve_exact(all - found.len());
+                found.extend_from_slice(&traced.hits);
+            }
             Ok(())
         })?;
         Ok((words(py, found), invalid))
@@ -250,7 +257,7 @@ impl Scene {
     /// Parts of so many rays that a person who wants to stop need not wait.
     fn ranges(&self, rays: usize) -> PyResult<impl Iterator<Item = Range<usize>> + use<>> {
         same_process()?;
-        let most = 1 << if self.scene.device().kind() == "cpu" { 18 } else { 23 };
+        let most = 1 << if self.scene.device().kind() == "cpu" { 18 } else { 24 };
         Ok((0..rays).step_by(most).map(move |start| start..rays.min(start + most)))
     }
 

@@ -16,6 +16,7 @@ pub(crate) use gpu::Size;
 pub use gpu::{AdapterReport, Gpu, Verdict, adapters, required_features, required_limits};
 
 use crate::Error;
+use bytemuck::allocation::zeroed_vec;
 use raykd_kernels::{Bindings, Host, Kernel};
 use std::{marker::PhantomData, ops::Deref, sync::Arc, time::Duration};
 
@@ -517,10 +518,29 @@ impl Device {
         from: u64,
         count: usize,
     ) -> Result<Vec<T>, Error> {
-        let offset = buffer.place("read", size_of::<T>(), from, count);
-        let mut out = vec![T::zeroed(); count];
-        if count > 0 {
-            let target: &mut [u8] = bytemuck::cast_slice_mut(&mut out);
+        buffer.place("read", size_of::<T>(), from, count);
+        let mut out = zeroed_vec(count);
+        self.read_into(buffer, from, &mut out)?;
+        Ok(out)
+    }
+
+    /// Reads as many elements as there is room for, from element `from` on.
+    ///
+    /// # Errors
+    /// The device failed.
+    ///
+    /// # Panics
+    /// As [`Self::read`].
+    #[doc(hidden)]
+    pub fn read_into<T: bytemuck::Pod>(
+        &self,
+        buffer: &Buffer<T>,
+        from: u64,
+        out: &mut [T],
+    ) -> Result<(), Error> {
+        let offset = buffer.place("read", size_of::<T>(), from, out.len());
+        if !out.is_empty() {
+            let target: &mut [u8] = bytemuck::cast_slice_mut(out);
             match (&*self.machine, &buffer.memory) {
                 (Machine::Cpu(_), Memory::Cpu(memory)) => memory.read(buffer.name, offset, target),
                 #[cfg(feature = "gpu")]
@@ -529,7 +549,7 @@ impl Device {
                 _ => panic!("buffer {} belongs to another device", buffer.name),
             }
         }
-        Ok(out)
+        Ok(())
     }
 
     /// A buffer's elements on the CPU, as they are from now on: where the device is the CPU they are not copied, and

@@ -141,11 +141,12 @@ impl Batch {
         device.read(&self.hits.view(), 0, self.count as usize)
     }
 
-    /// Adds hits and how many rays were none, and the time to fetch them.
-    pub(super) fn finish(&self, device: &Device, traced: &mut Traced) -> Result<(), Error> {
+    /// Fetches hits, which go to those from the one numbered `from` on, adds how many rays were none, and the time that
+    /// takes.
+    pub(super) fn finish(&self, device: &Device, from: usize, traced: &mut Traced) -> Result<(), Error> {
         let start = Instant::now();
         traced.invalid += self.outcome(device)?;
-        traced.hits.extend(self.hits(device)?);
+        device.read_into(&self.hits.view(), 0, &mut traced.hits[from..from + self.count as usize])?;
         traced.download += start.elapsed();
         Ok(())
     }

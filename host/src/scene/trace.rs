@@ -8,6 +8,7 @@ use crate::{
     rays::AnyRay,
     traversal::Traversal,
 };
+use bytemuck::allocation::zeroed_vec;
 use raykd_kernels::trace::queries;
 use raykd_shared::{Hit, Ray};
 use std::time::Duration;
@@ -86,13 +87,14 @@ impl Scene {
     /// # Errors
     /// The device failed.
     pub fn trace(&self, query: Query, rays: &[impl AnyRay]) -> Result<Traced, Error> {
-        let mut traced = Traced::default();
-        for part in rays.chunks(self.batch_limit()) {
+        let mut traced = Traced { hits: zeroed_vec(rays.len()), ..Traced::default() };
+        let limit = self.batch_limit();
+        for (i, part) in rays.chunks(limit).enumerate() {
             let start = Instant::now();
             let batch = Batch::new(self, part)?;
             traced.upload += start.elapsed();
             traced.trace += self.run(&batch, self.traversal, query)?;
-            batch.finish(&self.device, &mut traced)?;
+            batch.finish(&self.device, i * limit, &mut traced)?;
         }
         Ok(traced)
     }
@@ -113,16 +115,16 @@ impl Scene {
         if rays.len() != excluded.len() {
             return Err(Error::Excluded { rays: rays.len(), excluded: excluded.len() });
         }
-        let mut traced = Traced::default();
+        let mut traced = Traced { hits: zeroed_vec(rays.len()), ..Traced::default() };
         let limit = self.batch_limit();
-        for (part, excluded) in rays.chunks(limit).zip(excluded.chunks(limit)) {
+        for (i, (part, excluded)) in rays.chunks(limit).zip(excluded.chunks(limit)).enumerate() {
             let start = Instant::now();
             let batch = Batch::new(self, part)?;
             let excluded = &self.device.upload("excluded", excluded)?;
             traced.upload += start.elapsed();
             let except = self.intersector.except(batch.query(self), excluded, batch.count)?;
             traced.trace += batch.run(&self.device, except, query)?;
-            batch.finish(&self.device, &mut traced)?;
+            batch.finish(&self.device, i * limit, &mut traced)?;
         }
         Ok(traced)
     }

@@ -2,11 +2,19 @@
 
 use super::link::Link;
 use crate::Error;
+use rayon::prelude::*;
 use std::sync::mpsc::{Receiver, channel};
 
 /// Bytes of one staging buffer. Two of them take turns, so that the device copies one while the host fills or
 /// empties the other.
 pub(super) const CHUNK: usize = 8 << 20;
+
+/// Bytes that one thread copies at least. One alone moves much less than a bus, the more so into memory that the process
+/// has never touched.
+const PIECE: usize = 256 << 10;
+
+/// A page, as which pieces of mapped memory can be handed to threads.
+const PAGE: usize = 4096;
 
 /// A buffer that the host maps whenever the device is done with it.
 #[derive(Debug)]
@@ -61,7 +69,8 @@ impl Slot {
     /// Copies the mapped buffer's first bytes to `out` and unmaps it.
     pub(super) fn take(&self, link: &Link, out: &mut [u8]) -> Result<(), Error> {
         let view = self.buffer.get_mapped_range(0..out.len() as u64).map_err(|e| link.failed(e))?;
-        out.copy_from_slice(&view);
+        let pieces = out.par_chunks_mut(PIECE).zip(view.par_chunks(PIECE));
+        pieces.for_each(|(out, view)| out.copy_from_slice(view));
         drop(view);
         self.buffer.unmap();
         Ok(())
@@ -70,7 +79,13 @@ impl Slot {
     /// Fills the mapped buffer's first bytes with `data` and unmaps it.
     fn give(&self, link: &Link, data: &[u8]) -> Result<(), Error> {
         let view = self.buffer.get_mapped_range_mut(0..data.len() as u64);
-        view.map_err(|e| link.failed(e))?.copy_from_slice(data);
+        let mut view = view.map_err(|e| link.failed(e))?;
+        let (whole, rest) = data.as_chunks::<PAGE>();
+        let (to, mut to_rest) = view.slice(..).into_chunks::<PAGE>();
+        let pages: Vec<_> = to.into_iter().zip(whole).collect();
+        pages.into_par_iter().with_min_len(PIECE / PAGE).for_each(|(to, page)| to.write(*page));
+        to_rest.copy_from_slice(rest);
+        drop(view);
         self.buffer.unmap();
         Ok(())
     }
