@@ -20,6 +20,7 @@ array of N records of triangle, t, u, v.
 from __future__ import annotations
 
 import argparse
+import logging
 import os
 import tempfile
 import time
@@ -32,10 +33,14 @@ import raykd
 
 def cluster_of(devices: list[str]) -> SpecCluster:
     """A worker on this machine for each device."""
-    # Processes are started afresh: threads do not survive a fork. One thread each, as there are many.
-    options = [{"nthreads": 1, "env": {"RAYKD_DEVICE": device}} for device in devices]
+    # Other machines cannot reach it. Processes are started afresh: threads do not survive a fork. One thread each, as
+    # there are many.
+    here = {"host": "127.0.0.1"}
+    quiet = {**here, "nthreads": 1, "silence_logs": logging.WARNING}
+    options = [{**quiet, "env": {"RAYKD_DEVICE": device}} for device in devices]
     workers = {number: {"cls": Nanny, "options": given} for number, given in enumerate(options)}
-    return SpecCluster(workers, {"cls": Scheduler, "options": {"dashboard": False}})
+    scheduler = {"cls": Scheduler, "options": {**here, "dashboard": False, "dashboard_address": "127.0.0.1:0"}}
+    return SpecCluster(workers, scheduler, silence_logs=logging.WARNING)
 
 
 def opened(path: str) -> raykd.Scene:
