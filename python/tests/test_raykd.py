@@ -290,27 +290,47 @@ def test_files_that_are_not_there():
             raykd.Scene(raykd.Mesh.teapot(1), device=device)
 
 
-def test_what_is_on_a_gpu_is_copied_with_a_warning(teapot):
-    class Tensor:
-        """As much of a tensor on a GPU as is looked at."""
+class Elsewhere:
+    """As much of an array on a GPU as is looked at: it tells where it is, and has a way to the host."""
 
-        def __init__(self, array):
-            self.array = array
+    def __init__(self, array, *, dlpack, way):
+        if dlpack:
+            self.__dlpack_device__ = lambda: (2, 0)
+        else:
+            self.__cuda_array_interface__ = {}
+        if way is not None:
+            setattr(self, way, lambda: array)
 
-        def __dlpack_device__(self):
-            return (2, 0)
+    def __array__(self, *_):
+        raise TypeError("it is on a GPU")
 
-        def cpu(self):
-            return self.array
 
+@pytest.mark.parametrize("dlpack", [True, False])
+@pytest.mark.parametrize("way", ["cpu", "get", "copy_to_host"])
+def test_what_is_on_a_gpu_is_copied_with_a_warning(teapot, dlpack, way):
     scene = raykd.Scene(teapot, device="cpu")
     origins, directions = some_rays(100)
     with pytest.warns(UserWarning, match="copied to the host"):
-        hits = scene.closest(Tensor(origins), directions)
+        hits = scene.closest(Elsewhere(origins, dlpack=dlpack, way=way), directions)
     assert hits.digest() == scene.closest(origins, directions).digest()
-    Tensor.cpu = None
+    with pytest.warns(UserWarning, match="copied to the host"):
+        mesh = raykd.Mesh(Elsewhere(teapot.vertices, dlpack=dlpack, way=way), teapot.faces)
+    assert (mesh.vertices == teapot.vertices).all()
     with pytest.raises(ValueError, match="on a GPU"):
-        scene.closest(Tensor(origins), directions)
+        scene.closest(Elsewhere(origins, dlpack=dlpack, way=None), directions)
+
+
+def test_what_has_dlpack_alone_is_taken_without_a_warning(teapot):
+    class Tensor:
+        def __init__(self, array):
+            self.__dlpack__, self.__dlpack_device__ = array.__dlpack__, array.__dlpack_device__
+
+    scene = raykd.Scene(teapot, device="cpu")
+    origins, directions = some_rays(100)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        hits = scene.closest(Tensor(origins), Tensor(directions))
+    assert hits.digest() == scene.closest(origins, directions).digest()
 
 
 def test_more_rays_than_are_traced_at_once(teapot):
