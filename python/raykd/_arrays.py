@@ -9,6 +9,7 @@ import numpy as np
 
 from . import _raykd
 
+
 def on_host(array: Any) -> np.ndarray:
     """The array in this machine's memory; one on a GPU is copied, with a warning."""
     if isinstance(array, np.ndarray):
@@ -17,7 +18,8 @@ def on_host(array: Any) -> np.ndarray:
     # 1 is the CPU, 3 memory of the host that a GPU sees, too.
     on_gpu = hasattr(array, "__cuda_array_interface__") or (where is not None and where()[0] not in (1, 3))
     if not on_gpu:
-        return np.asarray(array)
+        dlpack_alone = where is not None and not hasattr(array, "__array__")
+        return np.from_dlpack(array) if dlpack_alone else np.asarray(array)
     for way in ("cpu", "get", "copy_to_host"):
         copy = getattr(array, way, None)
         if copy is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import os
 import warnings
 from typing import Any, Optional, Tuple, Union
@@ -109,10 +110,15 @@ class Scene:
 
     ``vertices`` and ``faces`` are arrays; or the first is a ``Mesh``, or any object that has ``vertices`` and
     ``faces``, such as a ``trimesh.Trimesh``. ``device`` is ``auto`` (a real GPU if there is one, else the CPU),
-    ``cpu``, ``gpu`` or a part of an adapter's name; ``threads`` are those of the CPU. ``builder`` is one of
-    ``raykd.BUILDERS``, ``traversal`` of ``raykd.TRAVERSALS`` and ``test`` of ``raykd.TESTS``; ``build`` takes what the
-    Rust library calls ``BuildOptions``: ``cost_step``, ``cost_test``, ``price``, ``long``, ``budget``, ``empty``,
-    ``max_depth``, ``clip``.
+    ``cpu``, ``gpu``, ``gpu:1`` (by its number, see ``raykd.devices()``) or a part of an adapter's name; ``threads`` are
+    those of the CPU. ``builder`` is one of ``raykd.BUILDERS`` (left out: binned), ``traversal`` of
+    ``raykd.TRAVERSALS`` (left out: stack) and ``test`` of ``raykd.TESTS``; ``build`` takes what the Rust library calls
+    ``BuildOptions``: ``cost_step``, ``cost_test``, ``price``, ``long``, ``budget``, ``empty``, ``max_depth``, ``clip``.
+
+    With ``quality="auto"`` builder, traversal and build options are those that take the least time for this mesh and
+    so many ``rays`` (left out: a million); with ``device="auto"`` the device, too. ``plan`` tells what was chosen. That
+    needs what trees cost on the device: ``costs`` names a file that ``raykd calibrate -o`` wrote. Left out, they are
+    taken from the cache that the program has, too, or measured once, with a warning, and kept there.
 
     Hits do not depend on device, threads, builder and traversal. Scenes may be used by several threads at once; the
     interpreter's lock is released while rays are traced.
@@ -131,9 +137,12 @@ class Scene:
         *,
         device: str = "auto",
         threads: int | None = None,
-        builder: str = "binned",
-        traversal: str = "stack",
+        builder: str | None = None,
+        traversal: str | None = None,
         test: str = "strict",
+        quality: str = "usual",
+        rays: int | None = None,
+        costs: str | os.PathLike[str] | None = None,
         **build: float | bool,
     ) -> None:
         if faces is not None:
@@ -142,10 +151,27 @@ class Scene:
             mesh = vertices
         else:
             mesh = Mesh(vertices.vertices, vertices.faces)
-        options = {"builder": builder, **build}
         self._device = (device, threads)
         self._file: str | None = None
-        self._scene = _raykd.Scene(mesh._mesh, self._device, (traversal, test), None, options)
+        given = build if builder is None else {"builder": builder, **build}
+        if quality == "usual":
+            if rays is not None or costs is not None:
+                raise ValueError('rays and costs are for quality="auto"')
+            ways = ("stack" if traversal is None else traversal, test)
+            self._scene = _raykd.Scene(mesh._mesh, self._device, ways, None, given)
+        elif quality == "auto":
+            if given or traversal is not None:
+                raise ValueError('quality="auto" chooses builder, traversal and build options: leave them out')
+            count = 1_000_000 if rays is None else operator.index(rays)
+            if not 0 < count < 1 << 64:
+                raise ValueError(f"rays must be from 1 to 2**64 - 1, but are {count}")
+            file = None if costs is None else os.fspath(costs)
+            self._scene = _raykd.Scene.planned(mesh._mesh, self._device, test, count, file)
+            if self._scene.device[0] == "cpu":
+                # What is unpickled stays there.
+                self._device = ("cpu", threads)
+        else:
+            raise ValueError(f"quality {quality!r} is none of usual, auto")
 
     @classmethod
     def _of(cls, scene: _raykd.Scene, device: _Device, file: str | None = None) -> Scene:
@@ -250,6 +276,11 @@ class Scene:
     def device(self) -> str:
         """The name of the device."""
         return self._scene.device[1]
+
+    @property
+    def plan(self) -> dict[str, Any] | None:
+        """What ``quality="auto"`` chose, for how many rays, and the seconds it predicted: to build, and in all."""
+        return self._scene.plan()
 
     @property
     def tree(self) -> dict[str, Any]:

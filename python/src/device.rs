@@ -25,7 +25,8 @@ pub(crate) fn same_process() -> PyResult<()> {
     ))
 }
 
-/// The device of that name: `auto`, `cpu`, `gpu` or a part of an adapter's name. Each is opened once.
+/// The device of that name: `auto`, `cpu`, `gpu`, `gpu:` and its number, or a part of an adapter's name. Each is opened
+/// once.
 pub(crate) fn device(py: Python<'_>, name: &str, threads: Option<usize>) -> PyResult<Device> {
     type Opened = Mutex<HashMap<(String, Option<usize>), Device>>;
     static OPENED: OnceLock<Opened> = OnceLock::new();
@@ -57,27 +58,32 @@ fn open(name: &str, threads: Option<usize>) -> Result<Device, raykd::Error> {
         #[cfg(feature = "gpu")]
         ("gpu", None) => Device::gpu(None),
         #[cfg(feature = "gpu")]
-        (part, _) => Device::gpu(Some(part)),
+        (part, _) => match part.strip_prefix("gpu:").map(str::parse) {
+            Some(Ok(number)) => Device::gpu_nth(number),
+            _ => Device::gpu(Some(part)),
+        },
         #[cfg(not(feature = "gpu"))]
         _ => Err(raykd::Error::Wgpu("this raykd was built for the CPU alone".to_owned())),
     }
 }
 
-/// What there is to trace on.
+/// What there is to trace on, a dictionary each. ``device`` is what ``raykd.Scene`` takes.
 #[pyfunction]
 pub(crate) fn devices(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
     same_process()?;
     let cpu = device(py, "cpu", None)?;
     let mut found = vec![];
     let about = PyDict::new(py);
+    about.set_item("device", "cpu")?;
     about.set_item("kind", "cpu")?;
     about.set_item("name", cpu.name())?;
     about.set_item("usable", true)?;
     about.set_item("fault", None::<String>)?;
     found.push(about);
     #[cfg(feature = "gpu")]
-    for adapter in py.detach(raykd::adapters) {
+    for (number, adapter) in py.detach(raykd::adapters).into_iter().enumerate() {
         let about = PyDict::new(py);
+        about.set_item("device", format!("gpu:{number}"))?;
         about.set_item("kind", "gpu")?;
         about.set_item("name", &adapter.name)?;
         let fault = match adapter.verdict {

@@ -9,6 +9,7 @@ mod arrays;
 mod device;
 mod mesh;
 mod picture;
+mod plan;
 mod scene;
 
 use pyo3::{

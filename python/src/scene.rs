@@ -6,6 +6,7 @@ use crate::{
     error,
     mesh::Mesh,
     named,
+    plan::plan,
 };
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::{
@@ -13,7 +14,7 @@ use pyo3::{
     prelude::*,
     types::{PyBytes, PyDict},
 };
-use raykd::{BuildOptions, Builder, Error, Hit, Intersector, KdTree, Query, Traversal};
+use raykd::{BuildOptions, Builder, Error, Hit, Intersector, KdTree, Query, Traversal, plan::Plan};
 use std::{
     ops::Range,
     path::PathBuf,
@@ -27,6 +28,8 @@ pub(crate) struct Scene {
     pub(crate) scene: raykd::Scene,
     /// Of a scene from a file, made when it is asked for.
     mesh: OnceLock<Arc<raykd::Mesh>>,
+    /// If `quality="auto"` chose how to build.
+    plan: Option<Plan>,
 }
 
 /// Numbers, one a ray.
@@ -50,7 +53,25 @@ impl Scene {
             None => raykd::Scene::build(&device, &mesh, &options),
             Some(bytes) => raykd::Scene::with_tree(&device, &mesh, &KdTree::from_bytes(&bytes)?),
         });
-        Self { scene: built.map_err(error)?, mesh: mesh.into() }.using(&ways.0, &ways.1)
+        Self { scene: built.map_err(error)?, mesh: mesh.into(), plan: None }.using(&ways.0, &ways.1)
+    }
+
+    /// Builds what takes the least time for so many rays.
+    #[staticmethod]
+    fn planned(
+        py: Python<'_>,
+        mesh: &Mesh,
+        device: (String, Option<usize>),
+        test: &str,
+        rays: u64,
+        costs: Option<PathBuf>,
+    ) -> PyResult<Self> {
+        let mesh = Arc::clone(&mesh.0);
+        let (device, plan) = plan(py, &mesh, (&device.0, device.1), rays, costs)?;
+        let built = py.detach(|| raykd::Scene::build(&device, &mesh, &plan.choice.options()));
+        let traversal = plan.choice.traversal(mesh.kept().len());
+        let scene = Self { scene: built.map_err(error)?, mesh: mesh.into(), plan: Some(plan) };
+        scene.using(traversal.name(), test)
     }
 
     /// Opens a scene's file.
@@ -61,7 +82,7 @@ impl Scene {
         // other way to ask.
         #[allow(unsafe_code, reason = "the one promise that Python's users make")]
         let opened = py.detach(|| unsafe { raykd::Scene::open_mapped(&device, &path) });
-        Ok(Self { scene: opened.map_err(error)?, mesh: OnceLock::new() })
+        Ok(Self { scene: opened.map_err(error)?, mesh: OnceLock::new(), plan: None })
     }
 
     /// Writes a scene's file.
@@ -79,7 +100,7 @@ impl Scene {
         let mut scene = self.scene.clone();
         scene.traverse_by(traversal).map_err(error)?;
         scene.intersect_by(test).map_err(error)?;
-        Ok(Self { scene, mesh: self.mesh.clone() })
+        Ok(Self { scene, mesh: self.mesh.clone(), plan: self.plan.clone() })
     }
 
     /// Hits as words, and how many rays were none.
@@ -228,6 +249,17 @@ impl Scene {
     fn tree<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let bytes = py.detach(|| self.scene.tree().map(|tree| tree.to_bytes())).map_err(error)?;
         Ok(PyBytes::new(py, &bytes))
+    }
+
+    /// What `quality="auto"` chose, and the seconds that it predicted.
+    fn plan<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
+        let Some(plan) = &self.plan else { return Ok(None) };
+        let about = PyDict::new(py);
+        about.set_item("choice", plan.choice.name)?;
+        about.set_item("rays", plan.rays)?;
+        about.set_item("build_seconds", plan.cost.before_ms() * 1e-3)?;
+        about.set_item("seconds", plan.total_ms() * 1e-3)?;
+        Ok(Some(about))
     }
 
     /// What the tree is, and what building it took.

@@ -8,15 +8,17 @@ import time
 
 import numpy as np
 import pytest
-from dask.distributed import Client, LocalCluster
+from dask.distributed import Client
 
 import raykd
 
 EXAMPLES = pathlib.Path(__file__).parent.parent / "examples"
 
 
-@pytest.mark.parametrize("killed", [False, True])
-def test_many_processes_find_the_same_bytes(tmp_path, monkeypatch, killed):
+@pytest.mark.parametrize(
+    ("devices", "killed"), [(["cpu", "cpu"], False), (["cpu", "cpu"], True), (["cpu", "gpu:0"], False)]
+)
+def test_many_processes_find_the_same_bytes(tmp_path, monkeypatch, devices, killed):
     # Workers get the path, too.
     monkeypatch.syspath_prepend(EXAMPLES)
     import dask_rays
@@ -31,14 +33,17 @@ def test_many_processes_find_the_same_bytes(tmp_path, monkeypatch, killed):
     rays[:, 6:] = [0, np.inf]
     rays[7, 0] = np.nan
     np.save(paths[1], rays)
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
+    with dask_rays.cluster_of(devices) as cluster, Client(cluster) as client:
         if killed:
             victim = next(iter(client.run(os.getpid).values()))
             killer = kill_soon(victim, paths[2])
-        invalid = dask_rays.trace_all(client, *paths, at_once=4_000, device="cpu", threads=1)
+        invalid = dask_rays.trace_all(client, *paths, at_once=4_000)
         if killed:
             killer.join(timeout=10)
             assert victim not in client.run(os.getpid).values()
+        else:
+            used = client.run(lambda dask_worker: dask_worker.raykd_scene[1]._device[0])
+            assert sorted(used.values()) == devices
     hits = raykd.Hits(np.load(paths[2]))
     one = scene.closest(rays[:, :3], rays[:, 3:6])
     assert hits.digest() == one.digest() and invalid == one.invalid == 1

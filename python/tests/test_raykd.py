@@ -1,5 +1,6 @@
 """The package as people use it. On a GPU too: a software driver serves, but there must be one."""
 
+import json
 import os
 import pickle
 import signal
@@ -8,6 +9,7 @@ import sys
 import textwrap
 import threading
 import time
+import warnings
 
 import matplotlib.image
 import numpy as np
@@ -204,34 +206,131 @@ def test_bad_input_is_refused_in_words(teapot, call, message):
         call(raykd.Scene(teapot, device="cpu"))
 
 
+def write_costs(path, device):
+    """Costs of a device in the form that `raykd calibrate` writes: a better tree takes longer."""
+    names = "none shallow halfway median zhou binned binned-small exact exact-small".split()
+    costs = []
+    for quality, name in enumerate(names):
+        for triangles in (100, 100_000):
+            ray = triangles * 10 if name == "none" else 1000 / quality
+            cost = {"choice": name, "triangles": triangles, "bytes": triangles * 10, "ray_ns": ray, "worst_ns": ray}
+            cost |= {"upload_ms": 0, "build_ms": triangles * 1e-3 * quality, "launch_ms": 0.01, "transfer_ns": 1}
+            costs.append(cost)
+    looks = [[triangles, [{"whole": 10, "halfway": 20}] * 2] for triangles in (100, 100_000)]
+    device = {"version": raykd.__version__, "device": device["kind"], "name": device["name"]}
+    path.write_text(json.dumps({**device, "looks": looks, "costs": costs}))
+
+
+@pytest.fixture
+def costs(tmp_path):
+    write_costs(tmp_path / "costs.json", raykd.devices()[0])
+    return tmp_path / "costs.json"
+
+
+@pytest.mark.parametrize(("rays", "choice"), [(1, "none"), (3000, "shallow"), (None, "exact-small")])
+def test_auto_builds_what_the_program_does(teapot, costs, rays, choice):
+    scene = raykd.Scene(teapot, device="cpu", quality="auto", rays=rays, costs=costs, test="exact")
+    assert scene.plan["choice"] == choice and scene.plan["rays"] == (1_000_000 if rays is None else rays)
+    assert 0 <= scene.plan["build_seconds"] < scene.plan["seconds"]
+    again = pickle.loads(pickle.dumps(scene))
+    assert again.tree["digest"] == scene.tree["digest"] and again.plan is None
+    command = [os.environ["RAYKD_PROGRAM"], "build", "teapot:8", "--json", "--device", "cpu", "--quality", "auto"]
+    command += ["--costs", costs] + ([] if rays is None else ["--rays", str(rays)])
+    told = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    assert (told["auto"]["choice"], told["digest"]) == (choice, scene.tree["digest"])
+    usual = raykd.Scene(teapot, device="cpu", test="exact")
+    assert usual.plan is None and scene.closest(*some_rays(500)).digest() == usual.closest(*some_rays(500)).digest()
+
+
+def test_auto_takes_costs_from_the_cache(teapot, tmp_path, monkeypatch):
+    monkeypatch.setenv("RAYKD_CACHE", str(tmp_path))
+    device = raykd.devices()[0]
+    letters = (c.lower() if c.isascii() and c.isalnum() else "-" for c in f"cpu-{device['name']}")
+    kept = tmp_path / ("".join(letters) + ".json")
+    with warnings.catch_warnings():
+        # Nothing is measured: that would begin with a warning, as here.
+        warnings.simplefilter("error")
+        with pytest.raises(UserWarning, match="measuring"):
+            raykd.Scene(teapot, device="cpu", quality="auto")
+        write_costs(kept, device)
+        assert raykd.Scene(teapot, device="cpu", quality="auto", rays=1).plan["choice"] == "none"
+        kept.write_text("{ damaged")
+        with pytest.raises(UserWarning, match="raykd calibrate"):
+            raykd.Scene(teapot, device="cpu", quality="auto")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"quality": "best"}, "usual, auto"),
+        ({"rays": 5}, "quality"),
+        ({"costs": "costs.json"}, "quality"),
+        ({"quality": "auto", "rays": 0}, "rays"),
+        ({"quality": "auto", "rays": 1 << 64}, "rays"),
+        ({"quality": "auto", "builder": "exact"}, "builder"),
+        ({"quality": "auto", "traversal": "stack"}, "traversal"),
+        ({"quality": "auto", "price": 2.0}, "build options"),
+        ({"quality": "auto", "device": "gpu"}, "it is of"),
+    ],
+)
+def test_options_that_do_not_go_with_quality(teapot, costs, options, message):
+    if options.get("quality") == "auto":
+        options = {"costs": costs, **options}
+    with pytest.raises(ValueError, match=message):
+        raykd.Scene(teapot, **{"device": "cpu", **options})
+
+
 def test_files_that_are_not_there():
     with pytest.raises(FileNotFoundError):
         raykd.Mesh.load("no/such/file.ply")
-    with pytest.raises(RuntimeError, match="no such adapter"):
-        raykd.Scene(raykd.Mesh.teapot(1), device="no such adapter")
+    with pytest.raises(FileNotFoundError):
+        raykd.Scene(raykd.Mesh.teapot(1), device="cpu", quality="auto", costs="no/such/costs.json")
+    for device in ("no such adapter", "gpu:99"):
+        with pytest.raises(RuntimeError, match=device):
+            raykd.Scene(raykd.Mesh.teapot(1), device=device)
 
 
-def test_what_is_on_a_gpu_is_copied_with_a_warning(teapot):
-    class Tensor:
-        """As much of a tensor on a GPU as is looked at."""
+class Elsewhere:
+    """As much of an array on a GPU as is looked at: it tells where it is, and has a way to the host."""
 
-        def __init__(self, array):
-            self.array = array
+    def __init__(self, array, *, dlpack, way):
+        if dlpack:
+            self.__dlpack_device__ = lambda: (2, 0)
+        else:
+            self.__cuda_array_interface__ = {}
+        if way is not None:
+            setattr(self, way, lambda: array)
 
-        def __dlpack_device__(self):
-            return (2, 0)
+    def __array__(self, *_):
+        raise TypeError("it is on a GPU")
 
-        def cpu(self):
-            return self.array
 
+@pytest.mark.parametrize("dlpack", [True, False])
+@pytest.mark.parametrize("way", ["cpu", "get", "copy_to_host"])
+def test_what_is_on_a_gpu_is_copied_with_a_warning(teapot, dlpack, way):
     scene = raykd.Scene(teapot, device="cpu")
     origins, directions = some_rays(100)
     with pytest.warns(UserWarning, match="copied to the host"):
-        hits = scene.closest(Tensor(origins), directions)
+        hits = scene.closest(Elsewhere(origins, dlpack=dlpack, way=way), directions)
     assert hits.digest() == scene.closest(origins, directions).digest()
-    Tensor.cpu = None
+    with pytest.warns(UserWarning, match="copied to the host"):
+        mesh = raykd.Mesh(Elsewhere(teapot.vertices, dlpack=dlpack, way=way), teapot.faces)
+    assert (mesh.vertices == teapot.vertices).all()
     with pytest.raises(ValueError, match="on a GPU"):
-        scene.closest(Tensor(origins), directions)
+        scene.closest(Elsewhere(origins, dlpack=dlpack, way=None), directions)
+
+
+def test_what_has_dlpack_alone_is_taken_without_a_warning(teapot):
+    class Tensor:
+        def __init__(self, array):
+            self.__dlpack__, self.__dlpack_device__ = array.__dlpack__, array.__dlpack_device__
+
+    scene = raykd.Scene(teapot, device="cpu")
+    origins, directions = some_rays(100)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        hits = scene.closest(Tensor(origins), Tensor(directions))
+    assert hits.digest() == scene.closest(origins, directions).digest()
 
 
 def test_more_rays_than_are_traced_at_once(teapot):
@@ -362,6 +461,9 @@ def test_pictures_are_those_of_the_program(teapot, tmp_path):
 def test_devices_are_listed():
     devices = raykd.devices()
     assert devices[0]["kind"] == "cpu" and any(it["kind"] == "gpu" and it["usable"] for it in devices)
+    for about in devices:
+        assert raykd.Scene(raykd.Mesh.teapot(1), device=about["device"]).device.startswith(about["name"])
+    assert [it["device"] for it in devices] == ["cpu", *(f"gpu:{number}" for number in range(len(devices) - 1))]
 
 
 def test_pickles_carry_the_tree(teapot):

@@ -293,6 +293,15 @@ impl Device {
         Gpu::open(adapter).map(Into::into)
     }
 
+    /// The Vulkan adapter of this number in [`adapters`](crate::adapters): of several with one name, this one.
+    ///
+    /// # Errors
+    /// There are not as many, or this one does not compute our float operations exactly.
+    #[cfg(feature = "gpu")]
+    pub fn gpu_nth(number: usize) -> Result<Self, Error> {
+        Gpu::open_nth(number).map(Into::into)
+    }
+
     /// A device of a wgpu program, by which scenes use the program's own device and queue.
     ///
     /// The device must have [`required_features`] and [`required_limits`]. Its callbacks are left as they are, so a

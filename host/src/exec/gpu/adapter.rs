@@ -85,6 +85,11 @@ pub(super) fn choose(wanted: Option<&str>, hardware: bool) -> Result<&'static wg
     found.ok_or_else(|| Error::NoAdapter { wanted: wanted.map(str::to_owned) })
 }
 
+/// The adapter of this number in [`adapters`].
+pub(super) fn nth(number: usize) -> Result<&'static wgpu::Adapter, Error> {
+    enumerate().get(number).ok_or_else(|| Error::NoAdapter { wanted: Some(format!("gpu:{number}")) })
+}
+
 /// An adapter's name and driver, as shown to users.
 pub(super) fn describe(info: &wgpu::AdapterInfo) -> String {
     let driver = format!("{} {}", info.driver, info.driver_info);
