@@ -3,7 +3,7 @@
 use bytemuck::{Pod, allocation::cast_vec};
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods as _};
 use pyo3::{exceptions::PyValueError, prelude::*};
-use raykd::{Hit, Ray, Ray64, rays::AnyRay};
+use raykd::{Error, Hit, Query, Ray, Ray64, Scene, Traced, rays::AnyRay};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -116,22 +116,32 @@ impl<'a> Rays<'a> {
     /// Some of them, as raykd wants them.
     pub(crate) fn part(&self, range: Range<usize>) -> Part {
         match self {
-            Self::Narrow(parts) => {
-                Part::Narrow(parts.rays(range, |[origin, direction], [t_min, t_max]| Ray {
-                    origin,
-                    direction,
-                    t_min,
-                    t_max,
-                }))
-            }
-            Self::Wide(parts) => Part::Wide(parts.rays(range, |[origin, direction], [t_min, t_max]| Ray64 {
-                origin,
-                direction,
-                t_min,
-                t_max,
-            })),
+            Self::Narrow(parts) => Part::Narrow(parts.rays(range, narrow)),
+            Self::Wide(parts) => Part::Wide(parts.rays(range, wide)),
         }
     }
+
+    /// Traces some of them. Each is made when it is its turn, while others are traced.
+    pub(crate) fn trace(&self, scene: &Scene, query: Query, range: Range<usize>) -> Result<Traced, Error> {
+        let (from, count) = (range.start, range.len());
+        let there = |range: Range<usize>| from + range.start..from + range.end;
+        match self {
+            Self::Narrow(parts) => {
+                scene.trace_made(query, count, |range| parts.rays(there(range), narrow).into())
+            }
+            Self::Wide(parts) => {
+                scene.trace_made(query, count, |range| parts.rays(there(range), wide).into())
+            }
+        }
+    }
+}
+
+fn narrow([origin, direction]: [[f32; 3]; 2], [t_min, t_max]: [f32; 2]) -> Ray {
+    Ray { origin, direction, t_min, t_max }
+}
+
+fn wide([origin, direction]: [[f64; 3]; 2], [t_min, t_max]: [f64; 2]) -> Ray64 {
+    Ray64 { origin, direction, t_min, t_max }
 }
 
 /// Rays, one after the other.

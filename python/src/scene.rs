@@ -120,22 +120,24 @@ impl Scene {
             return Err(error(Error::Excluded { rays: rays.len(), excluded: exclude.len() }));
         }
         let (mut found, mut invalid) = (Vec::new(), 0);
-        let all = rays.len();
-        self.in_parts(py, &rays, |range, part| {
-            let traced = with_rays!(part, rays => match exclude {
-                None => self.scene.trace(query, &rays)?,
-                Some(exclude) => self.scene.trace_except(query, &rays, &exclude[range])?,
+        for range in self.ranges(rays.len())? {
+            let traced = py.detach(|| match exclude {
+                None => rays.trace(&self.scene, query, range),
+                Some(exclude) => with_rays!(rays.part(range.clone()), part => {
+                    self.scene.trace_except(query, &part, &exclude[range])
+                }),
             });
+            let traced = traced.map_err(error)?;
             invalid += traced.invalid;
             // Hits of many rays take longer to copy than to find.
-            if traced.hits.len() == all {
+            if found.is_empty() {
                 found = traced.hits;
             } else {
-                found.reserve_exact(all - found.len());
+                found.reserve_exact(rays.len() - found.len());
                 found.extend_from_slice(&traced.hits);
             }
-            Ok(())
-        })?;
+            py.check_signals()?;
+        }
         Ok((words(py, found), invalid))
     }
 

@@ -141,12 +141,11 @@ impl Batch {
         device.read(&self.hits.view(), 0, self.count as usize)
     }
 
-    /// Fetches hits, which go to those from the one numbered `from` on, adds how many rays were none, and the time that
-    /// takes.
-    pub(super) fn finish(&self, device: &Device, from: usize, traced: &mut Traced) -> Result<(), Error> {
+    /// Fetches hits, and adds how many rays were none, and the time that takes.
+    pub(super) fn finish(&self, device: &Device, hits: &mut [Hit], traced: &mut Traced) -> Result<(), Error> {
         let start = Instant::now();
         traced.invalid += self.outcome(device)?;
-        device.read_into(&self.hits.view(), 0, &mut traced.hits[from..from + self.count as usize])?;
+        device.read_into(&self.hits.view(), 0, hits)?;
         traced.download += start.elapsed();
         Ok(())
     }

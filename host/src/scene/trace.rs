@@ -11,7 +11,15 @@ use crate::{
 use bytemuck::allocation::zeroed_vec;
 use raykd_kernels::trace::queries;
 use raykd_shared::{Hit, Ray};
-use std::time::Duration;
+use std::{
+    borrow::Cow,
+    iter,
+    ops::Range,
+    panic::resume_unwind,
+    sync::{Mutex, PoisonError},
+    thread,
+    time::Duration,
+};
 
 /// What one ray cost: see [`Scene::steps`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
@@ -61,6 +69,59 @@ pub struct Traced {
     pub invalid: u32,
 }
 
+impl Traced {
+    /// The times and numbers of both.
+    fn and(self, other: &Self) -> Self {
+        Self {
+            hits: self.hits,
+            upload: self.upload + other.upload,
+            trace: self.trace + other.trace,
+            download: self.download + other.download,
+            invalid: self.invalid + other.invalid,
+        }
+    }
+}
+
+/// Rays that a GPU gets at once where there are more. Fewer would not keep it busy; of more it would wait for the first.
+const OVERLAPPED: usize = 1 << 20;
+
+/// Parts of at most so many hits, and where they begin.
+fn parts(hits: &mut [Hit], most: usize) -> impl ExactSizeIterator<Item = (usize, &mut [Hit])> {
+    hits.chunks_mut(most).enumerate().map(move |(i, hits)| (i * most, hits))
+}
+
+/// Traces parts one after the other.
+fn alone<P>(
+    parts: impl Iterator<Item = P>,
+    trace: impl Fn(P) -> Result<Traced, Error>,
+) -> Result<Traced, Error> {
+    let mut all = Traced::default();
+    for part in parts {
+        all = all.and(&trace(part)?);
+    }
+    Ok(all)
+}
+
+/// Traces parts two at a time: while one is on the device, which takes one at a time, the other is moved.
+fn by_two<P>(
+    parts: impl ExactSizeIterator<Item = P> + Send,
+    trace: impl Fn(P) -> Result<Traced, Error> + Sync,
+) -> Result<Traced, Error> {
+    if parts.len() < 2 {
+        return alone(parts, trace);
+    }
+    let parts = Mutex::new(parts);
+    let next = || parts.lock().unwrap_or_else(PoisonError::into_inner).next();
+    let work = || alone(iter::from_fn(next), &trace);
+    thread::scope(|scope| {
+        // Where there are no more threads, this one does it all.
+        let other = thread::Builder::new().spawn_scoped(scope, work);
+        let one = work();
+        let other = other.map(|thread| thread.join().unwrap_or_else(|panic| resume_unwind(panic)));
+        Ok(one?.and(&other.unwrap_or_else(|_| Ok(Traced::default()))?))
+    })
+}
+
 /// Triangles per dispatch of the brute-force kernel.
 const BRUTE_SLICE: u32 = 4096;
 
@@ -82,21 +143,42 @@ impl Scene {
         Ok(self.trace(Query::Any, rays)?.hits)
     }
 
-    /// Traces rays and reports times; rays are moved in batches as large as the device's buffers allow.
+    /// Traces rays and reports times; rays are moved in batches as large as the device's buffers allow, at most. On a GPU
+    /// the host moves some while others are traced, so that times overlap.
     ///
     /// # Errors
     /// The device failed.
     pub fn trace(&self, query: Query, rays: &[impl AnyRay]) -> Result<Traced, Error> {
-        let mut traced = Traced { hits: zeroed_vec(rays.len()), ..Traced::default() };
-        let limit = self.batch_limit();
-        for (i, part) in rays.chunks(limit).enumerate() {
+        self.trace_made(query, rays.len(), |range| rays[range].into())
+    }
+
+    /// The same of rays that are made when it is their turn: so many, those of a range by `make`.
+    ///
+    /// # Errors
+    /// The device failed.
+    #[doc(hidden)]
+    pub fn trace_made<'a, R: AnyRay + 'a>(
+        &self,
+        query: Query,
+        count: usize,
+        make: impl Fn(Range<usize>) -> Cow<'a, [R]> + Sync,
+    ) -> Result<Traced, Error> {
+        let mut hits: Vec<Hit> = zeroed_vec(count);
+        let part = |(from, hits): (usize, &mut [Hit])| {
             let start = Instant::now();
-            let batch = Batch::new(self, part)?;
-            traced.upload += start.elapsed();
-            traced.trace += self.run(&batch, self.traversal, query)?;
-            batch.finish(&self.device, i * limit, &mut traced)?;
-        }
-        Ok(traced)
+            let batch = Batch::new(self, &make(from..from + hits.len()))?;
+            let mut traced = Traced { upload: start.elapsed(), ..Traced::default() };
+            traced.trace = self.run(&batch, self.traversal, query)?;
+            batch.finish(&self.device, hits, &mut traced)?;
+            Ok(traced)
+        };
+        let limit = self.batch_limit();
+        let all = if self.device.is_cpu() {
+            alone(parts(&mut hits, limit), part)
+        } else {
+            by_two(parts(&mut hits, limit.min(OVERLAPPED)), part)
+        }?;
+        Ok(Traced { hits, ..all })
     }
 
     /// The closest or any hit of every ray among the triangles other than the one given with it, for rays that leave a
@@ -115,18 +197,20 @@ impl Scene {
         if rays.len() != excluded.len() {
             return Err(Error::Excluded { rays: rays.len(), excluded: excluded.len() });
         }
-        let mut traced = Traced { hits: zeroed_vec(rays.len()), ..Traced::default() };
+        let mut traced = Traced::default();
         let limit = self.batch_limit();
-        for (i, (part, excluded)) in rays.chunks(limit).zip(excluded.chunks(limit)).enumerate() {
+        let parts = rays.chunks(limit).zip(excluded.chunks(limit));
+        let mut hits: Vec<Hit> = zeroed_vec(rays.len());
+        for ((part, excluded), hits) in parts.zip(hits.chunks_mut(limit)) {
             let start = Instant::now();
             let batch = Batch::new(self, part)?;
             let excluded = &self.device.upload("excluded", excluded)?;
             traced.upload += start.elapsed();
             let except = self.intersector.except(batch.query(self), excluded, batch.count)?;
             traced.trace += batch.run(&self.device, except, query)?;
-            batch.finish(&self.device, i * limit, &mut traced)?;
+            batch.finish(&self.device, hits, &mut traced)?;
         }
-        Ok(traced)
+        Ok(Traced { hits, ..traced })
     }
 
     /// The closest hit of every ray without the tree, by testing every triangle: the oracle of the scene's triangle
