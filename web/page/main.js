@@ -348,33 +348,51 @@ async function follow(x, y) {
   const { intersector, traversal } = options();
   const found = await pool.ask("ray", view.camera(), SIZE, x, y, intersector, traversal);
   if (mine !== choice) return;
-  ray = { ...found, origin: [...found.origin], direction: [...found.direction] };
-  const leaves = ray.way.filter(({ triangles }) => triangles);
-  const tests = leaves.reduce((sum, { triangles }) => sum + triangles.length, 0);
+  ray = { ...found, origin: [...found.origin], direction: [...found.direction], way: [] };
   const hits = ray.triangle === MISS ? "nothing" : `triangle ${ray.triangle} at ${ray.t.toPrecision(6)}`;
-  const several = leaves.length === 1 ? "1 leaf" : `${leaves.length} leaves`;
-  $("ray-told").textContent =
-    `The ray passes ${ray.way.length - leaves.length} inner nodes and ${several}, tests ${tests} triangles, and ` +
-    `hits ${hits}.`;
-  $("visits").replaceChildren(...ray.way.map(({ node, depth, triangles, plane, enter, exit }) => {
+  $("ray-told").textContent = `The ray hits ${hits}.`;
+  $("counts").tBodies[0].replaceChildren(...ray.counts.map(({ name, inner, leaves, tests, turns }) =>
+    row([head(name), ...[inner, leaves, tests, turns].map((x) => cell(x))])));
+  $("ray").hidden = false;
+  await list();
+}
+
+/** Lists the nodes that the ray visits by the traversal chosen there. */
+async function list() {
+  const [mine, name] = [ray, $("way").value];
+  const way = await pool.ask("way", ray.origin, ray.direction, name);
+  if (mine !== ray || name !== $("way").value) return;
+  ray.way = way;
+  const leaves = way.filter(({ triangles }) => triangles);
+  const tests = leaves.reduce((sum, { triangles }) => sum + triangles.length, 0);
+  const seen = new Set(way.map(({ node }) => node)).size;
+  const number = (count, one, more) => `${THOUSAND.format(count)} ${count === 1 ? one : more}`;
+  $("way-told").textContent =
+    `By ${name} it passes ${number(way.length - leaves.length, "inner node", "inner nodes")} and ` +
+    `${number(leaves.length, "leaf", "leaves")} and tests ${number(tests, "triangle", "triangles")}; ` +
+    `${THOUSAND.format(way.length - seen)} of these visits are of nodes that it has seen before.`;
+  const known = new Set();
+  $("visits").replaceChildren(...way.map(({ node, depth, triangles, plane, enter, exit }) => {
     const from = Math.max(0, enter).toPrecision(5);
     const what = plane ? `node ${node}, level ${depth}: plane at ${"xyz"[plane[0]]} = ${plane[1].toPrecision(5)}`
       : `leaf ${node}, level ${depth}: ${triangles.length ? `tests ${triangles.join(", ")}` : "empty"}`;
     const item = document.createElement("li");
-    item.textContent = `${what} (from ${from} to ${exit.toPrecision(5)})`;
+    item.textContent = `${known.has(node) ? "again " : ""}${what} (from ${from} to ${exit.toPrecision(5)})`;
+    known.add(node);
     return item;
   }));
-  $("counts").tBodies[0].replaceChildren(...ray.counts.map(({ name, inner, leaves, tests, turns }) =>
-    row([head(name), ...[inner, leaves, tests, turns].map((x) => cell(x))])));
-  $("visit").max = Math.max(0, ray.way.length - 1);
+  for (const line of $("counts").tBodies[0].rows) {
+    if (line.cells[0].textContent === name) line.setAttribute("aria-current", "true");
+    else line.removeAttribute("aria-current");
+  }
+  $("visit").max = Math.max(0, way.length - 1);
   $("visit").value = 0;
-  $("ray").hidden = false;
   visit();
 }
 
 function visit() {
   const at = Number($("visit").value);
-  $("visit-told").textContent = `${at + 1} of ${ray.way.length}`;
+  $("visit-told").textContent = ray.way.length ? `${at + 1} of ${THOUSAND.format(ray.way.length)}` : "none";
   [...$("visits").children].forEach((item, i) => {
     if (i === at) {
       item.setAttribute("aria-current", "step");
@@ -610,6 +628,7 @@ described("builder", builders, "binned", () => trying(build));
 described("traversal", traversals, "stack", () => trying(walk));
 described("intersector", intersectors, "strict", () => trying(walk));
 described("stress", stress, "slivers");
+fill($("way"), traversals.filter(([name]) => name !== "brute"), "stack");
 
 /** Another way through the same tree. */
 async function walk() {
@@ -648,6 +667,7 @@ on("measure", "click", measure);
 on("show-cells", "change", showCells);
 on("level", "input", showCells);
 $("visit").addEventListener("input", visit);
+on("way", "change", list);
 on("beside", "click", () => {
   const middle = ray.triangle === MISS ? (ray.way[0]?.exit ?? 1) : ray.t;
   view.beside(ray.direction, ray.origin.map((x, i) => x + middle * ray.direction[i]));

@@ -2,10 +2,12 @@
 
 import init, * as raykd from "../pkg/raykd.js";
 
-let mesh, scene, trial;
+let mesh, scene, trial, ways;
 
 /** Forgets what there is, so that the module can use its memory again. */
 function free() {
+  ways?.free();
+  ways = undefined;
   scene?.free();
   mesh?.free();
   scene = mesh = undefined;
@@ -27,6 +29,8 @@ const calls = {
   },
   build(options) {
     const next = raykd.Scene.of(mesh, options);
+    ways?.free();
+    ways = undefined;
     scene?.free();
     scene = next;
   },
@@ -56,7 +60,7 @@ const calls = {
     scene.traverse(traversal);
     return hits;
   },
-  /** One ray's way, and what it costs by each traversal. */
+  /** One ray's hit, and what it costs by each traversal. */
   ray(camera, size, x, y, chosen, traversal) {
     const { origins, directions } = scene.cameraRays(camera, size, size);
     const from = 3 * (y * size + x);
@@ -70,10 +74,14 @@ const calls = {
     });
     scene.traverse("stack");
     const hit = scene.closest(origin, direction);
-    const way = raykd.way(scene, origin, direction);
     scene.intersect(chosen);
     scene.traverse(traversal);
-    return { origin, direction, way, counts, triangle: hit.triangle[0], t: hit.t[0] };
+    return { origin, direction, counts, triangle: hit.triangle[0], t: hit.t[0] };
+  },
+  /** The nodes that it visits by one of them. */
+  way(origin, direction, traversal) {
+    ways ??= new raykd.Ways(scene);
+    return ways.of(new Float32Array(origin), new Float32Array(direction), traversal);
   },
   judge(name, rays) {
     trial?.free();

@@ -11,7 +11,7 @@ mod scene;
 mod stress;
 mod values;
 
-pub use inspect::{cells, way};
+pub use inspect::{Ways, cells};
 pub use mesh::Mesh;
 pub use scene::{Scene, heat_colour, hits_digest};
 pub use stress::Trial;

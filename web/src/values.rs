@@ -39,7 +39,7 @@ export interface Report {
   depth: number; refs: number; bytes: number; sahCost: number; buildMs: number; uploadMs: number; layoutMs: number;
   peakBytes: number;
 }
-/** A node that a ray passes, with its box and where the ray is in it. */
+/** A node that a ray visits, with its box and where the ray is in it. */
 export interface Visit {
   node: number; depth: number; enter: number; exit: number; box: number[];
   /** Triangles of a leaf; null for an inner node. */ triangles: number[] | null;

@@ -166,7 +166,25 @@ test("cells, level by level, and one ray's way", async () => {
   await page.focus("#overlay");
   await page.keyboard.press("Enter");
   await page.waitForSelector("#ray:not([hidden])");
-  assert.match(await page.textContent("#ray-told"), /passes \d+ inner nodes and \d+ lea(f|ves),.*hits triangle \d+/);
+  assert.match(await page.textContent("#ray-told"), /hits triangle \d+/);
+  const lists = new Set();
+  for (const way of await values("way")) {
+    await page.selectOption("#way", way);
+    await page.waitForFunction((way) => document.getElementById("way-told").textContent.startsWith(`By ${way} `), way);
+    const [listed, counted] = await page.evaluate((way) => {
+      const all = [...document.querySelectorAll("#visits li")].map(({ textContent }) => textContent);
+      const tests = all.flatMap((text) => text.match(/tests ([\d, ]+)/)?.[1].split(", ") ?? []).length;
+      const [inner, leaves] = ["node", "leaf"].map((what) => all.filter((text) => text.includes(`${what} `)).length);
+      const line = [...document.querySelectorAll("#counts tbody tr")].find(({ cells }) => cells[0].textContent === way);
+      return [[inner, leaves, tests], [...line.cells].slice(1, 4).map(({ textContent }) => Number(textContent))];
+    }, way);
+    assert.deepEqual(listed, counted, way);
+    lists.add(listed.join());
+  }
+  assert.ok(lists.size >= 4, "ways differ");
+  assert.equal((await values("way")).length, (await values("traversal")).length - 1);
+  await page.selectOption("#way", "stack");
+  await page.waitForFunction(() => document.getElementById("way-told").textContent.startsWith("By stack "));
   await page.click("#beside");
   await slide("visit", 3);
   await still();
