@@ -16,9 +16,11 @@ const picture = $("picture").getContext("2d");
 const overlay = $("overlay").getContext("2d");
 const pool = await Pool.of(Math.max(1, Math.min(navigator.hardwareConcurrency ?? 2, 8)));
 
-let view, report, cells, ray, full = 40;
+let view, report, cells, ray, costs, full = 40;
 /** Counts what was chosen, so that answers to older choices are known. */
 let choice = 0;
+/** Counts the meshes. */
+let loaded = 0;
 
 function tell(text) {
   $("status").textContent = text;
@@ -83,9 +85,11 @@ async function load(what, name) {
     what = { bytes: new Uint8Array(await answer.arrayBuffer()), name: what.fetch };
   }
   if (mine !== choice) return;
+  loaded++;
   await pool.all("load", what);
   if (mine !== choice) return;
-  view = undefined;
+  view = costs = undefined;
+  advise();
   forget();
   await build(name);
 }
@@ -170,6 +174,55 @@ function head(value) {
   const it = cell(value, "th");
   it.scope = "row";
   return it;
+}
+
+// Which tree is worth its build
+
+/** Measures every kind of tree of this mesh. */
+async function weigh() {
+  const mine = loaded;
+  const found = [];
+  await pool.ask("costs");
+  for (const name of pool.choices.trees) {
+    $("auto-told").textContent = `measuring: ${name}`;
+    const cost = await pool.ask("cost", name);
+    if (mine !== loaded) return;
+    found.push(cost);
+  }
+  costs = found;
+  await advise();
+}
+
+/** Says which of them to take. */
+async function advise() {
+  $("auto-costs").hidden = !costs;
+  $("auto-ranges").textContent = $("auto-told").textContent = "";
+  const rays = Number($("auto-rays").value);
+  if (!costs || !(rays >= 1)) return;
+  const mine = costs;
+  const counts = Array.from({ length: 28 }, (_, i) => Math.round(10 ** (i / 3)));
+  const [chosen, ...others] = await pool.ask("best", [rays, ...counts]);
+  if (mine !== costs || rays !== Number($("auto-rays").value)) return;
+  const number = (x, digits = 3) => x.toLocaleString("en", { maximumSignificantDigits: digits });
+  const at = costs.findIndex(({ choice }) => choice === chosen.tree);
+  const { builder, price, maxDepth } = costs[at];
+  const how = maxDepth === 0 ? "no tree at all" : `builder ${builder}, price ${price}, at most ${maxDepth} levels`;
+  $("auto-told").textContent =
+    `For ${THOUSAND.format(rays)} rays take ${chosen.tree} (${how}): ${number(chosen.totals[at])} ms in all. That is ` +
+    "the least, or at most 5 % more and the tree smaller.";
+  const ranges = others.map(({ tree }, i) => [tree, counts[i]]).filter(([tree], i) => tree !== others[i - 1]?.tree);
+  $("auto-ranges").textContent =
+    `${ranges.map(([tree, from]) => `From about ${THOUSAND.format(from)} on: ${tree}`).join(". ")}.`;
+  $("auto-costs").tBodies[0].replaceChildren(...costs.map(({ choice, buildMs, rayNs, bytes }, i) => {
+    const numbers = [buildMs, 1000 / rayNs, bytes / 1000, chosen.totals[i]].map((x) => {
+      const it = cell(number(x));
+      it.className = "number";
+      return it;
+    });
+    const line = row([head(i === at ? `→ ${choice}` : choice), ...numbers]);
+    if (i === at) line.setAttribute("aria-current", "true");
+    return line;
+  }));
 }
 
 // Pictures: coarse first, sharper when nothing moves
@@ -664,6 +717,8 @@ on("home", "click", async () => {
 $("price").addEventListener("input", show);
 on("price", "change", () => build());
 on("measure", "click", measure);
+on("auto", "click", weigh);
+$("auto-rays").addEventListener("input", () => trying(advise));
 on("show-cells", "change", showCells);
 on("level", "input", showCells);
 $("visit").addEventListener("input", visit);

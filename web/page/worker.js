@@ -2,12 +2,13 @@
 
 import init, * as raykd from "../pkg/raykd.js";
 
-let mesh, scene, trial, ways;
+let mesh, scene, trial, ways, costs;
 
 /** Forgets what there is, so that the module can use its memory again. */
 function free() {
   ways?.free();
-  ways = undefined;
+  costs?.free();
+  ways = costs = undefined;
   scene?.free();
   mesh?.free();
   scene = mesh = undefined;
@@ -83,6 +84,13 @@ const calls = {
     ways ??= new raykd.Ways(scene);
     return ways.of(new Float32Array(origin), new Float32Array(direction), traversal);
   },
+  costs() {
+    costs?.free();
+    costs = undefined;
+    costs = new raykd.Costs(mesh);
+  },
+  cost: (tree) => costs.measure(tree),
+  best: (counts) => counts.map((rays) => costs.best(rays)),
   judge(name, rays) {
     trial?.free();
     trial = new raykd.Trial(name, rays);

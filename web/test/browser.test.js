@@ -204,6 +204,33 @@ const slide = (id, value) => page.$eval(`#${id}`, (slider, value) => {
   slider.dispatchEvent(new Event("input"));
 }, value);
 
+test("which tree is worth its build", async () => {
+  await page.click("#auto");
+  await page.waitForSelector("#auto-costs:not([hidden])");
+  await page.waitForFunction(() => document.querySelectorAll("#auto-costs tbody tr").length === 9);
+  const advice = async (rays) => {
+    await page.fill("#auto-rays", String(rays));
+    const count = rays.toLocaleString("en");
+    await page.waitForFunction((count) =>
+      document.getElementById("auto-told").textContent.startsWith(`For ${count} rays take `), count);
+    return page.$$eval("#auto-costs tbody tr", (rows) => rows.map(({ cells, ariaCurrent }) => ({
+      name: cells[0].textContent.replace("→ ", ""), bytes: Number(cells[3].textContent.replaceAll(",", "")),
+      total: Number(cells[4].textContent.replaceAll(",", "")), chosen: ariaCurrent === "true",
+    })));
+  };
+  for (const rays of [1, 20_000, 1_000_000_000]) {
+    const rows = await advice(rays);
+    const [one, ...more] = rows.filter(({ chosen }) => chosen);
+    const least = Math.min(...rows.map(({ total }) => total));
+    assert.equal(more.length, 0);
+    // Numbers are told with three digits.
+    assert.ok(one.total <= least * 1.06, JSON.stringify(rows));
+    // To build a tree takes longer than to test all triangles for one ray, which for many is the worst.
+    assert.equal(one.name === "none", rays === 1, JSON.stringify(rows));
+  }
+  assert.match(await page.textContent("#auto-ranges"), /^From about 1 on: none\. From about/);
+});
+
 test("six tests side by side: exact loses nothing, textbooks' tests do", async () => {
   await slide("far", 4);
   await page.click("#compare");
