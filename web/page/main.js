@@ -209,7 +209,7 @@ async function advise() {
   const how = maxDepth === 0 ? "no tree at all" : `builder ${builder}, price ${price}, at most ${maxDepth} levels`;
   $("auto-told").textContent =
     `For ${THOUSAND.format(rays)} rays take ${chosen.tree} (${how}): ${number(chosen.totals[at])} ms in all. That is ` +
-    "the least, or at most 5 % more and the tree smaller.";
+    "the least, or at most 5\u00a0% more and the tree smaller.";
   const ranges = others.map(({ tree }, i) => [tree, counts[i]]).filter(([tree], i) => tree !== others[i - 1]?.tree);
   $("auto-ranges").textContent =
     `${ranges.map(([tree, from]) => `From about ${THOUSAND.format(from)} on: ${tree}`).join(". ")}.`;
@@ -743,4 +743,4 @@ colours.forEach(([r, g, b], x) => {
 show();
 await trying(() => load(meshes[0][1], meshes[0][0]));
 /** For tests. */
-window.raykd = { still, seen };
+window.raykd = { still, seen, camera: () => view.camera(), memory: () => pool.all("memory") };

@@ -2,7 +2,7 @@
 
 import init, * as raykd from "../pkg/raykd.js";
 
-let mesh, scene, trial, ways, costs;
+let memory, mesh, scene, trial, ways, costs;
 
 /** Forgets what there is, so that the module can use its memory again. */
 function free() {
@@ -18,7 +18,7 @@ const arrays = (object) => Object.values(object).filter(ArrayBuffer.isView).map(
 
 const calls = {
   async start(module) {
-    await init({ module_or_path: module });
+    ({ memory } = await init({ module_or_path: module }));
     return raykd.choices();
   },
   load({ teapot, stress, bytes, name }) {
@@ -96,6 +96,8 @@ const calls = {
     trial = new raykd.Trial(name, rays);
   },
   run: (test) => trial.run(test),
+  /** Bytes of the module. */
+  memory: () => memory.buffer.byteLength,
 };
 
 onmessage = async ({ data: { id, call, given } }) => {
