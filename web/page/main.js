@@ -19,8 +19,8 @@ const pool = await Pool.of(Math.max(1, Math.min(navigator.hardwareConcurrency ??
 let view, report, cells, ray, costs, full = 40;
 /** Counts what was chosen, so that answers to older choices are known. */
 let choice = 0;
-/** Counts the meshes. */
-let loaded = 0;
+/** Counts meshes and measurements of all trees, for the same reason. */
+let weighing = 0;
 
 function tell(text) {
   $("status").textContent = text;
@@ -85,11 +85,12 @@ async function load(what, name) {
     what = { bytes: new Uint8Array(await answer.arrayBuffer()), name: what.fetch };
   }
   if (mine !== choice) return;
-  loaded++;
+  weighing++;
+  costs = undefined;
+  advise();
   await pool.all("load", what);
   if (mine !== choice) return;
-  view = costs = undefined;
-  advise();
+  view = undefined;
   forget();
   await build(name);
 }
@@ -180,15 +181,18 @@ function head(value) {
 
 /** Measures every kind of tree of this mesh. */
 async function weigh() {
-  const mine = loaded;
+  const mine = ++weighing;
+  costs = undefined;
+  await advise();
   const found = [];
+  $("auto-told").textContent = "measuring";
   await pool.ask("costs");
   for (const name of pool.choices.trees) {
+    if (mine !== weighing) return;
     $("auto-told").textContent = `measuring: ${name}`;
-    const cost = await pool.ask("cost", name);
-    if (mine !== loaded) return;
-    found.push(cost);
+    found.push(await pool.ask("cost", name));
   }
+  if (mine !== weighing) return;
   costs = found;
   await advise();
 }
@@ -201,8 +205,9 @@ async function advise() {
   if (!costs || !(rays >= 1)) return;
   const mine = costs;
   const counts = Array.from({ length: 28 }, (_, i) => Math.round(10 ** (i / 3)));
-  const [chosen, ...others] = await pool.ask("best", [rays, ...counts]);
-  if (mine !== costs || rays !== Number($("auto-rays").value)) return;
+  const best = await pool.ask("best", [rays, ...counts]);
+  if (!best || mine !== costs || rays !== Number($("auto-rays").value)) return;
+  const [chosen, ...others] = best;
   const number = (x, digits = 3) => x.toLocaleString("en", { maximumSignificantDigits: digits });
   const at = costs.findIndex(({ choice }) => choice === chosen.tree);
   const { builder, price, maxDepth } = costs[at];

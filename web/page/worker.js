@@ -81,6 +81,7 @@ const calls = {
   },
   /** The nodes that it visits by one of them. */
   way(origin, direction, traversal) {
+    if (!scene) return [];
     ways ??= new raykd.Ways(scene);
     return ways.of(new Float32Array(origin), new Float32Array(direction), traversal);
   },
@@ -90,7 +91,8 @@ const calls = {
     costs = new raykd.Costs(mesh);
   },
   cost: (tree) => costs.measure(tree),
-  best: (counts) => counts.map((rays) => costs.best(rays)),
+  /** Nothing if the mesh was changed. */
+  best: (counts) => costs && counts.map((rays) => costs.best(rays)),
   judge(name, rays) {
     trial?.free();
     trial = new raykd.Trial(name, rays);

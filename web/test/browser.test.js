@@ -274,6 +274,16 @@ test("which tree is worth its build", async () => {
     assert.equal(one.name === "none", rays === 1, JSON.stringify(rows));
   }
   assert.match(await page.textContent("#auto-ranges"), /^From about 1 on: none\. From about/);
+  // Measured again before it is done, and then the mesh is changed.
+  await page.click("#auto");
+  await page.click("#auto");
+  await page.waitForSelector("#auto-costs:not([hidden])");
+  assert.equal((await advice(1)).find(({ chosen }) => chosen).name, "none");
+  await page.click("#auto");
+  await choose("scene", "teapot:20");
+  assert.ok(await page.isHidden("#auto-costs"));
+  assert.equal(await page.textContent("#auto-told"), "");
+  await choose("scene", "teapot");
 });
 
 test("six tests side by side: exact loses nothing, textbooks' tests do", async () => {

@@ -136,6 +136,10 @@ test("wrong input is an error that says what is wrong", () => {
     [() => scene.picture({ ...part(scene), shading: "plaid" }), /plaid/],
     [() => mesh.randomRays(2 ** 31, 1), /rays/],
     [() => new raykd.Trial("slivers", 0), /rays/],
+    [() => new raykd.Ways(scene).of(numbers(0, 0, 0, 1, 1, 1), numbers(0, 0, 1, 0, 0, 1), "stack"), /one ray/],
+    [() => new raykd.Ways(scene).of(numbers(0, 0, 0), numbers(0, 0, 1), "jump"), /'jump'.*ropes/],
+    [() => new raykd.Costs(mesh).measure("oak"), /'oak'/],
+    [() => new raykd.Costs(mesh).best(1), /no tree was measured/],
   ]) {
     assert.throws(act, (error) => error instanceof Error && message.test(error.message), String(act));
   }
