@@ -102,6 +102,7 @@ pub mod internals {
     pub use crate::exec::Gpu;
     #[cfg(feature = "plan")]
     pub use crate::plan::{
+        best_of,
         calibration::rays_for,
         cost::{Moving, measure, speed, usual_rays, wake},
     };

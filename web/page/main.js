@@ -16,9 +16,11 @@ const picture = $("picture").getContext("2d");
 const overlay = $("overlay").getContext("2d");
 const pool = await Pool.of(Math.max(1, Math.min(navigator.hardwareConcurrency ?? 2, 8)));
 
-let view, report, cells, ray, full = 40;
+let view, report, cells, ray, costs, full = 40;
 /** Counts what was chosen, so that answers to older choices are known. */
 let choice = 0;
+/** Counts meshes and measurements of all trees, for the same reason. */
+let weighing = 0;
 
 function tell(text) {
   $("status").textContent = text;
@@ -83,6 +85,9 @@ async function load(what, name) {
     what = { bytes: new Uint8Array(await answer.arrayBuffer()), name: what.fetch };
   }
   if (mine !== choice) return;
+  weighing++;
+  costs = undefined;
+  advise();
   await pool.all("load", what);
   if (mine !== choice) return;
   view = undefined;
@@ -170,6 +175,59 @@ function head(value) {
   const it = cell(value, "th");
   it.scope = "row";
   return it;
+}
+
+// Which tree is worth its build
+
+/** Measures every kind of tree of this mesh. */
+async function weigh() {
+  const mine = ++weighing;
+  costs = undefined;
+  await advise();
+  const found = [];
+  $("auto-told").textContent = "measuring";
+  await pool.ask("costs");
+  for (const name of pool.choices.trees) {
+    if (mine !== weighing) return;
+    $("auto-told").textContent = `measuring: ${name}`;
+    found.push(await pool.ask("cost", name));
+  }
+  if (mine !== weighing) return;
+  costs = found;
+  await advise();
+}
+
+/** Says which of them to take. */
+async function advise() {
+  $("auto-costs").hidden = !costs;
+  $("auto-ranges").textContent = $("auto-told").textContent = "";
+  const rays = Number($("auto-rays").value);
+  if (!costs || !(rays >= 1)) return;
+  const mine = costs;
+  const counts = Array.from({ length: 28 }, (_, i) => Math.round(10 ** (i / 3)));
+  const best = await pool.ask("best", [rays, ...counts]);
+  if (!best || mine !== costs || rays !== Number($("auto-rays").value)) return;
+  const [chosen, ...others] = best;
+  const number = (x, digits = 3) => x.toLocaleString("en", { maximumSignificantDigits: digits });
+  const at = costs.findIndex(({ choice }) => choice === chosen.tree);
+  const { builder, price, maxDepth } = costs[at];
+  const how = maxDepth === 0 ? "no tree at all" : `builder ${builder}, price ${price}, at most ${maxDepth} levels`;
+  $("auto-told").textContent =
+    `For ${THOUSAND.format(rays)} rays take ${chosen.tree} (${how}): ${number(chosen.totals[at])} ms in all. That is ` +
+    "the least, or at most 5\u00a0% more and the tree smaller.";
+  const ranges = others.map(({ tree }, i) => [tree, counts[i]]).filter(([tree], i) => tree !== others[i - 1]?.tree);
+  $("auto-ranges").textContent =
+    `${ranges.map(([tree, from]) => `From about ${THOUSAND.format(from)} on: ${tree}`).join(". ")}.`;
+  $("auto-costs").tBodies[0].replaceChildren(...costs.map(({ choice, buildMs, rayNs, bytes }, i) => {
+    const numbers = [buildMs, 1000 / rayNs, bytes / 1000, chosen.totals[i]].map((x) => {
+      const it = cell(number(x));
+      it.className = "number";
+      return it;
+    });
+    const line = row([head(i === at ? `→ ${choice}` : choice), ...numbers]);
+    if (i === at) line.setAttribute("aria-current", "true");
+    return line;
+  }));
 }
 
 // Pictures: coarse first, sharper when nothing moves
@@ -348,33 +406,51 @@ async function follow(x, y) {
   const { intersector, traversal } = options();
   const found = await pool.ask("ray", view.camera(), SIZE, x, y, intersector, traversal);
   if (mine !== choice) return;
-  ray = { ...found, origin: [...found.origin], direction: [...found.direction] };
-  const leaves = ray.way.filter(({ triangles }) => triangles);
-  const tests = leaves.reduce((sum, { triangles }) => sum + triangles.length, 0);
+  ray = { ...found, origin: [...found.origin], direction: [...found.direction], way: [] };
   const hits = ray.triangle === MISS ? "nothing" : `triangle ${ray.triangle} at ${ray.t.toPrecision(6)}`;
-  const several = leaves.length === 1 ? "1 leaf" : `${leaves.length} leaves`;
-  $("ray-told").textContent =
-    `The ray passes ${ray.way.length - leaves.length} inner nodes and ${several}, tests ${tests} triangles, and ` +
-    `hits ${hits}.`;
-  $("visits").replaceChildren(...ray.way.map(({ node, depth, triangles, plane, enter, exit }) => {
+  $("ray-told").textContent = `The ray hits ${hits}.`;
+  $("counts").tBodies[0].replaceChildren(...ray.counts.map(({ name, inner, leaves, tests, turns }) =>
+    row([head(name), ...[inner, leaves, tests, turns].map((x) => cell(x))])));
+  $("ray").hidden = false;
+  await list();
+}
+
+/** Lists the nodes that the ray visits by the traversal chosen there. */
+async function list() {
+  const [mine, name] = [ray, $("way").value];
+  const way = await pool.ask("way", ray.origin, ray.direction, name);
+  if (mine !== ray || name !== $("way").value) return;
+  ray.way = way;
+  const leaves = way.filter(({ triangles }) => triangles);
+  const tests = leaves.reduce((sum, { triangles }) => sum + triangles.length, 0);
+  const seen = new Set(way.map(({ node }) => node)).size;
+  const number = (count, one, more) => `${THOUSAND.format(count)} ${count === 1 ? one : more}`;
+  $("way-told").textContent =
+    `By ${name} it passes ${number(way.length - leaves.length, "inner node", "inner nodes")} and ` +
+    `${number(leaves.length, "leaf", "leaves")} and tests ${number(tests, "triangle", "triangles")}; ` +
+    `${THOUSAND.format(way.length - seen)} of these visits are of nodes that it has seen before.`;
+  const known = new Set();
+  $("visits").replaceChildren(...way.map(({ node, depth, triangles, plane, enter, exit }) => {
     const from = Math.max(0, enter).toPrecision(5);
     const what = plane ? `node ${node}, level ${depth}: plane at ${"xyz"[plane[0]]} = ${plane[1].toPrecision(5)}`
       : `leaf ${node}, level ${depth}: ${triangles.length ? `tests ${triangles.join(", ")}` : "empty"}`;
     const item = document.createElement("li");
-    item.textContent = `${what} (from ${from} to ${exit.toPrecision(5)})`;
+    item.textContent = `${known.has(node) ? "again " : ""}${what} (from ${from} to ${exit.toPrecision(5)})`;
+    known.add(node);
     return item;
   }));
-  $("counts").tBodies[0].replaceChildren(...ray.counts.map(({ name, inner, leaves, tests, turns }) =>
-    row([head(name), ...[inner, leaves, tests, turns].map((x) => cell(x))])));
-  $("visit").max = Math.max(0, ray.way.length - 1);
+  for (const line of $("counts").tBodies[0].rows) {
+    if (line.cells[0].textContent === name) line.setAttribute("aria-current", "true");
+    else line.removeAttribute("aria-current");
+  }
+  $("visit").max = Math.max(0, way.length - 1);
   $("visit").value = 0;
-  $("ray").hidden = false;
   visit();
 }
 
 function visit() {
   const at = Number($("visit").value);
-  $("visit-told").textContent = `${at + 1} of ${ray.way.length}`;
+  $("visit-told").textContent = ray.way.length ? `${at + 1} of ${THOUSAND.format(ray.way.length)}` : "none";
   [...$("visits").children].forEach((item, i) => {
     if (i === at) {
       item.setAttribute("aria-current", "step");
@@ -610,6 +686,7 @@ described("builder", builders, "binned", () => trying(build));
 described("traversal", traversals, "stack", () => trying(walk));
 described("intersector", intersectors, "strict", () => trying(walk));
 described("stress", stress, "slivers");
+fill($("way"), traversals.filter(([name]) => name !== "brute"), "stack");
 
 /** Another way through the same tree. */
 async function walk() {
@@ -645,9 +722,12 @@ on("home", "click", async () => {
 $("price").addEventListener("input", show);
 on("price", "change", () => build());
 on("measure", "click", measure);
+on("auto", "click", weigh);
+$("auto-rays").addEventListener("input", () => trying(advise));
 on("show-cells", "change", showCells);
 on("level", "input", showCells);
 $("visit").addEventListener("input", visit);
+on("way", "change", list);
 on("beside", "click", () => {
   const middle = ray.triangle === MISS ? (ray.way[0]?.exit ?? 1) : ray.t;
   view.beside(ray.direction, ray.origin.map((x, i) => x + middle * ray.direction[i]));
@@ -668,4 +748,4 @@ colours.forEach(([r, g, b], x) => {
 show();
 await trying(() => load(meshes[0][1], meshes[0][0]));
 /** For tests. */
-window.raykd = { still, seen };
+window.raykd = { still, seen, camera: () => view.camera(), memory: () => pool.all("memory") };

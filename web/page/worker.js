@@ -2,10 +2,13 @@
 
 import init, * as raykd from "../pkg/raykd.js";
 
-let mesh, scene, trial;
+let memory, mesh, scene, trial, ways, costs;
 
 /** Forgets what there is, so that the module can use its memory again. */
 function free() {
+  ways?.free();
+  costs?.free();
+  ways = costs = undefined;
   scene?.free();
   mesh?.free();
   scene = mesh = undefined;
@@ -15,7 +18,7 @@ const arrays = (object) => Object.values(object).filter(ArrayBuffer.isView).map(
 
 const calls = {
   async start(module) {
-    await init({ module_or_path: module });
+    ({ memory } = await init({ module_or_path: module }));
     return raykd.choices();
   },
   load({ teapot, stress, bytes, name }) {
@@ -27,6 +30,8 @@ const calls = {
   },
   build(options) {
     const next = raykd.Scene.of(mesh, options);
+    ways?.free();
+    ways = undefined;
     scene?.free();
     scene = next;
   },
@@ -56,7 +61,7 @@ const calls = {
     scene.traverse(traversal);
     return hits;
   },
-  /** One ray's way, and what it costs by each traversal. */
+  /** One ray's hit, and what it costs by each traversal. */
   ray(camera, size, x, y, chosen, traversal) {
     const { origins, directions } = scene.cameraRays(camera, size, size);
     const from = 3 * (y * size + x);
@@ -70,16 +75,31 @@ const calls = {
     });
     scene.traverse("stack");
     const hit = scene.closest(origin, direction);
-    const way = raykd.way(scene, origin, direction);
     scene.intersect(chosen);
     scene.traverse(traversal);
-    return { origin, direction, way, counts, triangle: hit.triangle[0], t: hit.t[0] };
+    return { origin, direction, counts, triangle: hit.triangle[0], t: hit.t[0] };
   },
+  /** The nodes that it visits by one of them. */
+  way(origin, direction, traversal) {
+    if (!scene) return [];
+    ways ??= new raykd.Ways(scene);
+    return ways.of(new Float32Array(origin), new Float32Array(direction), traversal);
+  },
+  costs() {
+    costs?.free();
+    costs = undefined;
+    costs = new raykd.Costs(mesh);
+  },
+  cost: (tree) => costs.measure(tree),
+  /** Nothing if the mesh was changed. */
+  best: (counts) => costs && counts.map((rays) => costs.best(rays)),
   judge(name, rays) {
     trial?.free();
     trial = new raykd.Trial(name, rays);
   },
   run: (test) => trial.run(test),
+  /** Bytes of the module. */
+  memory: () => memory.buffer.byteLength,
 };
 
 onmessage = async ({ data: { id, call, given } }) => {

@@ -2,10 +2,10 @@
 
 use crate::{
     scene::Scene,
-    values::{error, floats, object},
+    values::{error, floats, named, object},
 };
 use raykd::{
-    KdTree, Ray,
+    KdTree, Ray, Traversal,
     kernels::trace::frame::PAD,
     shared::{Content, Node},
 };
@@ -24,6 +24,7 @@ fn halves(cell: Cell, axis: u32, at: f32) -> [Cell; 2] {
 }
 
 /// Walks a tree from its root.
+#[derive(Debug)]
 struct Walker {
     tree: KdTree,
     scale: f32,
@@ -79,7 +80,7 @@ pub fn cells(scene: &Scene, level: u32, most: u32) -> Result<JsValue, JsError> {
     Ok(floats(&found, |&x| x))
 }
 
-/// A node that a ray passes.
+/// A node that a ray visits.
 #[derive(Serialize)]
 struct Visit {
     node: u32,
@@ -92,12 +93,12 @@ struct Visit {
     plane: Option<(u32, f32)>,
 }
 
-/// Where a ray is inside of a box; nowhere if the first is larger.
-fn span(ray: &Ray, [lo, hi]: Cell) -> [f64; 2] {
+/// Where a ray is inside of a box that reaches `pad` farther on each side; nowhere if the first is larger.
+fn span(ray: &Ray, [lo, hi]: Cell, pad: f64) -> [f64; 2] {
     let mut span = [f64::from(ray.t_min), f64::from(ray.t_max)];
     for axis in 0..3 {
         let (origin, direction) = (f64::from(ray.origin[axis]), f64::from(ray.direction[axis]));
-        let planes = [lo[axis], hi[axis]].map(f64::from);
+        let planes = [f64::from(lo[axis]) - pad, f64::from(hi[axis]) + pad];
         if direction == 0.0 {
             if origin < planes[0] || origin > planes[1] {
                 return [f64::INFINITY, f64::NEG_INFINITY];
@@ -116,63 +117,62 @@ fn pad(ray: &Ray, [lo, hi]: Cell) -> f64 {
     f64::from(PAD) * f64::from(reach(0).max(reach(1)).max(reach(2)))
 }
 
-/// The nodes that a ray passes until its closest hit, as the traversal `stack` passes them, but in numbers that are
-/// rounded otherwise: `Scene.steps` has the kernels' own counts.
-#[wasm_bindgen(unchecked_return_type = "Visit[]")]
-pub fn way(scene: &Scene, origin: &[f32], direction: &[f32]) -> Result<JsValue, JsError> {
-    let ray = crate::values::rays(origin, direction, None, None)?;
-    let [ray] = ray.as_slice() else { return Err(error("one ray is wanted")) };
-    let hit = scene.scene.closest(&[*ray]).map_err(error)?[0];
-    let walker = Walker::new(scene)?;
-    let root = walker.root();
-    let (pad, [enter, exit]) = (pad(ray, root), span(ray, root));
-    let mut visits = Vec::new();
-    let mut waiting = if enter <= exit { vec![(0, 0, root, [enter, exit])] } else { Vec::new() };
-    while let Some((node, depth, cell, [enter, exit])) = waiting.pop() {
-        if hit.is_hit() && enter > f64::from(hit.t) {
-            continue;
-        }
-        let content = walker.content(node);
-        let visit = Visit {
-            node,
-            depth,
-            enter,
-            exit,
-            cell: cell.as_flattened().to_vec(),
-            triangles: None,
-            plane: None,
-        };
-        match content {
-            Content::Leaf { first, count } => {
-                let refs = &walker.tree.view().refs[first as usize..][..count as usize];
-                visits.push(Visit { triangles: Some(refs.to_vec()), ..visit });
-            }
-            Content::Inner { axis, split, below } => {
-                visits.push(Visit { plane: Some((axis, split)), ..visit });
-                let [low, high] = halves(cell, axis, split);
-                let (low, high) = ((below, low), (below + 1, high));
-                let at = axis as usize;
-                // Small enough a divisor gives a large number, never an infinite one.
-                let direction = f64::from(ray.direction[at]);
-                let inverse = 1.0 / if direction == 0.0 { 1e-30 } else { direction };
-                let (near, far) = if inverse < 0.0 { (high, low) } else { (low, high) };
-                let there = (f64::from(split) - f64::from(ray.origin[at])) * inverse;
-                let (first, last) = (there - pad * inverse.abs(), there + pad * inverse.abs());
-                let empty = |node| matches!(walker.content(node), Content::Leaf { count: 0, .. });
-                let to_near = (near.0, depth + 1, near.1, [enter, exit.min(last)]);
-                let to_far = (far.0, depth + 1, far.1, [enter.max(first), exit]);
-                // Beside another child an empty leaf is not worth a visit.
-                if last < enter {
-                    waiting.push(to_far);
-                } else if first > exit || empty(far.0) {
-                    waiting.push(to_near);
-                } else if empty(near.0) {
-                    waiting.push(to_far);
-                } else {
-                    waiting.extend([to_far, to_near]);
-                }
-            }
-        }
+/// A tree whose traversals tell the nodes that a ray visits. It has a copy of the tree, and stays what it is when the
+/// scene is freed.
+#[wasm_bindgen]
+#[derive(Debug)]
+pub struct Ways {
+    walker: Walker,
+    ways: raykd_ways::Ways,
+}
+
+#[wasm_bindgen]
+impl Ways {
+    /// Through a scene's tree.
+    #[wasm_bindgen(constructor)]
+    pub fn new(scene: &Scene) -> Result<Self, JsError> {
+        let ways = raykd_ways::Ways::new(&scene.scene, &scene.mesh).map_err(error)?;
+        Ok(Self { walker: Walker::new(scene)?, ways })
     }
-    object(&visits)
+
+    /// The nodes that a ray visits by a traversal until its closest hit is known, in their order, as the kernels do. By
+    /// `brute` there are none.
+    #[wasm_bindgen(unchecked_return_type = "Visit[]")]
+    pub fn of(&self, origin: &[f32], direction: &[f32], traversal: &str) -> Result<JsValue, JsError> {
+        let rays = crate::values::rays(origin, direction, None, None)?;
+        let [ray] = rays.as_slice() else { return Err(error("one ray is wanted")) };
+        let traversal = named("traversal", &Traversal::ALL, traversal)?;
+        let nodes = self.ways.of(ray, traversal).map(|way| way.nodes).unwrap_or_default();
+        let pad = pad(ray, self.walker.root());
+        let visits: Vec<Visit> = nodes.iter().map(|&node| self.visit(ray, node, pad)).collect();
+        object(&visits)
+    }
+
+    /// A node's depth and box.
+    fn place(&self, node: u32) -> (u32, Cell) {
+        let mut above = vec![node];
+        while let Some(up) = self.ways.parent(above[above.len() - 1]) {
+            above.push(up);
+        }
+        let mut cell = self.walker.root();
+        for pair in above.windows(2).rev() {
+            if let Content::Inner { axis, split, below } = self.walker.content(pair[1]) {
+                cell = halves(cell, axis, split)[usize::from(pair[0] != below)];
+            }
+        }
+        (above.len() as u32 - 1, cell)
+    }
+
+    fn visit(&self, ray: &Ray, node: u32, pad: f64) -> Visit {
+        let (depth, cell) = self.place(node);
+        let [enter, exit] = span(ray, cell, pad);
+        let (triangles, plane) = match self.walker.content(node) {
+            Content::Inner { axis, split, .. } => (None, Some((axis, split))),
+            Content::Leaf { first, count } => {
+                let refs = &self.walker.tree.view().refs[first as usize..][..count as usize];
+                (Some(refs.to_vec()), None)
+            }
+        };
+        Visit { node, depth, enter, exit, cell: cell.as_flattened().to_vec(), triangles, plane }
+    }
 }

@@ -5,19 +5,23 @@
 
 #![forbid(unsafe_code)]
 
+mod costs;
 mod inspect;
 mod mesh;
 mod scene;
 mod stress;
 mod values;
 
-pub use inspect::{cells, way};
+pub use costs::Costs;
+pub use inspect::{Ways, cells};
 pub use mesh::Mesh;
 pub use scene::{Scene, heat_colour, hits_digest};
 pub use stress::Trial;
 
 use js_sys::JsString;
-use raykd::{Builder, Intersector, Traversal, internals::picture::Shading, stress::cases::CASES};
+use raykd::{
+    Builder, Intersector, Traversal, internals::picture::Shading, plan::CHOICES, stress::cases::CASES,
+};
 use wasm_bindgen::prelude::*;
 
 /// A panic is an exception that says why.
@@ -41,6 +45,7 @@ pub fn choices() -> Result<JsValue, JsError> {
         intersectors: list(&Intersector::ALL, Intersector::name, Intersector::about),
         shadings: list(&Shading::ALL, Shading::name, Shading::about),
         stress: CASES.iter().map(|case| (case.name, case.about)).collect(),
+        trees: CHOICES.iter().map(|choice| choice.name).collect(),
     })
 }
 

@@ -39,7 +39,7 @@ export interface Report {
   depth: number; refs: number; bytes: number; sahCost: number; buildMs: number; uploadMs: number; layoutMs: number;
   peakBytes: number;
 }
-/** A node that a ray passes, with its box and where the ray is in it. */
+/** A node that a ray visits, with its box and where the ray is in it. */
 export interface Visit {
   node: number; depth: number; enter: number; exit: number; box: number[];
   /** Triangles of a leaf; null for an inner node. */ triangles: number[] | null;
@@ -48,9 +48,17 @@ export interface Visit {
 export interface Outcome {
   rays: number; failures: number; inexact: number; kinds: [string, number][]; known: boolean; ms: number;
 }
+/** What a kind of tree costs on this machine; see `Costs`. */
+export interface Cost {
+  choice: string; builder: string; price: number; long: number; maxDepth: number;
+  /** Build and layout of leaves. */ buildMs: number; /** Each ray. */ rayNs: number; bytes: number;
+}
+/** The kind of tree to take, and what each takes in all, in milliseconds. */
+export interface Advice { tree: string; totals: number[] }
 export type Choice = [name: string, about: string];
 export interface Choices {
   builders: Choice[]; traversals: Choice[]; intersectors: Choice[]; shadings: Choice[]; stress: Choice[];
+  /** Kinds of trees for `Costs`. */ trees: string[];
 }
 "#;
 
@@ -64,6 +72,7 @@ pub(crate) struct Choices {
     pub intersectors: List,
     pub shadings: List,
     pub stress: List,
+    pub trees: Vec<&'static str>,
 }
 
 /// [`BuildOptions`], and how rays are traced.

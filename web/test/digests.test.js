@@ -60,20 +60,32 @@ test("inside and outside, any hit, ranges", () => {
   assert.equal(scene.closest(new Float32Array([NaN, 0, 0]), direction).invalid, 1);
 });
 
-test("a ray's way has the steps that the kernel counts", () => {
+test("a ray's way has the steps that the kernels count, by each traversal", () => {
   const mesh = Mesh.teapot(8);
   const scene = Scene.of(mesh);
-  const { origins, directions } = mesh.randomRays(500, 7);
-  const { inner, leaves, tests } = scene.steps(origins, directions);
-  let same = 0;
-  for (let i = 0; i < inner.length; i++) {
-    const [from, to] = [3 * i, 3 * i + 3];
-    const way = raykd.way(scene, origins.subarray(from, to), directions.subarray(from, to));
-    const seen = way.filter(({ triangles }) => triangles);
-    const count = seen.reduce((sum, { triangles }) => sum + triangles.length, 0);
-    same += way.length - seen.length === inner[i] && seen.length === leaves[i] && count === tests[i];
+  const ways = new raykd.Ways(scene);
+  const { origins, directions } = mesh.randomRays(300, 7);
+  for (const [traversal] of raykd.choices().traversals) {
+    scene.traverse(traversal);
+    const { inner, leaves, tests, hits } = scene.steps(origins, directions);
+    for (let i = 0; i < inner.length; i++) {
+      const [from, to] = [3 * i, 3 * i + 3];
+      const way = ways.of(origins.subarray(from, to), directions.subarray(from, to), traversal);
+      if (traversal === "brute") {
+        assert.deepEqual(way, []);
+        continue;
+      }
+      const seen = way.filter(({ triangles }) => triangles);
+      const count = seen.reduce((sum, { triangles }) => sum + triangles.length, 0);
+      const counts = [way.length - seen.length, seen.length, count];
+      assert.deepEqual(counts, [inner[i], leaves[i], tests[i]], `${traversal}, ray ${i}`);
+      // The ray is in each box, and what it hits was tested.
+      assert.ok(way.every(({ enter, exit }) => enter <= exit), `${traversal}, ray ${i}`);
+      const hit = hits.triangle[i];
+      assert.ok(hit === 0xffffffff || seen.some(({ triangles }) => triangles.includes(hit)));
+    }
   }
-  assert.ok(same >= 490, `${same} of 500`);
+  ways.free();
 });
 
 test("cells of a level fill the box", () => {
@@ -124,6 +136,10 @@ test("wrong input is an error that says what is wrong", () => {
     [() => scene.picture({ ...part(scene), shading: "plaid" }), /plaid/],
     [() => mesh.randomRays(2 ** 31, 1), /rays/],
     [() => new raykd.Trial("slivers", 0), /rays/],
+    [() => new raykd.Ways(scene).of(numbers(0, 0, 0, 1, 1, 1), numbers(0, 0, 1, 0, 0, 1), "stack"), /one ray/],
+    [() => new raykd.Ways(scene).of(numbers(0, 0, 0), numbers(0, 0, 1), "jump"), /'jump'.*ropes/],
+    [() => new raykd.Costs(mesh).measure("oak"), /'oak'/],
+    [() => new raykd.Costs(mesh).best(1), /no tree was measured/],
   ]) {
     assert.throws(act, (error) => error instanceof Error && message.test(error.message), String(act));
   }

@@ -175,11 +175,22 @@ fn among(
         }
     }
     let best = plans.iter().min_by(|a, b| a.total_ms().total_cmp(&b.total_ms()));
-    let best = best.expect("calibrations have costs of some choice");
+    let device = best.expect("calibrations have costs of some choice").device;
+    plans.retain(|plan| plan.device == device);
+    let costs: Vec<&Cost> = plans.iter().map(|plan| &plan.cost).collect();
+    let chosen = best_of(&costs, rays).expect("the best is among them");
+    plans.swap_remove(chosen)
+}
+
+/// Of what choices cost on one device, the place of the one to take for so many rays.
+#[doc(hidden)]
+pub fn best_of(costs: &[&Cost], rays: u64) -> Option<usize> {
+    let rays = rays as f64;
+    let total = |cost: &Cost| cost.total_ms(rays);
+    let best = costs.iter().copied().min_by(|a, b| total(a).total_cmp(&total(b)))?;
     // Moving a million rays takes longer than tracing them: of that every tree would be 5 %.
-    let own = |plan: &Plan| plan.cost.own_ms(rays as f64);
-    let like = |plan: &&Plan| own(plan) <= own(best) * SLACK && plan.total_ms() <= best.total_ms() * SLACK;
-    let good = plans.iter().filter(|plan| plan.device == best.device).filter(like);
-    let order = |plan: &&Plan| (plan.cost.bytes, (plan.total_ms() * 1e6) as u64);
-    good.min_by_key(order).expect("the best is among them").clone()
+    let like =
+        |cost: &Cost| cost.own_ms(rays) <= best.own_ms(rays) * SLACK && total(cost) <= total(best) * SLACK;
+    let good = (0..costs.len()).filter(|&at| like(costs[at]));
+    good.min_by_key(|&at| (costs[at].bytes, (total(costs[at]) * 1e6) as u64))
 }
