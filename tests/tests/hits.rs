@@ -111,6 +111,25 @@ fn random_rays_at_the_teapot_agree_everywhere() {
     }
 }
 
+/// A GPU traces a million rays at a time, by two threads of the host.
+#[test]
+fn a_gpu_traces_millions_of_rays_in_their_order() {
+    const RAYS: usize = (2 << 20) + 12_345;
+    let mesh = Mesh::teapot(2);
+    let some = raykd::rays::random(mesh.bounds(), 9973, 5);
+    let none = Ray { direction: [0.0; 3], ..some[0] };
+    // A length that no part is a multiple of, so each part has other rays.
+    let rays: Vec<Ray> =
+        (0..RAYS).map(|i| if i % 1_000_003 == 7 { none } else { some[i % some.len()] }).collect();
+    let scene = |device| Scene::build(device, &mesh, &BuildOptions::default()).unwrap();
+    let (by_cpu, by_gpu) = (scene(cpu()), scene(gpu()));
+    for query in [Query::Closest, Query::Any] {
+        let [cpu, gpu] = [&by_cpu, &by_gpu].map(|scene| scene.trace(query, &rays).unwrap());
+        same("hits", &cpu.hits, &gpu.hits).unwrap();
+        assert_eq!([cpu.invalid, gpu.invalid], [3, 3]);
+    }
+}
+
 #[test]
 fn no_rays_give_no_hits() {
     for named in devices() {
