@@ -3,10 +3,10 @@
 import { execFileSync } from "node:child_process";
 import { readFileSync } from "node:fs";
 import { cpus } from "node:os";
-import { chromium } from "playwright-core";
 import * as THREE from "three";
 import { MeshBVH } from "three-mesh-bvh";
 import { gzipSync } from "node:zlib";
+import { launch } from "./chromium.js";
 import { serve } from "./serve.js";
 import * as raykd from "./pkg/raykd.js";
 
@@ -106,8 +106,7 @@ try {
 }
 
 const server = await serve(0);
-const executablePath = process.env.CHROMIUM ?? "/usr/bin/chromium";
-const browser = await chromium.launch({ executablePath, args: ["--no-sandbox", "--disable-gpu"] });
+const browser = await launch();
 console.log("Chromium", browser.version());
 for (const workers of [1, 2]) {
   const page = await browser.newPage({ viewport: { width: 1200, height: 1000 } });

@@ -1,7 +1,7 @@
 // What WebGPU makes of floats on this machine: node webgpu.js. It computes sums, products, quotients and a * b + c of
 // many numbers in WGSL, and compares them with those of a processor, which rounds each operation once.
 
-import { chromium } from "playwright-core";
+import { launch } from "./chromium.js";
 import { serve } from "./serve.js";
 
 const MOST = 1 << 18;
@@ -70,12 +70,7 @@ async function probe(count) {
 }
 
 const server = await serve(0);
-const args = [
-  "--headless", "--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking",
-  "--disable-component-update", "--disable-sync", "--enable-unsafe-webgpu", "--enable-features=Vulkan",
-  ...process.argv.slice(2),
-];
-const browser = await chromium.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", args });
+const browser = await launch(["--enable-unsafe-webgpu", "--enable-features=Vulkan", ...process.argv.slice(2)]);
 try {
   const page = await browser.newPage();
   await page.goto(`http://localhost:${server.address().port}/`);

@@ -13,8 +13,7 @@ use anyhow::bail;
 use clap::Parser;
 use raykd::{
     Device, Error,
-    internals::output,
-    plan::{CHOICES, Calibration, cache},
+    plan::{CHOICES, Calibration, place},
 };
 use std::{
     io::{StdoutLock, Write as _},
@@ -117,16 +116,6 @@ fn measure(device: &Device, notes: &Notes) -> Result<Calibration, Error> {
     })
 }
 
-/// Where a device's costs are kept: a file that can be written, in a folder that is made if it is missing.
-fn place(device: &Device) -> Result<PathBuf, Error> {
-    let path = cache(device)?;
-    if let Some(folder) = path.parent() {
-        std::fs::create_dir_all(folder).map_err(|source| Error::Io { path: folder.to_owned(), source })?;
-    }
-    output::check(&path)?;
-    Ok(path)
-}
-
 /// The costs of a device: from the file given, or the cache, or measured now and kept there.
 pub(super) fn costs(device: &Device, file: Option<&Path>, notes: &Notes) -> Result<Calibration, Error> {
     if let Some(path) = file {
@@ -141,11 +130,10 @@ fn kept_or(
     notes: &Notes,
     measure: impl FnOnce() -> Result<Calibration, Error>,
 ) -> Result<Calibration, Error> {
-    if let Some(path) = cache(device).ok().filter(|path| path.exists()) {
-        match Calibration::load(&path, device) {
-            Ok(found) => return Ok(found),
-            Err(error) => notes.note(error),
-        }
+    match Calibration::kept(device) {
+        Some(Ok(found)) => return Ok(found),
+        Some(Err(error)) => notes.note(error),
+        None => {}
     }
     let place = place(device);
     let once = match &place {

@@ -317,8 +317,8 @@ fn adapters_are_found_by_part_of_their_name() {
     assert!(reports.iter().any(|report| matches!(report.verdict, Verdict::Exact { .. })), "{reports:?}");
     let part = reports[0].name.to_uppercase();
     assert!(Device::gpu(Some(&part)).unwrap().name().starts_with(&reports[0].name));
-    assert!(Device::gpu_nth(0).unwrap().name().starts_with(&reports[0].name));
-    let error = Device::gpu_nth(reports.len()).unwrap_err();
+    assert!(Device::gpu(Some("gpu:0")).unwrap().name().starts_with(&reports[0].name));
+    let error = Device::gpu(Some(&format!("gpu:{}", reports.len()))).unwrap_err();
     assert!(matches!(&error, Error::NoAdapter { .. }), "{error}");
     // Whether there is hardware depends on the machine, what it may be does not.
     if let Ok(gpu) = Gpu::open_hardware() {

@@ -58,10 +58,7 @@ fn open(name: &str, threads: Option<usize>) -> Result<Device, raykd::Error> {
         #[cfg(feature = "gpu")]
         ("gpu", None) => Device::gpu(None),
         #[cfg(feature = "gpu")]
-        (part, _) => match part.strip_prefix("gpu:").map(str::parse) {
-            Some(Ok(number)) => Device::gpu_nth(number),
-            _ => Device::gpu(Some(part)),
-        },
+        (part, _) => Device::gpu(Some(part)),
         #[cfg(not(feature = "gpu"))]
         _ => Err(raykd::Error::Wgpu("this raykd was built for the CPU alone".to_owned())),
     }

@@ -3,8 +3,8 @@
 use crate::{device::device, error};
 use pyo3::{exceptions::PyUserWarning, prelude::*};
 use raykd::{
-    Device, Error, Mesh,
-    plan::{Calibration, Plan, cache, choose},
+    Device, Mesh,
+    plan::{Calibration, Plan, choose, place},
 };
 use std::{
     ffi::CString,
@@ -40,30 +40,22 @@ fn costs(py: Python<'_>, device: &Device, file: Option<&Path>) -> PyResult<Calib
     if let Some(path) = file {
         return Calibration::load(path, device).map_err(error);
     }
-    let place = cache(device);
-    if let Some(path) = place.as_ref().ok().filter(|path| path.exists()) {
-        match Calibration::load(path, device) {
-            Ok(found) => return Ok(found),
-            Err(error) => warn(py, &error.to_string())?,
-        }
+    match Calibration::kept(device) {
+        Some(Ok(found)) => return Ok(found),
+        Some(Err(error)) => warn(py, &error.to_string())?,
+        None => {}
     }
+    let place = place(device);
     let kind = device.kind().to_uppercase();
     warn(
         py,
         &format!("measuring what trees cost on this {kind}, which takes about a minute; later it is known"),
     )?;
     let measured = py.detach(|| Calibration::of(device, |_| ())).map_err(error)?;
-    if let Err(error) = place.and_then(|path| keep(&measured, &path)) {
+    if let Err(error) = place.and_then(|path| measured.save(&path)) {
         warn(py, &format!("costs could not be kept: {error}"))?;
     }
     Ok(measured)
-}
-
-fn keep(costs: &Calibration, path: &Path) -> Result<(), Error> {
-    if let Some(folder) = path.parent() {
-        std::fs::create_dir_all(folder).map_err(|source| Error::Io { path: folder.to_owned(), source })?;
-    }
-    costs.save(path)
 }
 
 /// Warns whoever called `raykd.Scene`.

@@ -128,6 +128,10 @@ fn a_gpu_traces_millions_of_rays_in_their_order() {
         same("hits", &cpu.hits, &gpu.hits).unwrap();
         assert_eq!([cpu.invalid, gpu.invalid], [3, 3]);
     }
+    let excluded: Vec<u32> = (0..RAYS as u32).map(|i| i % 7).collect();
+    let [cpu, gpu] =
+        [&by_cpu, &by_gpu].map(|scene| scene.trace_except(Query::Closest, &rays, &excluded).unwrap());
+    same("hits of other triangles", &cpu.hits, &gpu.hits).unwrap();
 }
 
 #[test]

@@ -4,18 +4,12 @@ import assert from "node:assert/strict";
 import { mkdirSync, readFileSync, readdirSync, statSync } from "node:fs";
 import { after, before, test } from "node:test";
 import { fileURLToPath } from "node:url";
-import { chromium } from "playwright-core";
+import { launch } from "../chromium.js";
 import { serve } from "../serve.js";
 import { digests } from "./native.js";
 import { alike, difference } from "./shots.js";
 import * as raykd from "raykd";
 
-const executablePath = process.env.CHROMIUM ?? "/usr/bin/chromium";
-/** Nothing is asked of the network; as root there is no sandbox. */
-const args = [
-  "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
-  "--disable-component-update", "--disable-sync",
-];
 const controls = "button, select, input, canvas[tabindex]";
 /** Pictures of the page, to be looked at. */
 const shots = fileURLToPath(new URL("../../target/web/shots/", import.meta.url));
@@ -26,7 +20,7 @@ const complaints = [];
 before(async () => {
   mkdirSync(shots, { recursive: true });
   server = await serve(0);
-  browser = await chromium.launch({ executablePath, args });
+  browser = await launch();
   page = await browser.newPage({ viewport: { width: 1200, height: 1000 } });
   listen();
   await page.addInitScript(() => {

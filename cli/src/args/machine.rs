@@ -5,7 +5,7 @@ use clap::ValueEnum;
 /// More about the devices to run on.
 #[derive(Clone, Debug, clap::Args)]
 pub(crate) struct MachineArgs {
-    /// The GPU whose name or driver contains this (any case); implies the GPU
+    /// The GPU whose name or driver contains this (any case), or the one of a number, as gpu:1; implies the GPU
     #[arg(long, value_name = "SUBSTRING")]
     pub adapter: Option<String>,
     /// Threads of the CPU; implies the CPU where one device is used; left out: all

@@ -76,15 +76,8 @@ impl Gpu {
     /// No such adapter; it cannot run our kernels; or it does not compute our float operations exactly and
     /// `RAYKD_ALLOW_INEXACT=1` is not set.
     pub fn open(adapter: Option<&str>) -> Result<Self, Error> {
-        Self::accepted(adapter::choose(adapter, false)?, allows_inexact())
-    }
-
-    /// The adapter of this number.
-    ///
-    /// # Errors
-    /// As for [`Self::open`].
-    pub fn open_nth(number: usize) -> Result<Self, Error> {
-        Self::accepted(adapter::nth(number)?, allows_inexact())
+        let allowed = std::env::var_os("RAYKD_ALLOW_INEXACT").is_some_and(|value| value == "1");
+        Self::accepted(adapter::choose(adapter, false)?, allowed)
     }
 
     /// The best adapter that is not a CPU.
@@ -510,11 +503,6 @@ impl Gpu {
             Pipeline { layout, pipeline }
         })
     }
-}
-
-/// Whether a device that is inexact is taken all the same.
-fn allows_inexact() -> bool {
-    std::env::var_os("RAYKD_ALLOW_INEXACT").is_some_and(|value| value == "1")
 }
 
 /// Dispatches so many workgroups, in rows of [`GROUPS_X`].

@@ -284,22 +284,14 @@ impl Device {
         Cpu::with_threads(threads).map(Into::into)
     }
 
-    /// The best Vulkan adapter, or the best whose name contains `adapter` (any case).
+    /// The best Vulkan adapter, or the best whose name contains `adapter` (any case). `gpu:1` takes one by its number in
+    /// [`adapters`](crate::adapters), which tells those of one name apart.
     ///
     /// # Errors
     /// No adapter, or one that does not compute our float operations exactly.
     #[cfg(feature = "gpu")]
     pub fn gpu(adapter: Option<&str>) -> Result<Self, Error> {
         Gpu::open(adapter).map(Into::into)
-    }
-
-    /// The Vulkan adapter of this number in [`adapters`](crate::adapters): of several with one name, this one.
-    ///
-    /// # Errors
-    /// There are not as many, or this one does not compute our float operations exactly.
-    #[cfg(feature = "gpu")]
-    pub fn gpu_nth(number: usize) -> Result<Self, Error> {
-        Gpu::open_nth(number).map(Into::into)
     }
 
     /// A device of a wgpu program, by which scenes use the program's own device and queue.

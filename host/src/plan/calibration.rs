@@ -9,6 +9,7 @@ use crate::{
     BuildOptions, Device, Error, Mesh, Scene, Traversal,
     error::quoted,
     mesh::{of_user, teapot_level_for},
+    output,
 };
 use std::{
     io::{Read as _, Write as _},
@@ -103,6 +104,12 @@ impl Calibration {
             looks,
             costs,
         })
+    }
+
+    /// What the [`cache`] holds of this device, if there is such a file: its costs, or why they cannot be used.
+    pub fn kept(device: &Device) -> Option<Result<Self, Error>> {
+        let path = cache(device).ok().filter(|path| path.exists())?;
+        Some(Self::load(&path, device))
     }
 
     /// Reads the file that [`Calibration::save`] wrote for this device.
@@ -222,6 +229,19 @@ pub fn cache(device: &Device) -> Result<PathBuf, Error> {
         what: "there is no folder to keep it in; name one by RAYKD_CACHE".to_owned(),
     };
     Ok(folder.ok_or_else(missing)?.join(format!("{name}.json")))
+}
+
+/// [`cache`], in a folder that is made if it is missing, and checked to be a file that can be written.
+///
+/// # Errors
+/// There is no such folder, or the file cannot be written.
+pub fn place(device: &Device) -> Result<PathBuf, Error> {
+    let path = cache(device)?;
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).map_err(|source| Error::Io { path: folder.to_owned(), source })?;
+    }
+    output::check(&path)?;
+    Ok(path)
 }
 
 #[cfg(test)]

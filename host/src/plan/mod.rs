@@ -20,7 +20,7 @@ pub(crate) mod cost;
 mod grid;
 mod look;
 
-pub use calibration::{Calibration, cache};
+pub use calibration::{Calibration, cache, place};
 pub use cost::Cost;
 pub use look::Seen;
 

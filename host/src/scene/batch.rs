@@ -141,13 +141,12 @@ impl Batch {
         device.read(&self.hits.view(), 0, self.count as usize)
     }
 
-    /// Fetches hits, and adds how many rays were none, and the time that takes.
-    pub(super) fn finish(&self, device: &Device, hits: &mut [Hit], traced: &mut Traced) -> Result<(), Error> {
+    /// Fetches hits, and adds how many rays were none and the time that takes to what is known of the trace.
+    pub(super) fn finish(&self, device: &Device, hits: &mut [Hit], traced: Traced) -> Result<Traced, Error> {
         let start = Instant::now();
-        traced.invalid += self.outcome(device)?;
+        let invalid = self.outcome(device)?;
         device.read_into(&self.hits.view(), 0, hits)?;
-        traced.download += start.elapsed();
-        Ok(())
+        Ok(Traced { invalid, download: start.elapsed(), ..traced })
     }
 }
 

@@ -85,11 +85,6 @@ impl Traced {
 /// Rays that a GPU gets at once where there are more. Fewer would not keep it busy; of more it would wait for the first.
 const OVERLAPPED: usize = 1 << 20;
 
-/// Parts of at most so many hits, and where they begin.
-fn parts(hits: &mut [Hit], most: usize) -> impl ExactSizeIterator<Item = (usize, &mut [Hit])> {
-    hits.chunks_mut(most).enumerate().map(move |(i, hits)| (i * most, hits))
-}
-
 /// Traces parts one after the other.
 fn alone<P>(
     parts: impl Iterator<Item = P>,
@@ -163,21 +158,27 @@ impl Scene {
         count: usize,
         make: impl Fn(Range<usize>) -> Cow<'a, [R]> + Sync,
     ) -> Result<Traced, Error> {
-        let mut hits: Vec<Hit> = zeroed_vec(count);
-        let part = |(from, hits): (usize, &mut [Hit])| {
+        self.in_parts(count, |range, hits| {
             let start = Instant::now();
-            let batch = Batch::new(self, &make(from..from + hits.len()))?;
-            let mut traced = Traced { upload: start.elapsed(), ..Traced::default() };
-            traced.trace = self.run(&batch, self.traversal, query)?;
-            batch.finish(&self.device, hits, &mut traced)?;
-            Ok(traced)
-        };
+            let batch = Batch::new(self, &make(range))?;
+            let upload = start.elapsed();
+            let trace = self.run(&batch, self.traversal, query)?;
+            batch.finish(&self.device, hits, Traced { upload, trace, ..Traced::default() })
+        })
+    }
+
+    /// Traces so many rays in parts, by a function of which rays they are and where their hits go.
+    fn in_parts(
+        &self,
+        count: usize,
+        trace: impl Fn(Range<usize>, &mut [Hit]) -> Result<Traced, Error> + Sync,
+    ) -> Result<Traced, Error> {
+        let mut hits: Vec<Hit> = zeroed_vec(count);
         let limit = self.batch_limit();
-        let all = if self.device.is_cpu() {
-            alone(parts(&mut hits, limit), part)
-        } else {
-            by_two(parts(&mut hits, limit.min(OVERLAPPED)), part)
-        }?;
+        let most = if self.device.is_cpu() { limit } else { limit.min(OVERLAPPED) };
+        let parts = hits.chunks_mut(most).enumerate();
+        let part = |(i, hits): (usize, &mut [Hit])| trace(i * most..i * most + hits.len(), hits);
+        let all = if self.device.is_cpu() { alone(parts, part) } else { by_two(parts, part) }?;
         Ok(Traced { hits, ..all })
     }
 
@@ -197,20 +198,15 @@ impl Scene {
         if rays.len() != excluded.len() {
             return Err(Error::Excluded { rays: rays.len(), excluded: excluded.len() });
         }
-        let mut traced = Traced::default();
-        let limit = self.batch_limit();
-        let parts = rays.chunks(limit).zip(excluded.chunks(limit));
-        let mut hits: Vec<Hit> = zeroed_vec(rays.len());
-        for ((part, excluded), hits) in parts.zip(hits.chunks_mut(limit)) {
+        self.in_parts(rays.len(), |range, hits| {
             let start = Instant::now();
-            let batch = Batch::new(self, part)?;
-            let excluded = &self.device.upload("excluded", excluded)?;
-            traced.upload += start.elapsed();
+            let batch = Batch::new(self, &rays[range.clone()])?;
+            let excluded = &self.device.upload("excluded", &excluded[range])?;
+            let upload = start.elapsed();
             let except = self.intersector.except(batch.query(self), excluded, batch.count)?;
-            traced.trace += batch.run(&self.device, except, query)?;
-            batch.finish(&self.device, hits, &mut traced)?;
-        }
-        Ok(Traced { hits, ..traced })
+            let trace = batch.run(&self.device, except, query)?;
+            batch.finish(&self.device, hits, Traced { upload, trace, ..Traced::default() })
+        })
     }
 
     /// The closest hit of every ray without the tree, by testing every triangle: the oracle of the scene's triangle
@@ -250,7 +246,7 @@ impl Scene {
             all.invalid += batch.outcome(&self.device)?;
             let mut hits: Vec<Hit> = self.device.read(&batch.hits.view(), 0, part.len() * limit as usize)?;
             let totals: Vec<u32> = self.device.read(&totals, 0, part.len())?;
-            // llvmpipe may leave the loop that writes the misses early, which no status tells.
+            // The kernel writes hits alone.
             for (hits, &total) in hits.chunks_mut(limit.max(1) as usize).zip(&totals) {
                 hits[total.min(limit) as usize..].fill(Hit::NONE);
             }

@@ -194,8 +194,8 @@ query! {
     any::ANY(side_by_side::<true>) = |_, ray, pairs, corners, _, aside, steps|
         traverse::stack::walk::<Strict, Every, false>(ray, pairs, corners, Every, true, aside, steps)
 }
-/// Answers ray `i`: its first hits in order, as many as the job's limit, the rest filled with misses; and how
-/// many it has.
+/// Answers ray `i`: its first hits in order, as many as the job's limit, and how many it has. Where there are fewer,
+/// what lies behind them stays as it is.
 ///
 /// A triangle may be listed in several leaves, and where a hit lies is too uncertain to say which of them
 /// owns it. But hits have an order, (`t`, triangle), in which each comes once: so this asks for the closest
@@ -236,11 +236,6 @@ pub fn each<I: Intersector>(
                 total += 1;
                 after.pass(&mut ray, (best.t, best.triangle));
             }
-        }
-        let mut empty = total;
-        while empty < limit {
-            hits.put(i * limit + empty, UVec4::new(MISS, 0, 0, 0));
-            empty += 1;
         }
         totals.put(i, total);
         if open != 0 {

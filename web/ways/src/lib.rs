@@ -25,6 +25,7 @@ use raykd_kernels::{
     trace::{
         intersect::{Best, strict::Strict},
         prepare::corners::kept,
+        traverse::Steps as Counts,
     },
 };
 use raykd_shared::{Content, MISS, Node, TreeHeader};
@@ -176,7 +177,7 @@ impl Ways {
             Traversal::Sequential => sequential::walk(&frame, pairs, corners, false, steps),
             _ => return None,
         };
-        let &mut Steps { inner, leaves, tests, turns, .. } = steps;
+        let Counts { inner, leaves, tests, turns, .. } = **steps;
         let nodes = self.log.take().into_iter().filter_map(|seen| match seen {
             // The root's own pair is nobody's children.
             mem::Seen::Pair(0) => None,

@@ -73,7 +73,8 @@ pub fn required_limits(limits: wgpu::Limits) -> wgpu::Limits {
     }
 }
 
-/// The best adapter, or the best whose description contains `wanted`; with `hardware`, none that is a CPU.
+/// The best adapter, or the best whose description contains `wanted`, or by `gpu:` and a number that of [`adapters`];
+/// with `hardware`, none that is a CPU.
 pub(super) fn choose(wanted: Option<&str>, hardware: bool) -> Result<&'static wgpu::Adapter, Error> {
     let needle = wanted.map(str::to_lowercase);
     let fits = |adapter: &&wgpu::Adapter| {
@@ -81,13 +82,12 @@ pub(super) fn choose(wanted: Option<&str>, hardware: bool) -> Result<&'static wg
         let named = needle.as_ref().is_none_or(|n| describe(&info).to_lowercase().contains(n.as_str()));
         named && !(hardware && info.device_type == wgpu::DeviceType::Cpu)
     };
-    let found = enumerate().iter().find(fits);
+    let number = wanted.and_then(|wanted| wanted.strip_prefix("gpu:")?.parse::<usize>().ok());
+    let found = match number {
+        Some(number) => enumerate().get(number),
+        None => enumerate().iter().find(fits),
+    };
     found.ok_or_else(|| Error::NoAdapter { wanted: wanted.map(str::to_owned) })
-}
-
-/// The adapter of this number in [`adapters`].
-pub(super) fn nth(number: usize) -> Result<&'static wgpu::Adapter, Error> {
-    enumerate().get(number).ok_or_else(|| Error::NoAdapter { wanted: Some(format!("gpu:{number}")) })
 }
 
 /// An adapter's name and driver, as shown to users.

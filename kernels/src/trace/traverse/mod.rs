@@ -51,7 +51,7 @@ pub struct Steps {
 impl Steps {
     /// Counts the visit of a leaf.
     #[inline(always)]
-    fn visit(&mut self, leaf: Node) {
+    pub fn visit(&mut self, leaf: Node) {
         self.leaves += 1;
         self.tests += leaf.count();
     }

@@ -21,27 +21,37 @@ pub mod stack;
 pub use raykd_kernels::trace::traverse::trail;
 
 use crate::mem::{Log, Seen};
+use raykd_kernels::trace::traverse;
 use raykd_shared::Node;
+use std::ops::{Deref, DerefMut};
 
 /// As in the kernels; leaves are written down, too.
 #[derive(Debug)]
 pub struct Steps {
-    pub inner: u32,
-    pub leaves: u32,
-    pub tests: u32,
-    pub turns: u32,
-    pub status: u32,
+    counts: traverse::Steps,
     log: Log,
 }
 
 impl Steps {
     pub fn new(log: &Log) -> Self {
-        Self { inner: 0, leaves: 0, tests: 0, turns: 0, status: 0, log: log.clone() }
+        Self { counts: traverse::Steps::default(), log: log.clone() }
     }
 
     pub fn visit(&mut self, leaf: Node) {
-        self.leaves += 1;
-        self.tests += leaf.count();
+        self.counts.visit(leaf);
         self.log.add(Seen::Leaf(leaf.first()));
+    }
+}
+
+impl Deref for Steps {
+    type Target = traverse::Steps;
+    fn deref(&self) -> &traverse::Steps {
+        &self.counts
+    }
+}
+
+impl DerefMut for Steps {
+    fn deref_mut(&mut self) -> &mut traverse::Steps {
+        &mut self.counts
     }
 }
