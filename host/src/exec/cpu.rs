@@ -99,10 +99,8 @@ impl Cpu {
             let groups = match step.groups {
                 Groups::Fixed(n) => n,
                 Groups::Indirect(args, entry) => {
-                    let mut xyz = [0u32; 3];
-                    let offset = args.place("arguments", size_of_val(&xyz), u64::from(entry), 1);
-                    memory(args).read(args.name, offset, bytemuck::bytes_of_mut(&mut xyz));
-                    xyz.iter().product()
+                    args.place("arguments", size_of::<[u32; 3]>(), u64::from(entry), 1);
+                    memory(args).keep(args.name).slice::<[u32; 3]>()[entry as usize].iter().product()
                 }
             };
             let bytes = self.dispatch(step, groups);
@@ -299,12 +297,5 @@ impl Memory {
         let target = self.begin(name, true);
         // SAFETY: the caller checked the range, and nobody else uses the memory now.
         unsafe { target.raw().ptr.add(offset as usize).copy_from(data.as_ptr(), data.len()) }
-    }
-
-    /// Reads from an offset; the range lies inside.
-    pub(super) fn read(&self, name: &str, offset: u64, out: &mut [u8]) {
-        let source = self.begin(name, false);
-        // SAFETY: the caller checked the range, and nobody writes the memory now.
-        unsafe { source.raw().ptr.add(offset as usize).copy_to(out.as_mut_ptr(), out.len()) }
     }
 }

@@ -11,7 +11,7 @@ pub use adapter::{AdapterReport, adapters, required_features, required_limits};
 pub(crate) use encode::Size;
 pub use probe::Verdict;
 
-use super::{AnyBuffer, Device, Groups, Limit, Machine, Memory, Step, Timing};
+use super::{AnyBuffer, Back, Device, Groups, Limit, Machine, Memory, Step, Timing};
 use crate::Error;
 use clock::Clock;
 use link::Link;
@@ -31,8 +31,9 @@ use std::{
 /// Writes of at most this many bytes ride along with the next submission.
 const RIDES_ALONG: usize = 64 << 10;
 
-/// After how many steps commands are handed over early: about a level of a build, and some levels.
-const EARLY: [usize; 2] = [8, 48];
+/// After how many steps commands are handed over early, so that the device always has some: about a level of a build,
+/// then as many as take it longer than the host to encode the next.
+const EARLY: [usize; 3] = [8, 48, 128];
 
 /// Ways across the bus.
 const TO: usize = 0;
@@ -239,8 +240,7 @@ impl Gpu {
         self.link.buffer(name, bytes, Use::STORAGE | Use::COPY_SRC | Use::COPY_DST | Use::INDIRECT)
     }
 
-    /// Writes, and waits until the data is on the device; small data is on its way and arrives before
-    /// whatever is run or read next.
+    /// Writes: the data arrives before whatever is run or read next.
     pub(super) fn write(&self, buffer: &wgpu::Buffer, offset: u64, data: &[u8]) -> Result<(), Error> {
         self.link.check()?;
         self.count(TO, data.len());
@@ -252,31 +252,49 @@ impl Gpu {
         with(&self.uploads, || Ok([create()?, create()?]), transfer)
     }
 
-    pub(super) fn read(&self, buffer: &wgpu::Buffer, offset: u64, out: &mut [u8]) -> Result<(), Error> {
+    /// Reads so many bytes, which `take` is given in parts.
+    pub(super) fn fetch(
+        &self,
+        buffer: &wgpu::Buffer,
+        offset: u64,
+        bytes: usize,
+        take: &mut dyn FnMut(&[u8]),
+    ) -> Result<(), Error> {
         self.link.check()?;
-        self.count(BACK, out.len());
+        self.count(BACK, bytes);
         let create = || Slot::download(&self.link, CHUNK as u64);
-        let transfer = |slots: &mut _| staging::download(&self.link, slots, buffer, offset, out);
+        let transfer = |slots: &mut _| staging::download(&self.link, slots, buffer, offset, bytes, take);
         with(&self.downloads, || Ok([create()?, create()?]), transfer)
     }
 
-    /// Runs, and reads the start of a buffer after that. With `early` the first steps begin while the host still encodes
-    /// the rest.
+    /// Runs, and reads what is wanted back after that: for as much as one piece of a transfer holds the host waits but
+    /// once. With `early` the first steps begin while the host still encodes the rest.
     pub(super) fn run(
         &self,
         steps: &[Step<'_>],
         profile: bool,
         early: bool,
-        beside: Option<(&wgpu::Buffer, &mut [u8])>,
+        back: &mut [Back<'_>],
     ) -> Result<Timing, Error> {
         self.link.check()?;
         self.prepare(&steps.iter().map(|step| step.kernel).collect::<Vec<_>>())?;
-        let timing = match &self.clock {
-            _ if steps.is_empty() => Timing::default(),
-            Some(clock) => return self.run_timed(clock, steps, profile, early, beside),
-            None => self.run_by_wall_clock(steps, profile)?,
+        let mut bytes = 0;
+        let fit = back.iter().take_while(|back| {
+            bytes += back.bytes;
+            bytes <= CHUNK
+        });
+        let fit = fit.count();
+        let (timing, later) = match &self.clock {
+            _ if steps.is_empty() => (Timing::default(), back),
+            Some(clock) => {
+                let (beside, later) = back.split_at_mut(fit);
+                (self.run_timed(clock, steps, profile, early, beside)?, later)
+            }
+            None => (self.run_by_wall_clock(steps, profile)?, back),
         };
-        beside.map_or(Ok(()), |(buffer, out)| self.read(buffer, 0, out))?;
+        later.iter_mut().try_for_each(|back| {
+            self.fetch(back.buffer.as_wgpu(), back.offset, back.bytes, &mut back.take)
+        })?;
         Ok(timing)
     }
 
@@ -299,7 +317,7 @@ impl Gpu {
         steps: &[Step<'_>],
         profile: bool,
         early: bool,
-        beside: Option<(&wgpu::Buffer, &mut [u8])>,
+        back: &mut [Back<'_>],
     ) -> Result<Timing, Error> {
         let per_pass = if profile { clock::STEPS_PER_PASS } else { steps.len() };
         let passes = steps.len().div_ceil(per_pass);
@@ -308,11 +326,11 @@ impl Gpu {
             if clock.sets.len() < passes {
                 *clock = create()?;
             }
-            let back = beside.as_ref().map_or(0, |(_, out)| out.len());
+            let bytes: usize = back.iter().map(|back| back.bytes).sum();
             if early && !profile {
                 let commands = self.start_early(steps, &clock.sets[0])?;
-                self.count(BACK, 2 * wgpu::QUERY_SIZE as usize + back);
-                return clock.finish(&self.link, commands, &[2], false, beside);
+                self.count(BACK, 2 * wgpu::QUERY_SIZE as usize + bytes);
+                return clock.finish(&self.link, commands, &[2], false, back);
             }
             let mut stamps = Vec::with_capacity(passes);
             let commands = self.link.guard("encoding kernels", || {
@@ -331,8 +349,8 @@ impl Gpu {
                 }
                 commands
             })?;
-            self.count(BACK, stamps.iter().sum::<u32>() as usize * wgpu::QUERY_SIZE as usize + back);
-            clock.finish(&self.link, commands, &stamps, profile, beside)
+            self.count(BACK, stamps.iter().sum::<u32>() as usize * wgpu::QUERY_SIZE as usize + bytes);
+            clock.finish(&self.link, commands, &stamps, profile, back)
         })
     }
 
@@ -360,7 +378,7 @@ impl Gpu {
                 commands
             })?;
             self.count(BACK, 4 * wgpu::QUERY_SIZE as usize);
-            let times = clock.finish(&self.link, commands, &[4], true, None)?.steps;
+            let times = clock.finish(&self.link, commands, &[4], true, &mut [])?.steps;
             Ok(Some([times[0], times[2]]))
         })
     }
@@ -579,10 +597,9 @@ mod tests {
         gpu.write(&large, 0, &[1; 1 << 20]).unwrap();
         gpu.lose();
         for _ in 0..2 {
-            let mut out = [0; 64];
             assert!(matches!(gpu.write(&small, 0, &[0; 64]), Err(Error::DeviceFailed { .. })));
             assert!(matches!(gpu.write(&large, 0, &[0; 1 << 20]), Err(Error::DeviceFailed { .. })));
-            assert!(matches!(gpu.read(&small, 0, &mut out), Err(Error::DeviceFailed { .. })));
+            assert!(matches!(gpu.fetch(&small, 0, 64, &mut |_| ()), Err(Error::DeviceFailed { .. })));
             assert!(matches!(gpu.alloc("more", 64), Err(Error::DeviceFailed { .. })));
             assert!(matches!(gpu.prepare(&[&PROBE]), Ok(()) | Err(Error::DeviceFailed { .. })));
         }

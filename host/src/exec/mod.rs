@@ -18,6 +18,7 @@ pub use gpu::{AdapterReport, Gpu, Verdict, adapters, required_features, required
 use crate::Error;
 use bytemuck::allocation::zeroed_vec;
 use raykd_kernels::{Bindings, Host, Kernel};
+use rayon::prelude::*;
 use std::{marker::PhantomData, ops::Deref, sync::Arc, time::Duration};
 
 /// A machine that kernels run on: the processor, by rayon, or a Vulkan device, by wgpu. Clones are the same machine.
@@ -129,11 +130,73 @@ impl<T> Buffer<T> {
         self.any.bytes as usize / size_of::<T>()
     }
 
+    /// What is to be read from its start once kernels have run.
+    pub(crate) fn back<'a>(&'a self, to: To<'a, T>) -> Back<'a>
+    where
+        T: bytemuck::Pod + Send + Sync,
+    {
+        match to {
+            To::Room(room) => self.back_from(0, room),
+            To::End(list, count) => {
+                const { assert!(size_of::<T>().is_power_of_two(), "parts hold whole elements") };
+                let offset = self.place("read", size_of::<T>(), 0, count);
+                list.reserve(count);
+                let take = move |part: &[u8]| {
+                    let elements = part.par_chunks_exact(size_of::<T>()).with_min_len(PIECE / size_of::<T>());
+                    list.par_extend(elements.map(bytemuck::pod_read_unaligned::<T>));
+                };
+                Back { buffer: self, offset, bytes: count * size_of::<T>(), take: Box::new(take) }
+            }
+        }
+    }
+
+    /// What is to be read from the element numbered `from` on, as much as there is room for.
+    fn back_from<'a>(&'a self, from: u64, room: &'a mut [T]) -> Back<'a>
+    where
+        T: bytemuck::Pod,
+    {
+        let offset = self.place("read", size_of::<T>(), from, room.len());
+        let bytes = size_of_val(room);
+        let mut rest: &mut [u8] = bytemuck::cast_slice_mut(room);
+        let take = move |part: &[u8]| {
+            let (now, later) = std::mem::take(&mut rest).split_at_mut(part.len());
+            let pieces = now.par_chunks_mut(PIECE).zip(part.par_chunks(PIECE));
+            pieces.for_each(|(now, part)| now.copy_from_slice(part));
+            rest = later;
+        };
+        Back { buffer: self, offset, bytes, take: Box::new(take) }
+    }
+
     /// The buffer, to be written by a kernel.
     pub const fn out(&self) -> Out<'_, T> {
         Out(self)
     }
 }
+
+/// Where elements go that are read.
+#[derive(Debug)]
+pub(crate) enum To<'a, T> {
+    /// To memory there is, which they fill.
+    Room(&'a mut [T]),
+    /// So many to the end of a list: new memory need not be zeroed first, which takes as long as to fill it.
+    End(&'a mut Vec<T>, usize),
+}
+
+/// What is given bytes that were read.
+type Take<'a> = Box<dyn FnMut(&[u8]) + Send + 'a>;
+
+/// What is to be read of a buffer.
+pub(crate) struct Back<'a> {
+    buffer: &'a AnyBuffer,
+    offset: u64,
+    bytes: usize,
+    /// Is given the bytes, in one part or several.
+    take: Take<'a>,
+}
+
+/// Bytes that one thread copies at least. One alone moves much less than a bus, the more so into memory that the process
+/// has never touched.
+const PIECE: usize = 256 << 10;
 
 /// A buffer that a kernel writes.
 #[derive(Debug)]
@@ -539,18 +602,21 @@ impl Device {
         from: u64,
         out: &mut [T],
     ) -> Result<(), Error> {
-        let offset = buffer.place("read", size_of::<T>(), from, out.len());
-        if !out.is_empty() {
-            let target: &mut [u8] = bytemuck::cast_slice_mut(out);
-            match (&*self.machine, &buffer.memory) {
-                (Machine::Cpu(_), Memory::Cpu(memory)) => memory.read(buffer.name, offset, target),
-                #[cfg(feature = "gpu")]
-                (Machine::Gpu(gpu), Memory::Gpu(memory)) => gpu.read(memory, offset, target)?,
-                #[cfg(feature = "gpu")]
-                _ => panic!("buffer {} belongs to another device", buffer.name),
+        self.fetch(&mut buffer.back_from(from, out))
+    }
+
+    fn fetch(&self, back: &mut Back<'_>) -> Result<(), Error> {
+        let Back { buffer, offset, bytes, take } = back;
+        match (&*self.machine, &buffer.memory) {
+            (Machine::Cpu(_), Memory::Cpu(memory)) => {
+                take(&memory.keep(buffer.name).slice()[*offset as usize..][..*bytes]);
+                Ok(())
             }
+            #[cfg(feature = "gpu")]
+            (Machine::Gpu(gpu), Memory::Gpu(memory)) => gpu.fetch(memory, *offset, *bytes, take),
+            #[cfg(feature = "gpu")]
+            _ => panic!("buffer {} belongs to another device", buffer.name),
         }
-        Ok(())
     }
 
     /// A buffer's elements on the CPU, as they are from now on: where the device is the CPU they are not copied, and
@@ -593,7 +659,7 @@ impl Device {
 
     /// [`Self::run`], for the steps of this crate.
     pub(crate) fn dispatch(&self, steps: &[Step<'_>], profile: bool) -> Result<Timing, Error> {
-        self.dispatch_then(steps, profile, None)
+        self.dispatch_then(steps, profile, &mut [])
     }
 
     /// Whether memory is kept for what is built next.
@@ -627,38 +693,33 @@ impl Device {
         profile: bool,
         buffer: &Buffer<T>,
     ) -> Result<(Timing, T), Error> {
-        buffer.place("read", size_of::<T>(), 0, 1);
-        let mut out = T::zeroed();
-        let timing = self.dispatch_then(steps, profile, Some((buffer, bytemuck::bytes_of_mut(&mut out))))?;
-        Ok((timing, out))
+        let mut out = [T::zeroed()];
+        let timing = self.dispatch_then(steps, profile, &mut [buffer.back_from(0, &mut out)])?;
+        Ok((timing, out[0]))
     }
 
-    fn dispatch_then(
+    /// [`Self::dispatch`], then [`Self::read`] from the starts of some buffers, for which the host waits once if it is
+    /// not too much.
+    pub(crate) fn dispatch_then(
         &self,
         steps: &[Step<'_>],
         profile: bool,
-        beside: Option<(&AnyBuffer, &mut [u8])>,
+        back: &mut [Back<'_>],
     ) -> Result<Timing, Error> {
         for step in steps {
             assert_eq!(step.buffers.len(), step.kernel.slots.len(), "buffers of {}", step.kernel.name());
         }
         if steps.len() > 1 && watch::is_on() {
             let timing = watch::one_by_one(self, steps)?;
-            return self.dispatch_then(&[], profile, beside).map(|_| timing);
+            return self.dispatch_then(&[], profile, back).map(|_| timing);
         }
         let timing = match &*self.machine {
             Machine::Cpu(cpu) => {
                 let timing = cpu.run(steps, profile);
-                if let Some((buffer, out)) = beside {
-                    cpu::memory(buffer).read(buffer.name, 0, out);
-                }
-                Ok(timing)
+                back.iter_mut().try_for_each(|back| self.fetch(back)).map(|()| timing)
             }
             #[cfg(feature = "gpu")]
-            Machine::Gpu(gpu) => {
-                let beside = beside.map(|(buffer, out)| (buffer.as_wgpu(), out));
-                gpu.run(steps, profile, self.pool.is_some(), beside)
-            }
+            Machine::Gpu(gpu) => gpu.run(steps, profile, self.pool.is_some(), back),
         };
         watch::tell(self, steps);
         timing

@@ -1,10 +1,9 @@
 //! Rays on the device.
 
-use super::{Scene, Traced};
+use super::Scene;
 use crate::{
     Error, Query,
-    clock::Instant,
-    exec::{Buffer, Device, OnDevice, Step},
+    exec::{Back, Buffer, Device, OnDevice, Step, To},
     rays::AnyRay,
 };
 use raykd_kernels::{
@@ -51,7 +50,7 @@ impl Resident {
     /// # Errors
     /// The device failed.
     pub fn trace(&mut self, query: Query) -> Result<Duration, Error> {
-        self.scene.run(&self.batch, self.scene.traversal, query)
+        self.scene.run(&self.batch, self.scene.traversal, query, To::Room(&mut [])).map(|(time, _)| time)
     }
 
     /// The hits of the last trace.
@@ -119,17 +118,25 @@ impl Batch {
         }
     }
 
-    /// Runs a query over the rays, and says how long it took.
-    pub(super) fn run(&self, device: &Device, step: Step<'_>, query: Query) -> Result<Duration, Error> {
-        self.begin(device, u32::from(query == Query::Any))?;
-        Ok(device.dispatch(&[step], false)?.total)
-    }
-
-    /// Forgets what earlier kernels reported, and sets the words of the job: how many rays, and what is asked.
-    pub(super) fn begin(&self, device: &Device, option: u32) -> Result<(), Error> {
+    /// Runs kernels over the rays, `option` telling what is asked, and fetches answers and what else is
+    /// wanted back. Says how long the kernels took, and how many rays were none.
+    pub(super) fn run<T: bytemuck::Pod + Send + Sync>(
+        &self,
+        device: &Device,
+        steps: &[Step<'_>],
+        option: u32,
+        answers: To<'_, T>,
+        more: Option<Back<'_>>,
+    ) -> Result<(Duration, u32), Error> {
         let job: [u32; JOB_WORDS as usize] = [self.count, 0, 0, option];
         device.write(&self.job, 0, &job)?;
-        device.write(&self.outcome, 0, &[0; OUTCOME_WORDS as usize])
+        device.write(&self.outcome, 0, &[0; OUTCOME_WORDS as usize])?;
+        let (mut words, hits) = ([0; OUTCOME_WORDS as usize], self.hits.view());
+        let mut back = vec![self.outcome.back(To::Room(&mut words)), hits.back(answers)];
+        back.extend(more);
+        let time = device.dispatch_then(steps, false, &mut back)?.total;
+        drop(back);
+        Ok((time, invalid(words)?))
     }
 
     /// Checks the status the kernel left and returns how many rays were none.
@@ -140,19 +147,17 @@ impl Batch {
     pub(super) fn hits(&self, device: &Device) -> Result<Vec<Hit>, Error> {
         device.read(&self.hits.view(), 0, self.count as usize)
     }
-
-    /// Fetches hits, and adds how many rays were none and the time that takes to what is known of the trace.
-    pub(super) fn finish(&self, device: &Device, hits: &mut [Hit], traced: Traced) -> Result<Traced, Error> {
-        let start = Instant::now();
-        let invalid = self.outcome(device)?;
-        device.read_into(&self.hits.view(), 0, hits)?;
-        Ok(Traced { invalid, download: start.elapsed(), ..traced })
-    }
 }
 
 /// Checks the status a kernel left and returns how many rays were none.
 pub(super) fn outcome(device: &Device, outcome: &Buffer<u32>) -> Result<u32, Error> {
-    let words = device.read(outcome, 0, OUTCOME_WORDS as usize)?;
+    let mut words = [0; OUTCOME_WORDS as usize];
+    device.read_into(outcome, 0, &mut words)?;
+    invalid(words)
+}
+
+/// How many rays were none, if the status is good.
+fn invalid(words: [u32; OUTCOME_WORDS as usize]) -> Result<u32, Error> {
     match words[OUTCOME_STATUS as usize] {
         0 => Ok(words[OUTCOME_INVALID as usize]),
         bits => Err(Error::Kernel(status::describe(bits))),

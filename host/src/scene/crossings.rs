@@ -4,7 +4,7 @@ use super::{Scene, batch::Batch};
 use crate::{
     Error,
     clock::Instant,
-    exec::Launch as _,
+    exec::{Buffer, Launch as _, To},
     rays::{AnyPoint, AnyRay},
 };
 use raykd_kernels::trace::{
@@ -21,11 +21,11 @@ use std::time::Duration;
 pub struct Counted<T> {
     /// One a ray or point.
     pub counts: Vec<T>,
-    /// Rays to device.
+    /// Until rays were on their way to the device.
     pub upload: Duration,
     /// The kernel, on the device's clock.
     pub trace: Duration,
-    /// Counts to host.
+    /// Until counts were on the host, without the kernel.
     pub download: Duration,
     /// Rays that were none, or points with NaN, infinite or too large coordinates: they cross nothing.
     pub invalid: u32,
@@ -65,12 +65,11 @@ impl Scene {
         let query = || queries::Query { corners: &self.corners, ..batch.query(self) };
         let quick = quick_crossings::Buffers { query: query() }.over(batch.count);
         let rest = undecided::Buffers { query: query(), crossings: crossings.out() }.over(batch.count);
-        batch.begin(&self.device, 0)?;
-        self.device.dispatch(&[quick, rest], false)?;
-        batch.outcome(&self.device)?;
-        let found: Vec<[u32; 4]> = self.device.read(&batch.hits.view(), 0, rays.len())?;
-        let undecided = found.iter().filter(|found| found[2] != 0).count();
-        Ok((self.device.read(&crossings.view(), 0, rays.len())?, undecided))
+        let (mut found, mut counts): (Vec<[u32; 4]>, _) = (Vec::new(), Vec::new());
+        let crossings: Buffer<Crossings> = crossings.view();
+        let more = Some(crossings.back(To::End(&mut counts, rays.len())));
+        batch.run(&self.device, &[quick, rest], 0, To::End(&mut found, rays.len()), more)?;
+        Ok((counts, found.iter().filter(|found| found[2] != 0).count()))
     }
 
     /// How often the surface goes round each point: 0 outside of a closed mesh, 1 inside if triangles are
@@ -140,17 +139,15 @@ impl Scene {
         let start = Instant::now();
         let batch = Batch::of_local(self, rays, 1)?;
         counted.upload += start.elapsed();
-        batch.begin(&self.device, 0)?;
         let query = queries::Query { corners: &self.corners, ..batch.query(self) };
         let step = match quick {
             true => quick_crossings::Buffers { query }.over(batch.count),
             false => crossings::Buffers { query }.over(batch.count),
         };
-        counted.trace += self.device.dispatch(&[step], false)?.total;
-        let start = Instant::now();
-        let invalid = batch.outcome(&self.device)?;
-        let found = self.device.read(&batch.hits.view(), 0, rays.len())?;
-        counted.download += start.elapsed();
+        let (start, mut found) = (Instant::now(), Vec::new());
+        let (trace, invalid) = batch.run(&self.device, &[step], 0, To::End(&mut found, rays.len()), None)?;
+        counted.trace += trace;
+        counted.download += start.elapsed().saturating_sub(trace);
         Ok((found, invalid))
     }
 }

@@ -4,7 +4,7 @@ use super::{Scene, batch::Batch};
 use crate::{
     Error, Query,
     clock::Instant,
-    exec::{Buffer, Groups, Step},
+    exec::{Buffer, Groups, Step, To},
     rays::AnyRay,
     traversal::Traversal,
 };
@@ -43,11 +43,11 @@ pub struct AllHits {
     pub hits: Vec<Hit>,
     /// How many hits every ray has, written or not.
     pub totals: Vec<u32>,
-    /// Rays to device.
+    /// Until rays were on their way to the device.
     pub upload: Duration,
     /// The kernel, on the device's clock.
     pub trace: Duration,
-    /// Hits to host.
+    /// Until hits were on the host, without the kernel.
     pub download: Duration,
     /// Rays that were none, see [`Traced::invalid`].
     pub invalid: u32,
@@ -59,11 +59,11 @@ pub struct AllHits {
 pub struct Traced {
     /// One hit a ray.
     pub hits: Vec<Hit>,
-    /// Rays to device.
+    /// Until rays were on their way to the device.
     pub upload: Duration,
     /// The kernel, on the device's clock.
     pub trace: Duration,
-    /// Hits to host.
+    /// Until hits were on the host, without the kernel.
     pub download: Duration,
     /// Rays that were none (NaN, infinite, zero direction, origin out of range); they hit nothing.
     pub invalid: u32,
@@ -117,6 +117,19 @@ fn by_two<P>(
     })
 }
 
+/// The word of the job that tells what is asked.
+fn asked(query: Query) -> u32 {
+    u32::from(query == Query::Any)
+}
+
+/// What tracing brought and took, by what runs the kernels and fetches the hits.
+fn traced(upload: Duration, run: impl FnOnce() -> Result<(Duration, u32), Error>) -> Result<Traced, Error> {
+    let start = Instant::now();
+    let (trace, invalid) = run()?;
+    let download = start.elapsed().saturating_sub(trace);
+    Ok(Traced { upload, trace, download, invalid, ..Traced::default() })
+}
+
 /// Triangles per dispatch of the brute-force kernel.
 const BRUTE_SLICE: u32 = 4096;
 
@@ -162,8 +175,7 @@ impl Scene {
             let start = Instant::now();
             let batch = Batch::new(self, &make(range))?;
             let upload = start.elapsed();
-            let trace = self.run(&batch, self.traversal, query)?;
-            batch.finish(&self.device, hits, Traced { upload, trace, ..Traced::default() })
+            traced(upload, || self.run(&batch, self.traversal, query, hits))
         })
     }
 
@@ -171,13 +183,18 @@ impl Scene {
     fn in_parts(
         &self,
         count: usize,
-        trace: impl Fn(Range<usize>, &mut [Hit]) -> Result<Traced, Error> + Sync,
+        trace: impl Fn(Range<usize>, To<'_, Hit>) -> Result<Traced, Error> + Sync,
     ) -> Result<Traced, Error> {
-        let mut hits: Vec<Hit> = zeroed_vec(count);
         let limit = self.batch_limit();
         let most = if self.device.is_cpu() { limit } else { limit.min(OVERLAPPED) };
+        if count <= most {
+            let mut hits = Vec::new();
+            let traced = trace(0..count, To::End(&mut hits, count))?;
+            return Ok(Traced { hits, ..traced });
+        }
+        let mut hits: Vec<Hit> = zeroed_vec(count);
         let parts = hits.chunks_mut(most).enumerate();
-        let part = |(i, hits): (usize, &mut [Hit])| trace(i * most..i * most + hits.len(), hits);
+        let part = |(i, hits): (usize, &mut [Hit])| trace(i * most..i * most + hits.len(), To::Room(hits));
         let all = if self.device.is_cpu() { alone(parts, part) } else { by_two(parts, part) }?;
         Ok(Traced { hits, ..all })
     }
@@ -204,8 +221,7 @@ impl Scene {
             let excluded = &self.device.upload("excluded", &excluded[range])?;
             let upload = start.elapsed();
             let except = self.intersector.except(batch.query(self), excluded, batch.count)?;
-            let trace = batch.run(&self.device, except, query)?;
-            batch.finish(&self.device, hits, Traced { upload, trace, ..Traced::default() })
+            traced(upload, || batch.run(&self.device, &[except], asked(query), hits, None))
         })
     }
 
@@ -218,9 +234,7 @@ impl Scene {
         let mut hits = Vec::with_capacity(rays.len());
         for part in rays.chunks(self.batch_limit()) {
             let batch = Batch::new(self, part)?;
-            self.run(&batch, Traversal::Brute, Query::Closest)?;
-            batch.outcome(&self.device)?;
-            hits.extend(batch.hits(&self.device)?);
+            self.run(&batch, Traversal::Brute, Query::Closest, To::End(&mut hits, part.len()))?;
         }
         Ok(hits)
     }
@@ -240,19 +254,22 @@ impl Scene {
             let totals = self.device.alloc("totals", part.len() as u64)?;
             all.upload += start.elapsed();
             let each = self.intersector.all(batch.query(self), totals.out(), batch.count)?;
-            batch.begin(&self.device, limit)?;
-            all.trace += self.device.dispatch(&[each], false)?.total;
+            let (mut hits, mut found): (Vec<Hit>, _) = (Vec::new(), Vec::new());
+            let room = part.len() * limit as usize;
+            let one = traced(Duration::ZERO, || {
+                let more = totals.back(To::End(&mut found, part.len()));
+                batch.run(&self.device, &[each], limit, To::End(&mut hits, room), Some(more))
+            })?;
+            all.trace += one.trace;
+            all.invalid += one.invalid;
             let start = Instant::now();
-            all.invalid += batch.outcome(&self.device)?;
-            let mut hits: Vec<Hit> = self.device.read(&batch.hits.view(), 0, part.len() * limit as usize)?;
-            let totals: Vec<u32> = self.device.read(&totals, 0, part.len())?;
             // The kernel writes hits alone.
-            for (hits, &total) in hits.chunks_mut(limit.max(1) as usize).zip(&totals) {
+            for (hits, &total) in hits.chunks_mut(limit.max(1) as usize).zip(&found) {
                 hits[total.min(limit) as usize..].fill(Hit::NONE);
             }
             all.hits.extend(hits);
-            all.totals.extend(totals);
-            all.download += start.elapsed();
+            all.totals.extend(found);
+            all.download += one.download + start.elapsed();
         }
         Ok(all)
     }
@@ -274,24 +291,30 @@ impl Scene {
                 Some(step) => step,
                 None => self.intersector.steps(batch.query(self), batch.counts.out(), batch.count)?,
             };
-            batch.run(&self.device, step, Query::Closest)?;
-            batch.outcome(&self.device)?;
-            hits.extend(batch.hits(&self.device)?);
-            counts.extend(self.device.read::<RaySteps>(&batch.counts.view(), 0, part.len())?);
+            let counted: Buffer<RaySteps> = batch.counts.view();
+            let more = Some(counted.back(To::End(&mut counts, part.len())));
+            batch.run(&self.device, &[step], asked(Query::Closest), To::End(&mut hits, part.len()), more)?;
         }
         Ok((hits, counts))
     }
 
-    /// Traces a batch once and says how long the kernels took.
-    pub(super) fn run(&self, batch: &Batch, traversal: Traversal, query: Query) -> Result<Duration, Error> {
+    /// Traces a batch once, and fetches hits: how long the kernels took, and how many rays
+    /// were none.
+    pub(super) fn run(
+        &self,
+        batch: &Batch,
+        traversal: Traversal,
+        query: Query,
+        hits: To<'_, Hit>,
+    ) -> Result<(Duration, u32), Error> {
         if traversal == Traversal::Brute {
-            return self.run_brute(batch);
+            return self.run_brute(batch, hits);
         }
         let step = self.walk(batch, traversal).unwrap_or_else(|| {
             let (kernel, buffers) = self.intersector.stack(batch.query(self), query);
             Step { kernel, buffers, groups: Groups::Fixed(batch.count.div_ceil(kernel.threads)) }
         });
-        batch.run(&self.device, step, query)
+        batch.run(&self.device, &[step], asked(query), hits, None)
     }
 
     /// By a traversal that also counts its steps.
@@ -300,7 +323,7 @@ impl Scene {
     }
 
     /// Finds the closest hits of a batch by testing every triangle.
-    fn run_brute(&self, batch: &Batch) -> Result<Duration, Error> {
+    fn run_brute(&self, batch: &Batch, hits: To<'_, Hit>) -> Result<(Duration, u32), Error> {
         let kept = self.kept.on(&self.device)?;
         let bests = self.device.alloc("best hits", 2 * u64::from(batch.count))?;
         let count = self.kept.count();
@@ -326,8 +349,7 @@ impl Scene {
         // Without triangles one empty slice still writes the misses.
         let steps: Vec<Step<'_>> =
             if slices.is_empty() { vec![step(&batch.job)] } else { slices.iter().map(step).collect() };
-        batch.begin(&self.device, 0)?;
-        Ok(self.device.dispatch(&steps, false)?.total)
+        batch.run(&self.device, &steps, 0, hits, None)
     }
 
     /// Most rays in one batch.

@@ -1,15 +1,16 @@
 //! Timestamps of the device.
 
 use super::{link::Link, staging::Slot};
-use crate::{Error, exec::Timing};
+use crate::{
+    Error,
+    exec::{Back, Timing},
+};
 use std::time::Duration;
 
 /// Bytes of one timestamp.
 const STAMP: u64 = wgpu::QUERY_SIZE as u64;
 /// Timestamps in one set.
 const PER_SET: u32 = wgpu::QUERY_SET_MAX_QUERIES;
-/// Most bytes that come back with the timestamps.
-pub(super) const MOST_BESIDE: usize = 1 << 10;
 /// Steps that one pass can time each: one more timestamp than steps.
 pub(super) const STEPS_PER_PASS: usize = PER_SET as usize - 1;
 
@@ -39,43 +40,55 @@ impl Clock {
                 (0..passes).map(|_| link.device.create_query_set(&descriptor)).collect()
             })?,
             resolved: link.buffer("timestamps", bytes, usage)?,
-            readback: Slot::download(link, bytes + MOST_BESIDE as u64)?,
+            readback: Slot::download(link, bytes)?,
             period: f64::from(link.queue.get_timestamp_period()),
         })
     }
 
     /// Submits commands whose passes wrote the first `stamps[pass]` timestamps of their sets, waits for the
-    /// end, and gives the times between them; those of single steps if `profile`. Reads the start of a buffer beside, of
-    /// at most [`MOST_BESIDE`] bytes.
+    /// end, and gives the times between them; those of single steps if `profile`. Reads what is wanted back beside.
     pub(super) fn finish(
         &mut self,
         link: &Link,
         mut commands: wgpu::CommandEncoder,
         stamps: &[u32],
         profile: bool,
-        beside: Option<(&wgpu::Buffer, &mut [u8])>,
+        back: &mut [Back<'_>],
     ) -> Result<Timing, Error> {
         let stride = u64::from(PER_SET) * STAMP;
+        let last = u64::from(stamps[stamps.len() - 1]);
+        let bytes = (stamps.len() as u64 - 1) * stride + last * STAMP;
+        let needed = bytes + back.iter().map(|back| back.bytes as u64).sum::<u64>();
+        if needed > self.readback.buffer.size() {
+            self.readback = Slot::download(link, needed.next_power_of_two())?;
+        }
         for (i, (&count, set)) in stamps.iter().zip(&self.sets).enumerate() {
             commands.resolve_query_set(set, 0..count, &self.resolved, i as u64 * stride);
         }
-        let last = u64::from(stamps[stamps.len() - 1]);
-        let bytes = (stamps.len() as u64 - 1) * stride + last * STAMP;
         commands.copy_buffer_to_buffer(&self.resolved, 0, &self.readback.buffer, 0, bytes);
-        let more = beside.as_ref().map_or(0, |(_, out)| out.len());
-        assert!(more <= MOST_BESIDE, "more than there is room for beside the timestamps");
-        if let Some((buffer, _)) = &beside {
-            commands.copy_buffer_to_buffer(buffer, 0, &self.readback.buffer, bytes, more as u64);
+        let mut all = bytes;
+        for Back { buffer, offset, bytes, .. } in back.iter().filter(|back| back.bytes > 0) {
+            commands.copy_buffer_to_buffer(
+                buffer.as_wgpu(),
+                *offset,
+                &self.readback.buffer,
+                all,
+                *bytes as u64,
+            );
+            all += *bytes as u64;
         }
-        self.readback.submit(link, commands, bytes + more as u64)?;
+        self.readback.submit(link, commands, all)?;
         self.readback.mapped(link)?;
-        let mut back = vec![0; bytes as usize + more];
-        self.readback.take(link, &mut back)?;
-        let (ticks, words) = back.split_at(bytes as usize);
-        let ticks: Vec<u64> = bytemuck::pod_collect_to_vec(ticks);
-        if let Some((_, out)) = beside {
-            out.copy_from_slice(words);
-        }
+        let mut ticks: Vec<u64> = Vec::new();
+        self.readback.take(link, all, |words| {
+            let (stamps, mut rest) = words.split_at(bytes as usize);
+            ticks = bytemuck::pod_collect_to_vec(stamps);
+            for Back { bytes, take, .. } in back {
+                let (now, later) = rest.split_at(*bytes);
+                take(now);
+                rest = later;
+            }
+        })?;
 
         let time = |from: u64, to: u64| {
             Duration::from_nanos((to.saturating_sub(from) as f64 * self.period).round() as u64)

@@ -1,17 +1,13 @@
 //! Transfers between host and device through mapped buffers that are kept.
 
 use super::link::Link;
-use crate::Error;
+use crate::{Error, exec::PIECE};
 use rayon::prelude::*;
 use std::sync::mpsc::{Receiver, channel};
 
 /// Bytes of one staging buffer. Two of them take turns, so that the device copies one while the host fills or
 /// empties the other.
 pub(super) const CHUNK: usize = 8 << 20;
-
-/// Bytes that one thread copies at least. One alone moves much less than a bus, the more so into memory that the process
-/// has never touched.
-const PIECE: usize = 256 << 10;
 
 /// A page, as which pieces of mapped memory can be handed to threads.
 const PAGE: usize = 4096;
@@ -66,11 +62,10 @@ impl Slot {
         }
     }
 
-    /// Copies the mapped buffer's first bytes to `out` and unmaps it.
-    pub(super) fn take(&self, link: &Link, out: &mut [u8]) -> Result<(), Error> {
-        let view = self.buffer.get_mapped_range(0..out.len() as u64).map_err(|e| link.failed(e))?;
-        let pieces = out.par_chunks_mut(PIECE).zip(view.par_chunks(PIECE));
-        pieces.for_each(|(out, view)| out.copy_from_slice(view));
+    /// Shows the mapped buffer's first bytes and unmaps it.
+    pub(super) fn take(&self, link: &Link, bytes: u64, show: impl FnOnce(&[u8])) -> Result<(), Error> {
+        let view = self.buffer.get_mapped_range(0..bytes).map_err(|e| link.failed(e))?;
+        show(&view);
         drop(view);
         self.buffer.unmap();
         Ok(())
@@ -91,7 +86,8 @@ impl Slot {
     }
 }
 
-/// Writes `data` to `target` from byte `offset` on, and waits until it is there.
+/// Writes `data` to `target` from byte `offset` on. The last of it is on its way, and is there before what is submitted
+/// next.
 pub(super) fn upload(
     link: &Link,
     slots: &mut [Slot; 2],
@@ -108,33 +104,34 @@ pub(super) fn upload(
         commands.copy_buffer_to_buffer(&slot.buffer, 0, target, at, part.len() as u64);
         slot.submit(link, commands, CHUNK as u64)?;
     }
-    slots.iter_mut().try_for_each(|slot| slot.mapped(link))
+    Ok(())
 }
 
-/// Reads `out.len()` bytes of `source` from byte `offset` on.
+/// Reads so many bytes of `source` from byte `offset` on, which `take` is given in parts.
 pub(super) fn download(
     link: &Link,
     slots: &mut [Slot; 2],
     source: &wgpu::Buffer,
     offset: u64,
-    out: &mut [u8],
+    bytes: usize,
+    take: &mut dyn FnMut(&[u8]),
 ) -> Result<(), Error> {
-    let total = out.len();
-    let request = |slot: &mut Slot, at: usize| {
-        let bytes = CHUNK.min(total - at) as u64;
+    let part = |from: usize| CHUNK.min(bytes - from) as u64;
+    let request = |slot: &mut Slot, from: usize| {
         let mut commands = link.encoder();
-        commands.copy_buffer_to_buffer(source, offset + at as u64, &slot.buffer, 0, bytes);
-        slot.submit(link, commands, bytes)
+        commands.copy_buffer_to_buffer(source, offset + from as u64, &slot.buffer, 0, part(from));
+        slot.submit(link, commands, part(from))
     };
-    request(&mut slots[0], 0)?;
-    for (i, part) in out.chunks_mut(CHUNK).enumerate() {
-        let next = (i + 1) * CHUNK;
-        if next < total {
-            request(&mut slots[(i + 1) % 2], next)?;
+    if bytes > 0 {
+        request(&mut slots[0], 0)?;
+    }
+    for (i, from) in (0..bytes).step_by(CHUNK).enumerate() {
+        if from + CHUNK < bytes {
+            request(&mut slots[(i + 1) % 2], from + CHUNK)?;
         }
         let slot = &mut slots[i % 2];
         slot.mapped(link)?;
-        slot.take(link, part)?;
+        slot.take(link, part(from), &mut *take)?;
     }
     Ok(())
 }
