@@ -62,7 +62,7 @@ impl Resident {
         self.batch.hits(&self.scene.device)
     }
 
-    /// How many rays of the last trace were none, see [`Traced::invalid`].
+    /// How many rays of the last trace were none, see [`Traced::invalid`](super::Traced::invalid).
     ///
     /// # Errors
     /// The device failed.
