@@ -128,6 +128,10 @@ fn a_gpu_traces_millions_of_rays_in_their_order() {
         same("hits", &cpu.hits, &gpu.hits).unwrap();
         assert_eq!([cpu.invalid, gpu.invalid], [3, 3]);
     }
+    // Fewer come back at once, but in more than one piece of a transfer.
+    let fewer = &rays[..600_000];
+    let [cpu, gpu] = [&by_cpu, &by_gpu].map(|scene| scene.closest(fewer).unwrap());
+    same("hits of fewer rays", &cpu, &gpu).unwrap();
     let excluded: Vec<u32> = (0..RAYS as u32).map(|i| i % 7).collect();
     let [cpu, gpu] =
         [&by_cpu, &by_gpu].map(|scene| scene.trace_except(Query::Closest, &rays, &excluded).unwrap());
@@ -167,5 +171,30 @@ fn a_driver_that_ends_loops_early_gives_an_error_and_no_wrong_hit() {
             check("hits with steps", Ok(hits));
             same("steps", &counts, &steps).unwrap();
         });
+    }
+}
+
+/// Prints what tracing takes by the clock on the wall, from rays of the host to hits of the host, on the scene that
+/// `RAYKD_SCENE` names, else on the dragon.
+#[test]
+#[ignore = "a measurement: RAYKD_SCENE=dragon cargo test --release --workspace --test hits times_ -- --ignored --nocapture"]
+fn times_of_few_rays() {
+    const ROUNDS: usize = 41;
+    let name = std::env::var("RAYKD_SCENE").unwrap_or_else(|_| "dragon".to_owned());
+    let mesh = raykd::mesh::scene(&name).unwrap();
+    let scene = Scene::build(gpu(), &mesh, &BuildOptions::default()).unwrap();
+    println!("{name}, {}; random rays, medians of {ROUNDS}", gpu().name());
+    for count in [1, 1000, 30_000, 300_000] {
+        let rays = raykd::rays::random(mesh.bounds(), count, 5);
+        // The first rounds wake the card.
+        let times = (0..ROUNDS + 10).map(|_| {
+            let start = std::time::Instant::now();
+            let hits = scene.closest(&rays).unwrap();
+            assert_eq!(hits.len(), count);
+            start.elapsed()
+        });
+        let mut times: Vec<_> = times.skip(10).collect();
+        times.sort_unstable();
+        println!("{count:8} rays {:6.3} ms", times[ROUNDS / 2].as_secs_f64() * 1e3);
     }
 }

@@ -252,18 +252,15 @@ impl Gpu {
         with(&self.uploads, || Ok([create()?, create()?]), transfer)
     }
 
-    /// Reads so many bytes, which `take` is given in parts.
-    pub(super) fn fetch(
-        &self,
-        buffer: &wgpu::Buffer,
-        offset: u64,
-        bytes: usize,
-        take: &mut dyn FnMut(&[u8]),
-    ) -> Result<(), Error> {
+    /// Reads what is wanted.
+    pub(super) fn fetch(&self, back: &mut Back<'_>) -> Result<(), Error> {
+        if back.bytes == 0 {
+            return Ok(());
+        }
         self.link.check()?;
-        self.count(BACK, bytes);
+        self.count(BACK, back.bytes);
         let create = || Slot::download(&self.link, CHUNK as u64);
-        let transfer = |slots: &mut _| staging::download(&self.link, slots, buffer, offset, bytes, take);
+        let transfer = |slots: &mut _| staging::download(&self.link, slots, back);
         with(&self.downloads, || Ok([create()?, create()?]), transfer)
     }
 
@@ -292,10 +289,7 @@ impl Gpu {
             }
             None => (self.run_by_wall_clock(steps, profile)?, back),
         };
-        later.iter_mut().try_for_each(|back| {
-            self.fetch(back.buffer.as_wgpu(), back.offset, back.bytes, &mut back.take)
-        })?;
-        Ok(timing)
+        later.iter_mut().try_for_each(|back| self.fetch(back)).map(|()| timing)
     }
 
     /// Runs, without waiting for the end.
@@ -586,20 +580,28 @@ fn entry_points(words: &[u32]) -> HashSet<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::{super::Launch as _, *};
+    use super::{
+        super::{Launch as _, To},
+        *,
+    };
     use raykd_kernels::probe::{self, PROBE};
 
     #[test]
     fn lost_device_gives_errors_ever_after() {
         let gpu = Gpu::open(None).unwrap();
         let small = gpu.alloc("small", 64).unwrap();
+        let words = AnyBuffer::of("small", 64, Memory::Gpu(small.clone())).view();
         let large = gpu.alloc("large", 1 << 20).unwrap();
         gpu.write(&large, 0, &[1; 1 << 20]).unwrap();
         gpu.lose();
         for _ in 0..2 {
+            let mut out = [0; 64];
             assert!(matches!(gpu.write(&small, 0, &[0; 64]), Err(Error::DeviceFailed { .. })));
             assert!(matches!(gpu.write(&large, 0, &[0; 1 << 20]), Err(Error::DeviceFailed { .. })));
-            assert!(matches!(gpu.fetch(&small, 0, 64, &mut |_| ()), Err(Error::DeviceFailed { .. })));
+            assert!(matches!(
+                gpu.fetch(&mut words.back(To::Room(&mut out))),
+                Err(Error::DeviceFailed { .. })
+            ));
             assert!(matches!(gpu.alloc("more", 64), Err(Error::DeviceFailed { .. })));
             assert!(matches!(gpu.prepare(&[&PROBE]), Ok(()) | Err(Error::DeviceFailed { .. })));
         }

@@ -142,8 +142,13 @@ impl<T> Buffer<T> {
                 let offset = self.place("read", size_of::<T>(), 0, count);
                 list.reserve(count);
                 let take = move |part: &[u8]| {
-                    let elements = part.par_chunks_exact(size_of::<T>()).with_min_len(PIECE / size_of::<T>());
-                    list.par_extend(elements.map(bytemuck::pod_read_unaligned::<T>));
+                    if part.len() <= PIECE {
+                        list.extend(part.chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned::<T>));
+                    } else {
+                        let elements =
+                            part.par_chunks_exact(size_of::<T>()).with_min_len(PIECE / size_of::<T>());
+                        list.par_extend(elements.map(bytemuck::pod_read_unaligned::<T>));
+                    }
                 };
                 Back { buffer: self, offset, bytes: count * size_of::<T>(), take: Box::new(take) }
             }
@@ -160,8 +165,12 @@ impl<T> Buffer<T> {
         let mut rest: &mut [u8] = bytemuck::cast_slice_mut(room);
         let take = move |part: &[u8]| {
             let (now, later) = std::mem::take(&mut rest).split_at_mut(part.len());
-            let pieces = now.par_chunks_mut(PIECE).zip(part.par_chunks(PIECE));
-            pieces.for_each(|(now, part)| now.copy_from_slice(part));
+            if part.len() <= PIECE {
+                now.copy_from_slice(part);
+            } else {
+                let pieces = now.par_chunks_mut(PIECE).zip(part.par_chunks(PIECE));
+                pieces.for_each(|(now, part)| now.copy_from_slice(part));
+            }
             rest = later;
         };
         Back { buffer: self, offset, bytes, take: Box::new(take) }
@@ -176,7 +185,7 @@ impl<T> Buffer<T> {
 /// Where elements go that are read.
 #[derive(Debug)]
 pub(crate) enum To<'a, T> {
-    /// To memory there is, which they fill.
+    /// Into memory that is there, which they fill.
     Room(&'a mut [T]),
     /// So many to the end of a list: new memory need not be zeroed first, which takes as long as to fill it.
     End(&'a mut Vec<T>, usize),
@@ -195,7 +204,7 @@ pub(crate) struct Back<'a> {
 }
 
 /// Bytes that one thread copies at least. One alone moves much less than a bus, the more so into memory that the process
-/// has never touched.
+/// has never touched. So many, or fewer, are copied by the thread that asks.
 const PIECE: usize = 256 << 10;
 
 /// A buffer that a kernel writes.
@@ -606,16 +615,16 @@ impl Device {
     }
 
     fn fetch(&self, back: &mut Back<'_>) -> Result<(), Error> {
-        let Back { buffer, offset, bytes, take } = back;
-        match (&*self.machine, &buffer.memory) {
-            (Machine::Cpu(_), Memory::Cpu(memory)) => {
-                take(&memory.keep(buffer.name).slice()[*offset as usize..][..*bytes]);
+        match &*self.machine {
+            Machine::Cpu(_) => {
+                let Back { buffer, offset, bytes, take } = back;
+                let kept = cpu::memory(buffer).keep(buffer.name);
+                // By the thread that asks: the device's threads need not be rayon's.
+                kept.slice()[*offset as usize..][..*bytes].chunks(PIECE).for_each(take);
                 Ok(())
             }
             #[cfg(feature = "gpu")]
-            (Machine::Gpu(gpu), Memory::Gpu(memory)) => gpu.fetch(memory, *offset, *bytes, take),
-            #[cfg(feature = "gpu")]
-            _ => panic!("buffer {} belongs to another device", buffer.name),
+            Machine::Gpu(gpu) => gpu.fetch(back),
         }
     }
 

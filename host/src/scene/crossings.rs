@@ -1,6 +1,10 @@
 //! How often rays cross the mesh, and which points are inside of it.
 
-use super::{Scene, batch::Batch};
+use super::{
+    Scene,
+    batch::Batch,
+    trace::{Traced, traced},
+};
 use crate::{
     Error,
     clock::Instant,
@@ -144,10 +148,12 @@ impl Scene {
             true => quick_crossings::Buffers { query }.over(batch.count),
             false => crossings::Buffers { query }.over(batch.count),
         };
-        let (start, mut found) = (Instant::now(), Vec::new());
-        let (trace, invalid) = batch.run(&self.device, &[step], 0, To::End(&mut found, rays.len()), None)?;
+        let mut found = Vec::new();
+        let Traced { trace, download, invalid, .. } = traced(Duration::ZERO, || {
+            batch.run(&self.device, &[step], 0, To::End(&mut found, rays.len()), None)
+        })?;
         counted.trace += trace;
-        counted.download += start.elapsed().saturating_sub(trace);
+        counted.download += download;
         Ok((found, invalid))
     }
 }

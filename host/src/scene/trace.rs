@@ -99,12 +99,9 @@ fn alone<P>(
 
 /// Traces parts two at a time: while one is on the device, which takes one at a time, the other is moved.
 fn by_two<P>(
-    parts: impl ExactSizeIterator<Item = P> + Send,
+    parts: impl Iterator<Item = P> + Send,
     trace: impl Fn(P) -> Result<Traced, Error> + Sync,
 ) -> Result<Traced, Error> {
-    if parts.len() < 2 {
-        return alone(parts, trace);
-    }
     let parts = Mutex::new(parts);
     let next = || parts.lock().unwrap_or_else(PoisonError::into_inner).next();
     let work = || alone(iter::from_fn(next), &trace);
@@ -123,7 +120,10 @@ fn asked(query: Query) -> u32 {
 }
 
 /// What tracing brought and took, by what runs the kernels and fetches the hits.
-fn traced(upload: Duration, run: impl FnOnce() -> Result<(Duration, u32), Error>) -> Result<Traced, Error> {
+pub(super) fn traced(
+    upload: Duration,
+    run: impl FnOnce() -> Result<(Duration, u32), Error>,
+) -> Result<Traced, Error> {
     let start = Instant::now();
     let (trace, invalid) = run()?;
     let download = start.elapsed().saturating_sub(trace);
@@ -187,6 +187,9 @@ impl Scene {
     ) -> Result<Traced, Error> {
         let limit = self.batch_limit();
         let most = if self.device.is_cpu() { limit } else { limit.min(OVERLAPPED) };
+        if count == 0 {
+            return Ok(Traced::default());
+        }
         if count <= most {
             let mut hits = Vec::new();
             let traced = trace(0..count, To::End(&mut hits, count))?;
@@ -254,21 +257,20 @@ impl Scene {
             let totals = self.device.alloc("totals", part.len() as u64)?;
             all.upload += start.elapsed();
             let each = self.intersector.all(batch.query(self), totals.out(), batch.count)?;
-            let (mut hits, mut found): (Vec<Hit>, _) = (Vec::new(), Vec::new());
-            let room = part.len() * limit as usize;
+            let (first, first_total) = (all.hits.len(), all.totals.len());
             let one = traced(Duration::ZERO, || {
-                let more = totals.back(To::End(&mut found, part.len()));
-                batch.run(&self.device, &[each], limit, To::End(&mut hits, room), Some(more))
+                let hits = To::End(&mut all.hits, part.len() * limit as usize);
+                let more = totals.back(To::End(&mut all.totals, part.len()));
+                batch.run(&self.device, &[each], limit, hits, Some(more))
             })?;
             all.trace += one.trace;
             all.invalid += one.invalid;
             let start = Instant::now();
             // The kernel writes hits alone.
-            for (hits, &total) in hits.chunks_mut(limit.max(1) as usize).zip(&found) {
+            let hits = all.hits[first..].chunks_mut(limit.max(1) as usize);
+            for (hits, &total) in hits.zip(&all.totals[first_total..]) {
                 hits[total.min(limit) as usize..].fill(Hit::NONE);
             }
-            all.hits.extend(hits);
-            all.totals.extend(found);
             all.download += one.download + start.elapsed();
         }
         Ok(all)
@@ -298,8 +300,7 @@ impl Scene {
         Ok((hits, counts))
     }
 
-    /// Traces a batch once, and fetches hits: how long the kernels took, and how many rays
-    /// were none.
+    /// Traces a batch once, and fetches hits: how long the kernels took, and how many rays were none.
     pub(super) fn run(
         &self,
         batch: &Batch,

@@ -1,7 +1,10 @@
 //! Transfers between host and device through mapped buffers that are kept.
 
 use super::link::Link;
-use crate::{Error, exec::PIECE};
+use crate::{
+    Error,
+    exec::{Back, PIECE},
+};
 use rayon::prelude::*;
 use std::sync::mpsc::{Receiver, channel};
 
@@ -107,24 +110,17 @@ pub(super) fn upload(
     Ok(())
 }
 
-/// Reads so many bytes of `source` from byte `offset` on, which `take` is given in parts.
-pub(super) fn download(
-    link: &Link,
-    slots: &mut [Slot; 2],
-    source: &wgpu::Buffer,
-    offset: u64,
-    bytes: usize,
-    take: &mut dyn FnMut(&[u8]),
-) -> Result<(), Error> {
+/// Reads what is wanted, one byte at least.
+pub(super) fn download(link: &Link, slots: &mut [Slot; 2], back: &mut Back<'_>) -> Result<(), Error> {
+    let Back { buffer, offset, bytes, take } = back;
+    let (source, offset, bytes) = (buffer.as_wgpu(), *offset, *bytes);
     let part = |from: usize| CHUNK.min(bytes - from) as u64;
     let request = |slot: &mut Slot, from: usize| {
         let mut commands = link.encoder();
         commands.copy_buffer_to_buffer(source, offset + from as u64, &slot.buffer, 0, part(from));
         slot.submit(link, commands, part(from))
     };
-    if bytes > 0 {
-        request(&mut slots[0], 0)?;
-    }
+    request(&mut slots[0], 0)?;
     for (i, from) in (0..bytes).step_by(CHUNK).enumerate() {
         if from + CHUNK < bytes {
             request(&mut slots[(i + 1) % 2], from + CHUNK)?;
