@@ -31,9 +31,8 @@ use std::{
 /// Writes of at most this many bytes ride along with the next submission.
 const RIDES_ALONG: usize = 64 << 10;
 
-/// After how many steps commands are handed over early, so that the device always has some: about a level of a build,
-/// then as many as take it longer than the host to encode the next.
-const EARLY: [usize; 3] = [8, 48, 128];
+/// After how many steps commands are handed over early: about a level of a build, and some levels.
+const EARLY: [usize; 2] = [8, 48];
 
 /// Ways across the bus.
 const TO: usize = 0;
@@ -220,8 +219,9 @@ impl Gpu {
         self.crossed[way].fetch_add(bytes as u64, Relaxed);
     }
 
-    /// Loses the device, as a driver might.
+    /// Loses the device, as a driver might, once it has done what it was given: wgpu tells of the loss no sooner.
     pub fn lose(&self) {
+        self.link.device.poll(wgpu::PollType::wait_indefinitely()).expect("it can be waited for");
         self.link.device.destroy();
         self.link.device.poll(wgpu::PollType::Poll).expect("it can be asked");
     }
@@ -595,7 +595,7 @@ mod tests {
         gpu.write(&large, 0, &[1; 1 << 20]).unwrap();
         gpu.lose();
         for _ in 0..2 {
-            let mut out = [0; 64];
+            let mut out = [0u8; 64];
             assert!(matches!(gpu.write(&small, 0, &[0; 64]), Err(Error::DeviceFailed { .. })));
             assert!(matches!(gpu.write(&large, 0, &[0; 1 << 20]), Err(Error::DeviceFailed { .. })));
             assert!(matches!(
