@@ -177,7 +177,7 @@ fn a_driver_that_ends_loops_early_gives_an_error_and_no_wrong_hit() {
 /// Prints what tracing takes by the clock on the wall, from rays of the host to hits of the host, on the scene that
 /// `RAYKD_SCENE` names, else on the dragon.
 #[test]
-#[ignore = "a measurement: RAYKD_SCENE=dragon cargo test --release --workspace --test hits times_ -- --ignored --nocapture"]
+#[ignore = "a measurement: cargo test --release --workspace --test hits times_ -- --ignored --nocapture"]
 fn times_of_few_rays() {
     const ROUNDS: usize = 41;
     let name = std::env::var("RAYKD_SCENE").unwrap_or_else(|_| "dragon".to_owned());

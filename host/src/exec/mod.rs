@@ -203,8 +203,8 @@ pub(crate) struct Back<'a> {
     take: Take<'a>,
 }
 
-/// Bytes that one thread copies at least. One alone moves much less than a bus, the more so into memory that the process
-/// has never touched. So many, or fewer, are copied by the thread that asks.
+/// Bytes that one thread copies at least. One alone moves much less than a bus, the more so into memory that the
+/// process has never touched. So many, or fewer, are copied by the thread that asks.
 const PIECE: usize = 256 << 10;
 
 /// A buffer that a kernel writes.

@@ -118,8 +118,8 @@ impl Batch {
         }
     }
 
-    /// Runs kernels over the rays, `option` telling what is asked, and fetches answers and what else is wanted. Says how
-    /// long the kernels took, and how many rays were none.
+    /// Runs kernels over the rays, `option` telling what is asked, and fetches answers and what else is wanted. Says
+    /// how long the kernels took, and how many rays were none.
     pub(super) fn run<T: bytemuck::Pod + Send + Sync>(
         &self,
         device: &Device,
