@@ -18,6 +18,7 @@ pub use gpu::{AdapterReport, Gpu, Verdict, adapters, required_features, required
 use crate::Error;
 use bytemuck::allocation::zeroed_vec;
 use raykd_kernels::{Bindings, Host, Kernel};
+#[cfg(feature = "gpu")]
 use rayon::prelude::*;
 use std::{marker::PhantomData, ops::Deref, sync::Arc, time::Duration};
 
@@ -138,17 +139,16 @@ impl<T> Buffer<T> {
         match to {
             To::Room(room) => self.back_from(0, room),
             To::End(list, count) => {
-                const { assert!(size_of::<T>().is_power_of_two(), "parts hold whole elements") };
+                const { assert!(size_of::<T>().is_power_of_two() && align_of::<T>() <= 4, "parts hold them") };
                 let offset = self.place("read", size_of::<T>(), 0, count);
                 list.reserve(count);
                 let take = move |part: &[u8]| {
-                    if part.len() <= PIECE {
-                        list.extend(part.chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned::<T>));
-                    } else {
-                        let elements =
-                            part.par_chunks_exact(size_of::<T>()).with_min_len(PIECE / size_of::<T>());
-                        list.par_extend(elements.map(bytemuck::pod_read_unaligned::<T>));
+                    let elements: &[T] = bytemuck::cast_slice(part);
+                    #[cfg(feature = "gpu")]
+                    if part.len() > PIECE {
+                        return list.par_extend(elements.par_iter().with_min_len(PIECE / size_of::<T>()));
                     }
+                    list.extend_from_slice(elements);
                 };
                 Back { buffer: self, offset, bytes: count * size_of::<T>(), take: Box::new(take) }
             }
@@ -165,13 +165,13 @@ impl<T> Buffer<T> {
         let mut rest: &mut [u8] = bytemuck::cast_slice_mut(room);
         let take = move |part: &[u8]| {
             let (now, later) = std::mem::take(&mut rest).split_at_mut(part.len());
-            if part.len() <= PIECE {
-                now.copy_from_slice(part);
-            } else {
-                let pieces = now.par_chunks_mut(PIECE).zip(part.par_chunks(PIECE));
-                pieces.for_each(|(now, part)| now.copy_from_slice(part));
-            }
             rest = later;
+            #[cfg(feature = "gpu")]
+            if part.len() > PIECE {
+                let pieces = now.par_chunks_mut(PIECE).zip(part.par_chunks(PIECE));
+                return pieces.for_each(|(now, part)| now.copy_from_slice(part));
+            }
+            now.copy_from_slice(part);
         };
         Back { buffer: self, offset, bytes, take: Box::new(take) }
     }
