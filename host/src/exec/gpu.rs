@@ -590,7 +590,7 @@ mod tests {
     fn lost_device_gives_errors_ever_after() {
         let gpu = Gpu::open(None).unwrap();
         let small = gpu.alloc("small", 64).unwrap();
-        let words = AnyBuffer::of("small", 64, Memory::Gpu(small.clone())).view();
+        let words = AnyBuffer::of("small", 64, Memory::Gpu(small.clone()));
         let large = gpu.alloc("large", 1 << 20).unwrap();
         gpu.write(&large, 0, &[1; 1 << 20]).unwrap();
         gpu.lose();

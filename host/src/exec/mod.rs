@@ -95,6 +95,45 @@ impl AnyBuffer {
         Buffer { any: self.clone(), of: PhantomData }
     }
 
+    /// What is to be read from its start once kernels have run.
+    pub(crate) fn back<'a, T: bytemuck::Pod + Send + Sync>(&'a self, to: To<'a, T>) -> Back<'a> {
+        match to {
+            To::Room(room) => self.back_from(0, room),
+            To::End(list, count) => {
+                const { assert!(size_of::<T>().is_power_of_two() && align_of::<T>() <= 4, "parts hold them") };
+                let offset = self.place("read", size_of::<T>(), 0, count);
+                list.reserve(count);
+                let take = move |part: &[u8]| {
+                    let elements: &[T] = bytemuck::cast_slice(part);
+                    #[cfg(feature = "gpu")]
+                    if part.len() > PIECE {
+                        return list.par_extend(elements.par_iter().with_min_len(PIECE / size_of::<T>()));
+                    }
+                    list.extend_from_slice(elements);
+                };
+                Back { buffer: self, offset, bytes: count * size_of::<T>(), take: Box::new(take) }
+            }
+        }
+    }
+
+    /// What is to be read from the element numbered `from` on, as much as there is room for.
+    fn back_from<'a, T: bytemuck::Pod>(&'a self, from: u64, room: &'a mut [T]) -> Back<'a> {
+        let offset = self.place("read", size_of::<T>(), from, room.len());
+        let bytes = size_of_val(room);
+        let mut rest: &mut [u8] = bytemuck::cast_slice_mut(room);
+        let take = move |part: &[u8]| {
+            let (now, later) = std::mem::take(&mut rest).split_at_mut(part.len());
+            rest = later;
+            #[cfg(feature = "gpu")]
+            if part.len() > PIECE {
+                let pieces = now.par_chunks_mut(PIECE).zip(part.par_chunks(PIECE));
+                return pieces.for_each(|(now, part)| now.copy_from_slice(part));
+            }
+            now.copy_from_slice(part);
+        };
+        Back { buffer: self, offset, bytes, take: Box::new(take) }
+    }
+
     /// Where `count` elements of `size` bytes begin from the one numbered `from` on. Panics if they do not lie inside.
     fn place(&self, act: &str, size: usize, from: u64, count: usize) -> u64 {
         let begin = from.checked_mul(size as u64);
@@ -129,51 +168,6 @@ impl<T> Buffer<T> {
     /// How many elements it holds.
     pub const fn elements(&self) -> usize {
         self.any.bytes as usize / size_of::<T>()
-    }
-
-    /// What is to be read from its start once kernels have run.
-    pub(crate) fn back<'a>(&'a self, to: To<'a, T>) -> Back<'a>
-    where
-        T: bytemuck::Pod + Send + Sync,
-    {
-        match to {
-            To::Room(room) => self.back_from(0, room),
-            To::End(list, count) => {
-                const { assert!(size_of::<T>().is_power_of_two() && align_of::<T>() <= 4, "parts hold them") };
-                let offset = self.place("read", size_of::<T>(), 0, count);
-                list.reserve(count);
-                let take = move |part: &[u8]| {
-                    let elements: &[T] = bytemuck::cast_slice(part);
-                    #[cfg(feature = "gpu")]
-                    if part.len() > PIECE {
-                        return list.par_extend(elements.par_iter().with_min_len(PIECE / size_of::<T>()));
-                    }
-                    list.extend_from_slice(elements);
-                };
-                Back { buffer: self, offset, bytes: count * size_of::<T>(), take: Box::new(take) }
-            }
-        }
-    }
-
-    /// What is to be read from the element numbered `from` on, as much as there is room for.
-    fn back_from<'a>(&'a self, from: u64, room: &'a mut [T]) -> Back<'a>
-    where
-        T: bytemuck::Pod,
-    {
-        let offset = self.place("read", size_of::<T>(), from, room.len());
-        let bytes = size_of_val(room);
-        let mut rest: &mut [u8] = bytemuck::cast_slice_mut(room);
-        let take = move |part: &[u8]| {
-            let (now, later) = std::mem::take(&mut rest).split_at_mut(part.len());
-            rest = later;
-            #[cfg(feature = "gpu")]
-            if part.len() > PIECE {
-                let pieces = now.par_chunks_mut(PIECE).zip(part.par_chunks(PIECE));
-                return pieces.for_each(|(now, part)| now.copy_from_slice(part));
-            }
-            now.copy_from_slice(part);
-        };
-        Back { buffer: self, offset, bytes, take: Box::new(take) }
     }
 
     /// The buffer, to be written by a kernel.

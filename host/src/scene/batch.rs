@@ -118,22 +118,21 @@ impl Batch {
         }
     }
 
-    /// Runs kernels over the rays, `option` telling what is asked, and fetches answers and what else is wanted. Says
-    /// how long the kernels took, and how many rays were none.
-    pub(super) fn run<T: bytemuck::Pod + Send + Sync>(
+    /// Runs kernels over the rays, `option` telling what is asked, and fetches what is wanted. Says how long the kernels
+    /// took, and how many rays were none.
+    pub(super) fn run(
         &self,
         device: &Device,
         steps: &[Step<'_>],
         option: u32,
-        answers: To<'_, T>,
-        more: Option<Back<'_>>,
+        wanted: Vec<Back<'_>>,
     ) -> Result<(Duration, u32), Error> {
         let job: [u32; JOB_WORDS as usize] = [self.count, 0, 0, option];
         device.write(&self.job, 0, &job)?;
         device.write(&self.outcome, 0, &[0; OUTCOME_WORDS as usize])?;
-        let (mut words, hits) = ([0; OUTCOME_WORDS as usize], self.hits.view());
-        let mut back = vec![self.outcome.back(To::Room(&mut words)), hits.back(answers)];
-        back.extend(more);
+        let mut words = [0; OUTCOME_WORDS as usize];
+        let mut back = vec![self.outcome.back(To::Room(&mut words))];
+        back.extend(wanted);
         let time = device.dispatch_then(steps, false, &mut back)?.total;
         drop(back);
         Ok((time, invalid(words)?))

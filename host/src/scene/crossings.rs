@@ -8,7 +8,7 @@ use super::{
 use crate::{
     Error,
     clock::Instant,
-    exec::{Buffer, Launch as _, To},
+    exec::{Launch as _, To},
     rays::{AnyPoint, AnyRay},
 };
 use raykd_kernels::trace::{
@@ -70,9 +70,9 @@ impl Scene {
         let quick = quick_crossings::Buffers { query: query() }.over(batch.count);
         let rest = undecided::Buffers { query: query(), crossings: crossings.out() }.over(batch.count);
         let (mut found, mut counts): (Vec<[u32; 4]>, _) = (Vec::new(), Vec::new());
-        let crossings: Buffer<Crossings> = crossings.view();
-        let more = Some(crossings.back(To::End(&mut counts, rays.len())));
-        batch.run(&self.device, &[quick, rest], 0, To::End(&mut found, rays.len()), more)?;
+        let counted = crossings.back(To::End(&mut counts, rays.len()));
+        let wanted = vec![batch.hits.back(To::End(&mut found, rays.len())), counted];
+        batch.run(&self.device, &[quick, rest], 0, wanted)?;
         Ok((counts, found.iter().filter(|found| found[2] != 0).count()))
     }
 
@@ -150,7 +150,8 @@ impl Scene {
         };
         let mut found = Vec::new();
         let Traced { trace, download, invalid, .. } = traced(Duration::ZERO, || {
-            batch.run(&self.device, &[step], 0, To::End(&mut found, rays.len()), None)
+            let wanted = batch.hits.back(To::End(&mut found, rays.len()));
+            batch.run(&self.device, &[step], 0, vec![wanted])
         })?;
         counted.trace += trace;
         counted.download += download;

@@ -224,7 +224,7 @@ impl Scene {
             let excluded = &self.device.upload("excluded", &excluded[range])?;
             let upload = start.elapsed();
             let except = self.intersector.except(batch.query(self), excluded, batch.count)?;
-            traced(upload, || batch.run(&self.device, &[except], asked(query), hits, None))
+            traced(upload, || batch.run(&self.device, &[except], asked(query), vec![batch.hits.back(hits)]))
         })
     }
 
@@ -259,9 +259,9 @@ impl Scene {
             let each = self.intersector.all(batch.query(self), totals.out(), batch.count)?;
             let (first, first_total) = (all.hits.len(), all.totals.len());
             let one = traced(Duration::ZERO, || {
-                let hits = To::End(&mut all.hits, part.len() * limit as usize);
-                let more = totals.back(To::End(&mut all.totals, part.len()));
-                batch.run(&self.device, &[each], limit, hits, Some(more))
+                let hits = batch.hits.back(To::End(&mut all.hits, part.len() * limit as usize));
+                let totals = totals.back(To::End(&mut all.totals, part.len()));
+                batch.run(&self.device, &[each], limit, vec![hits, totals])
             })?;
             all.trace += one.trace;
             all.invalid += one.invalid;
@@ -293,9 +293,9 @@ impl Scene {
                 Some(step) => step,
                 None => self.intersector.steps(batch.query(self), batch.counts.out(), batch.count)?,
             };
-            let counted: Buffer<RaySteps> = batch.counts.view();
-            let more = Some(counted.back(To::End(&mut counts, part.len())));
-            batch.run(&self.device, &[step], asked(Query::Closest), To::End(&mut hits, part.len()), more)?;
+            let hits = batch.hits.back(To::End(&mut hits, part.len()));
+            let counts = batch.counts.back(To::End::<RaySteps>(&mut counts, part.len()));
+            batch.run(&self.device, &[step], asked(Query::Closest), vec![hits, counts])?;
         }
         Ok((hits, counts))
     }
@@ -315,7 +315,7 @@ impl Scene {
             let (kernel, buffers) = self.intersector.stack(batch.query(self), query);
             Step { kernel, buffers, groups: Groups::Fixed(batch.count.div_ceil(kernel.threads)) }
         });
-        batch.run(&self.device, &[step], asked(query), hits, None)
+        batch.run(&self.device, &[step], asked(query), vec![batch.hits.back(hits)])
     }
 
     /// By a traversal that also counts its steps.
@@ -350,7 +350,7 @@ impl Scene {
         // Without triangles one empty slice still writes the misses.
         let steps: Vec<Step<'_>> =
             if slices.is_empty() { vec![step(&batch.job)] } else { slices.iter().map(step).collect() };
-        batch.run(&self.device, &steps, 0, hits, None)
+        batch.run(&self.device, &steps, 0, vec![batch.hits.back(hits)])
     }
 
     /// Most rays in one batch.
