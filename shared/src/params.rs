@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// What every build kernel knows about its scene: one 80-byte record.
+/// What every build kernel knows about its scene: one 84-byte record.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct BuildParams {
@@ -40,6 +40,8 @@ pub struct BuildParams {
     pub price: f32,
     /// Factor on the cost of planes that cut off empty space.
     pub empty: f32,
+    /// From this level on one workgroup finds a node's plane, however many references it has: hardly any has many.
+    pub alone: u32,
 }
 
 /// Bits of [`BuildParams::rule`].
@@ -52,4 +54,4 @@ pub mod rule {
     pub const CLIP: u32 = 4;
 }
 
-const _: () = assert!(size_of::<BuildParams>() == 80, "twenty words");
+const _: () = assert!(size_of::<BuildParams>() == 84, "21 words");

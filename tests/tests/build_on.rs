@@ -416,6 +416,40 @@ fn scenes_in_memory_used_again_are_the_usual_ones() -> Result<(), Failure> {
     Ok(())
 }
 
+/// Deep trees after flat ones on a device that expects a tree like the last one: it looks again where levels are missing.
+/// Triangles that halve in size, some of each, have more levels than any device expects.
+#[test]
+fn deep_trees_after_flat_ones_are_the_usual_ones() -> Result<(), Failure> {
+    let fresh = alone()?;
+    let device = fresh.recycling();
+    let flat = arrays(&Recipe { family: Family::Lattice, size: 200, seed: 5 }.mesh());
+    let chain = |each: u16| {
+        let corners = (0..22 * each).flat_map(|k| {
+            let (size, place) = (0.5f32.powi(i32::from(k / each)), f32::from(k % each) / f32::from(each));
+            let (x, y) = (size * (1.0 + 0.5 * place), size * place);
+            let far = size / 64.0;
+            [[x, y, x], [x + far, y, x], [x, y + far, x + far]]
+        });
+        let positions: Vec<_> = corners.collect();
+        let triangles = (0..positions.len() as u32 / 3).map(|k| [3 * k, 3 * k + 1, 3 * k + 2]).collect();
+        (positions, triangles)
+    };
+    for deep in [arrays(&Mesh::teapot(8)), chain(2), chain(40)] {
+        for builder in [Builder::Binned, Builder::Median] {
+            for max_depth in [40, 7] {
+                let options = BuildOptions::default().with_builder(builder).with_max_depth(max_depth);
+                let expected = built(cpu(), &deep, &options)?.tree()?;
+                for mesh in [&flat, &deep, &deep] {
+                    let tree = built_from(&device, mesh, &options)?.tree()?;
+                    assert!(std::ptr::eq(mesh, &flat) || tree == expected, "{builder}, {max_depth}");
+                }
+                assert!(built_from(&fresh, &deep, &options)?.tree()? == expected, "{builder}, {max_depth}");
+            }
+        }
+    }
+    Ok(())
+}
+
 /// Nobody gets what somebody else has.
 #[test]
 fn threads_may_share_recycled_memory() -> Result<(), Failure> {

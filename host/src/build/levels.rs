@@ -28,6 +28,7 @@ use raykd_kernels::{
     glam::{UVec2, UVec4, Vec3},
 };
 use raykd_shared::{BuildParams, Node, limits::CHUNK, status};
+use std::ops::Range;
 
 /// The buffers of one try, in pairs where a level is made from the one above.
 #[derive(Debug)]
@@ -62,12 +63,21 @@ struct Lists {
     places: Buffer<UVec2>,
 }
 
-/// Builds a tree with so many levels above its treelets at most.
+/// Levels more than the build before took: an empty one costs a tenth of what another look at the device does.
+const SPARE: u32 = 2;
+
+/// More levels, where nodes are left below those that were encoded.
+const MORE: u32 = 12;
+
+/// Levels that are enough for most scenes: the usual bound on useful depth (Pharr, Jakob & Humphreys, PBRT), and a few.
+const fn usual_depth(references: u32) -> u32 {
+    12 + 13 * (references + 1).ilog2() / 10
+}
+
 pub(super) fn build(
     arena: &mut Arena<'_>,
     from: &Given<'_>,
     params: &BuildParams,
-    levels: u32,
     profile: bool,
 ) -> Result<Grown, Stop> {
     let device = arena.device;
@@ -75,20 +85,29 @@ pub(super) fn build(
     let begin = Instant::now();
     lists.write(device, &from.kept)?;
     let mut times = BuildTimes { upload: begin.elapsed(), ..BuildTimes::default() };
-    let levels = if lists.root_is_large() { levels.min(params.max_depth + 1) } else { 0 };
-    let steps = lists.steps(levels as usize);
-    // The one look at the device: how large is the tree?
-    let (timing, state): (_, State) = device.dispatch_and_read(&steps, profile, &lists.state.view())?;
-    times.add(&steps, &timing);
-    if state.status & status::CAPACITY != 0 {
-        return Err(Stop::Room);
-    }
-    if state.status != 0 {
-        return Err(Error::Kernel(status::describe(state.status)).into());
-    }
-    if state.left != 0 {
-        return Err(Stop::Levels);
-    }
+    let most = if lists.root_is_large() { params.max_depth + 1 } else { 0 };
+    let guess = device.levels_before().map_or(usual_depth(params.references), |before| before + SPARE);
+    let mut levels = 0..guess.min(most);
+    let state = loop {
+        let steps = lists.steps(levels.clone());
+        // The one look at the device, if these levels are enough: how large is the tree?
+        let (timing, state): (_, State) = device.dispatch_and_read(&steps, profile, &lists.state.view())?;
+        times.add(&steps, &timing);
+        if state.status & status::CAPACITY != 0 {
+            return Err(Stop::Room);
+        }
+        if state.status != 0 {
+            return Err(Error::Kernel(status::describe(state.status)).into());
+        }
+        if state.left == 0 {
+            break state;
+        }
+        if levels.end == most {
+            return Err(Error::Kernel(status::describe(status::LEVELS)).into());
+        }
+        levels = levels.end..(levels.end + MORE).min(most);
+    };
+    device.note_levels(state.levels);
     let counts = [state.nodes, state.refs];
     let nodes = arena.alloc("nodes", counts[0], 1)?;
     let refs = arena.alloc("refs", counts[1], 1)?;
@@ -207,14 +226,17 @@ impl Lists {
         device.write(&self.state.view(), 0, &[state])
     }
 
-    /// All there is to do before the size of the tree is known.
-    fn steps(&self, levels: usize) -> Vec<Step<'_>> {
+    /// What there is to do on some levels, and then, if no large node is left, before the size of the tree is known.
+    fn steps(&self, levels: Range<u32>) -> Vec<Step<'_>> {
         let Self { params, state, mesh, kept, .. } = self;
         let (positions, indices) = (&mesh.positions, &mesh.indices);
-        let refs = if self.root_is_large() { &self.refs[0] } else { &self.treelet_refs };
-        let boxes = boxes::Buffers { params, positions, indices, kept, refs: refs.out() };
-        let mut steps = vec![boxes.over(self.given.references)];
-        for depth in 0..levels {
+        let mut steps = Vec::new();
+        if levels.start == 0 {
+            let refs = if self.root_is_large() { &self.refs[0] } else { &self.treelet_refs };
+            let boxes = boxes::Buffers { params, positions, indices, kept, refs: refs.out() };
+            steps.push(boxes.over(self.given.references));
+        }
+        for depth in levels.clone() {
             self.level(depth, &mut steps);
         }
         let treelets = treelet::Buffers {
@@ -229,7 +251,7 @@ impl Lists {
             blocks: self.treelet_blocks.out(),
         };
         steps.push(treelets.indirect(state, ARGS_TREELETS));
-        let last = levels % 2;
+        let last = levels.end as usize % 2;
         let place = place::Buffers {
             level: &self.levels[last],
             sizes: &self.treelet_sizes,
@@ -242,8 +264,9 @@ impl Lists {
     }
 
     /// Makes the level below one, and treelets of its small nodes.
-    fn level<'b>(&'b self, depth: usize, steps: &mut Vec<Step<'b>>) {
-        let (now, then) = (depth % 2, (depth + 1) % 2);
+    fn level<'b>(&'b self, depth: u32, steps: &mut Vec<Step<'b>>) {
+        let now = depth as usize % 2;
+        let then = 1 - now;
         let Self { params, state, hists, planes, sides, targets, sizes, size_words, blocks, .. } = self;
         let (positions, indices) = (&self.mesh.positions, &self.mesh.indices);
         let (level, args) = (&self.levels[now], &self.args[now]);
@@ -258,6 +281,7 @@ impl Lists {
             planes: planes.out(),
             sizes: size_words.out(),
             hists: hists.out(),
+            sides: sides.out(),
         };
         let bin = bin::Buffers { level, active, chunks, refs, hists: hists.out() };
         let split = split::Buffers { params, level, active, hists, planes: planes.out() };
@@ -305,12 +329,14 @@ impl Lists {
             next: self.refs[then].out(),
             treelet_refs: self.treelet_refs.out(),
         };
-        steps.extend([
-            alone.indirect(args, ARGS_ACTIVE),
-            bin.indirect(args, ARGS_SEVERAL_CHUNKS),
-            split.indirect(args, ARGS_SEVERAL_ACTIVE),
-            count.indirect(args, ARGS_SEVERAL_CHUNKS),
-        ]);
+        steps.push(alone.indirect(args, ARGS_ACTIVE));
+        if depth < self.given.alone {
+            steps.extend([
+                bin.indirect(args, ARGS_SEVERAL_CHUNKS),
+                split.indirect(args, ARGS_SEVERAL_ACTIVE),
+                count.indirect(args, ARGS_SEVERAL_CHUNKS),
+            ]);
+        }
         // No more nodes than that are active here.
         if self.given.active.min(1 << depth.min(31)) > BLOCK {
             steps.push(tally.indirect(args, ARGS_BLOCKS));
@@ -337,5 +363,57 @@ impl Lists {
         };
         let nodes = top::Buffers { state: &self.state, from: &self.top, nodes: nodes.out() };
         [nodes.over(state.top), emit.groups(state.treelets)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        BuildOptions, Mesh,
+        build::{
+            options::Builder,
+            retry::{Setting, Stop, Way},
+        },
+    };
+
+    /// Whether one workgroup or several go over the chunks of a node, the tree is the same.
+    #[test]
+    fn chunks_are_counted_alone_or_together() -> Result<(), Error> {
+        // All around one vertex: large nodes on many levels.
+        let rim = |k: u16| {
+            let (angle, tilt) = (f32::from(k) * 0.7, f32::from(k % 97) - 48.0);
+            [40.0 * angle.cos(), 40.0 * angle.sin(), tilt]
+        };
+        let mut positions = vec![[0.0; 3]];
+        positions.extend((0..6001).map(rim));
+        let mesh = Mesh::new(positions, (1..6001).map(|k| [0, k, k + 1]).collect())?;
+        let device = Device::cpu();
+        let from = Given::of(&device, &mesh)?;
+        for (builder, clip) in [(Builder::Binned, true), (Builder::Binned, false), (Builder::Median, true)] {
+            let options = BuildOptions::default().with_builder(builder).with_clip(clip);
+            let mut setting = Setting::first(&from, &options, Way::Levels);
+            let trees = [u32::MAX, 0, 2, 5].map(|alone| {
+                loop {
+                    let params = BuildParams { alone, ..setting.params() };
+                    let mut arena = Arena { device: &device, bytes: 0 };
+                    match build(&mut arena, &from, &params, false) {
+                        Ok(Grown { nodes, refs, counts, .. }) => {
+                            let [nodes, refs] = [nodes.view::<u32>(), refs.view()];
+                            break (
+                                device.read(&nodes, 0, 2 * counts[0] as usize),
+                                device.read(&refs, 0, counts[1] as usize),
+                            );
+                        }
+                        Err(stop @ Stop::Room) => setting.change(stop).expect("more room"),
+                        Err(stop) => panic!("{stop:?}"),
+                    }
+                }
+            });
+            let [several, rest @ ..] =
+                trees.map(|(nodes, refs)| (nodes.expect("nodes"), refs.expect("refs")));
+            assert!(rest.iter().all(|tree| *tree == several), "{builder}, clip {clip}");
+        }
+        Ok(())
     }
 }

@@ -76,7 +76,7 @@ fn attempt(arena: &mut Arena<'_>, from: &Given<'_>, setting: &Setting, profile: 
     let params = setting.params();
     let grown = match setting.way {
         Way::Leaf => leaf(arena, from)?,
-        Way::Levels => levels::build(arena, from, &params, setting.levels(), profile)?,
+        Way::Levels => levels::build(arena, from, &params, profile)?,
         Way::SweepByKernels { .. } => sweep::kernels::build(arena, from, &params, profile)?,
         Way::SweepByHost => match from.kept {
             KeptIn::Host(mesh) => sweep::host::build(arena, mesh, &params)?,

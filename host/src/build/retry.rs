@@ -4,14 +4,14 @@
 use super::{
     built::{Facts, Given, KeptIn},
     options::{BuildOptions, Builder},
-    room::{Need, Room},
+    room::{Need, Room, levels_of_several},
 };
 use crate::Error;
 use raykd_shared::{
     BuildParams,
     limits::MAX_DEPTH,
     rule,
-    status::{CAPACITY, LEVELS, describe},
+    status::{CAPACITY, describe},
 };
 
 /// Who builds the tree.
@@ -34,8 +34,6 @@ pub(super) enum Stop {
     Room,
     /// A list of the sweep was.
     Needs(Need),
-    /// There are nodes below the last level.
-    Levels,
     /// Splitting does not separate these triangles.
     Crowd,
     /// So many references are more than were asked for.
@@ -82,11 +80,6 @@ impl Setting {
         Self { facts, host, options: options.clone(), first_way: way, way, room, max_depth, before: u32::MAX }
     }
 
-    /// Levels that the level loop takes.
-    pub(super) const fn levels(&self) -> u32 {
-        self.room.levels
-    }
-
     pub(super) fn params(&self) -> BuildParams {
         let Self { facts, options, room, max_depth, .. } = self;
         let (lo, hi) = facts.bounds;
@@ -110,6 +103,7 @@ impl Setting {
             },
             price: options.price(facts),
             empty: options.empty,
+            alone: levels_of_several(facts.kept),
         }
     }
 
@@ -134,12 +128,6 @@ impl Setting {
             Stop::Room => self.enlarge(self.room.doubled(references, self.options.builder.small())),
             Stop::Needs(need) => self.enlarge(self.room.holding(&need, references)),
             Stop::Crowd => self.enlarge(None),
-            // The levels down to the greatest depth are always enough, and so is room for a single leaf.
-            Stop::Levels if self.room.levels <= MAX_DEPTH => {
-                self.room.levels = MAX_DEPTH + 1;
-                Ok(())
-            }
-            Stop::Levels => Err(Error::Kernel(describe(LEVELS))),
             Stop::Budget(refs) => {
                 let price = (2.0 * self.options.price).max(0.25);
                 let long = self.options.long.max(1).saturating_mul(2);

@@ -6,7 +6,7 @@ use crate::{
 };
 use bytemuck::Pod;
 use raykd_kernels::build::sweep::FRESH_SHARE;
-use raykd_shared::limits::{CHUNK, MAX_DEPTH, TREELET};
+use raykd_shared::limits::{CHUNK, TREELET};
 
 /// References that the large nodes of so many triangles may make of them: few more a triangle where those are many, as
 /// memory and time go by all.
@@ -74,16 +74,21 @@ pub(super) struct Room {
     pub treelet_refs: u32,
     pub active: u32,
     pub treelets: u32,
-    /// Levels of the level loop.
-    pub levels: u32,
+}
+
+/// Levels on which nodes may have several chunks; below them hardly any has. Dragons and teapots have some on two thirds
+/// of these.
+pub(super) const fn levels_of_several(references: u32) -> u32 {
+    match references.div_ceil(CHUNK).checked_ilog2() {
+        Some(halvings @ 1..) => 4 + 3 * halvings / 2,
+        _ => 0,
+    }
 }
 
 impl Room {
     /// The first guess for the level loop, which nodes of `small` references leave.
     pub(super) fn of_levels(references: u32, small: u32) -> Self {
         let n = references;
-        // The usual bound on useful depth (Pharr, Jakob & Humphreys, PBRT): 8 + 1.3 log2 N.
-        let levels = 12 + 13 * (n + 1).ilog2() / 10;
         let chunks = n.div_ceil(CHUNK);
         let level_refs = n + n / 2 + 64;
         // Dragons, Sponza and the teapot take 1.4 to 2.1 in treelets of 14 to 18; without costs, in short leaves, 5.
@@ -94,7 +99,6 @@ impl Room {
             treelet_refs,
             active: n / small + chunks + 4,
             treelets: treelet_refs / a_treelet + 16,
-            levels: levels.min(MAX_DEPTH),
         }
     }
 
@@ -106,7 +110,6 @@ impl Room {
             treelet_refs: 3 * n + 1024,
             active: n / 2 + 1024,
             treelets: 2 * n + n / 4 + 1024,
-            levels: 0,
         }
     }
 
@@ -122,7 +125,6 @@ impl Room {
                 // Active nodes hold more than `small` each, and their last chunk may be short.
                 active: double(self.active).min(level_refs / small + level_refs / CHUNK + 4),
                 treelets: double(self.treelets),
-                levels: self.levels,
             }
         })
     }
@@ -140,7 +142,6 @@ impl Room {
                 treelet_refs: more(self.treelet_refs, need.listed).min(most),
                 active: more(self.active, need.cells),
                 treelets: more(self.treelets, need.nodes + need.cells),
-                levels: self.levels,
             }
         })
     }

@@ -325,7 +325,8 @@ impl Device {
     ///
     /// What a build needs only while it runs is free for the next one, and so is what a scene takes as soon as its last
     /// clone is dropped. Keep the old scene until the new one is built, and tracing goes on: from the third build on
-    /// nothing is allocated, as long as the mesh does not grow by more than an eighth. Commands that
+    /// nothing is allocated, as long as the mesh does not grow by more than an eighth. A tree is expected to be about as
+    /// deep as the one before; a deeper one takes a little longer, once. Commands that
     /// [`Scene::encode`](crate::Scene::encode) made are to be submitted before their scene is dropped.
     ///
     /// All that is kept is given back with the last clone of what this returns, and the last scene that was built with
@@ -663,6 +664,23 @@ impl Device {
     /// [`Self::run`], for the steps of this crate.
     pub(crate) fn dispatch(&self, steps: &[Step<'_>], profile: bool) -> Result<Timing, Error> {
         self.dispatch_then(steps, profile, &mut [])
+    }
+
+    /// Levels of large nodes that the last tree took, if that was built where memory is kept.
+    pub(crate) fn levels_before(&self) -> Option<u32> {
+        #[cfg(feature = "gpu")]
+        return self.pool.as_ref().and_then(|pool| pool.levels());
+        #[cfg(not(feature = "gpu"))]
+        None
+    }
+
+    /// Notes that for the next tree.
+    #[cfg_attr(not(feature = "gpu"), expect(unused_variables, reason = "memory is kept on a GPU alone"))]
+    pub(crate) fn note_levels(&self, levels: u32) {
+        #[cfg(feature = "gpu")]
+        if let Some(pool) = &self.pool {
+            pool.note_levels(levels);
+        }
     }
 
     /// Whether memory is kept for what is built next.

@@ -1,17 +1,24 @@
-//! Buffers that are kept when nobody uses them any more.
+//! What a build leaves for the next one.
 
 use super::AnyBuffer;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{
+    Arc, Mutex, PoisonError,
+    atomic::{AtomicU32, Ordering::Relaxed},
+};
 
-/// Buffers that some [`Device`](super::Device) has given out, and gives out again once they are free.
 #[derive(Debug, Default)]
-pub(super) struct Pool(Mutex<Vec<AnyBuffer>>);
+pub(super) struct Pool {
+    /// Buffers that some [`Device`](super::Device) has given out, and gives out again once they are free.
+    buffers: Mutex<Vec<AnyBuffer>>,
+    /// Levels that the last tree took, plus one; 0 before there is any.
+    levels: AtomicU32,
+}
 
 impl Pool {
     /// A free buffer of this name with room for so many bytes. Smaller free ones are given up, as they will hardly be of
     /// use any more.
     pub(super) fn take(&self, name: &str, bytes: u64) -> Option<AnyBuffer> {
-        let mut buffers = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut buffers = self.buffers.lock().unwrap_or_else(PoisonError::into_inner);
         let free = |buffer: &AnyBuffer| buffer.name == name && Arc::strong_count(&buffer.users) == 1;
         let fits = buffers.iter().filter(|buffer| free(buffer) && buffer.room() >= bytes);
         let found = fits.min_by_key(|buffer| buffer.room()).cloned();
@@ -21,9 +28,19 @@ impl Pool {
         found.map(|buffer| AnyBuffer { bytes, ..buffer })
     }
 
+    /// How many levels the last tree took.
+    pub(super) fn levels(&self) -> Option<u32> {
+        self.levels.load(Relaxed).checked_sub(1)
+    }
+
+    /// Notes that for the next build.
+    pub(super) fn note_levels(&self, levels: u32) {
+        self.levels.store(levels + 1, Relaxed);
+    }
+
     /// Keeps a buffer, to be taken when nobody else has it.
     pub(super) fn keep(&self, buffer: AnyBuffer) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(buffer);
+        self.buffers.lock().unwrap_or_else(PoisonError::into_inner).push(buffer);
     }
 }
 

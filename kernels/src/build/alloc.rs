@@ -5,7 +5,8 @@
 use super::{
     ARGS_ACTIVE, ARGS_BLOCKS, ARGS_CHUNKS, ARGS_SEVERAL_ACTIVE, ARGS_SEVERAL_CHUNKS, ARGS_TREELET_BLOCKS,
     ARGS_TREELETS, Item, LEVEL_ACTIVE, LEVEL_CHUNKS, LEVEL_DEPTH, LEVEL_REFS, LEVEL_TOP, LEVEL_TREELET_REFS,
-    LEVEL_TREELETS, STATE_STATUS, STATE_TOP, STATE_TREELET_REFS, STATE_TREELETS, cut, growth_left, plane_of,
+    LEVEL_TREELETS, STATE_LEVELS, STATE_STATUS, STATE_TOP, STATE_TREELET_REFS, STATE_TREELETS, cut,
+    growth_left, plane_of,
     scan::{LANES, before, total},
     tally::{
         ACTIVE, BLOCKS, CHUNKS, KINDS, PAIRS, REFS, SUMS, TREELET_REFS, TREELETS, blocks_of,
@@ -263,7 +264,8 @@ fn put_records(
                 state.put(STATE_TOP, next.top);
                 state.put(STATE_TREELETS, next.treelets);
                 state.put(STATE_TREELET_REFS, next.refs);
-                put_groups(state, ARGS_TREELETS, next.treelets);
+                state.put(STATE_LEVELS, depth + 1);
+                put_groups(state, ARGS_TREELETS, if nodes == 0 { next.treelets } else { 0 });
                 put_groups(next_args, ARGS_TREELET_BLOCKS, blocks_of(next.treelets));
             } else {
                 state.or(STATE_STATUS, status::CAPACITY);

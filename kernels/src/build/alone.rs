@@ -1,5 +1,6 @@
-//! Nodes of one chunk, most of all: what [`super::bin`], [`super::split`] and [`super::count`] do in passes
-//! over the others, by one workgroup at once, which needs no histogram in memory.
+//! Nodes of one chunk, and below [`raykd_shared::BuildParams::alone`] all nodes: what [`super::bin`],
+//! [`super::split`] and [`super::count`] do in passes over the others, by one workgroup at once, which needs no
+//! histogram in memory.
 
 use super::{
     Item, LEVEL_ACTIVE, LEVEL_DEPTH,
@@ -12,10 +13,10 @@ use crate::{
     glam::{UVec2, UVec4},
     mem::{Buf, Slots},
 };
-use raykd_shared::{BuildParams, rule};
+use raykd_shared::{BuildParams, limits::CHUNK, rule};
 
-/// Chooses the plane of active node `group.id` and finds its children's sizes; or, if it has several chunks,
-/// clears room for its histogram and those sizes.
+/// Chooses the plane of active node `group.id` and finds its children's sizes; or, if it has several chunks and
+/// the level is above [`BuildParams::alone`], clears room for its histogram and those sizes.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 pub fn alone(
@@ -33,23 +34,33 @@ pub fn alone(
     planes: &mut Buf<UVec2>,
     sizes: &mut Buf<u32>,
     hists: &mut Buf<u32>,
+    sides: &mut Buf<UVec2>,
 ) {
     let node = group.id;
     if node < level.at(LEVEL_ACTIVE) {
         let item = Item::load(active, node);
-        if item.is_alone() {
+        let depth = level.at(LEVEL_DEPTH);
+        if item.is_alone() | (depth >= params.at(0).alone) {
             let params = params.at(0);
             fill(group, table, rate, &item, refs, item.first, item.count);
-            find(group, table, found, &params, level.at(LEVEL_DEPTH), &item);
+            find(group, table, found, &params, depth, &item);
             let plane = chosen(found);
             let clips = (params.rule & rule::CLIP) != 0;
-            sides_of(group, sums, clips, positions, indices, refs, item.first, item.count, plane);
-            lanes!(group, ..2, |lane| {
-                if lane == 0 {
-                    planes.put(node, plane.words());
-                }
-                sizes.put(2 * node + lane, sums.at(lane));
-            });
+            let mut done = 0;
+            while done < item.count {
+                let rest = item.count - done;
+                let number = if rest < CHUNK { rest } else { CHUNK };
+                sides_of(group, sums, clips, positions, indices, refs, item.first + done, number, plane);
+                lanes!(group, ..2, |lane| {
+                    if lane == 0 {
+                        planes.put(node, plane.words());
+                        sides.put(item.extra + done / CHUNK, UVec2::new(sums.at(0), sums.at(1)));
+                    }
+                    let before = if done == 0 { 0 } else { sizes.at(2 * node + lane) };
+                    sizes.put(2 * node + lane, before + sums.at(lane));
+                });
+                done += CHUNK;
+            }
         } else {
             let step = group.sharers();
             lanes!(group, ..step, |lane| {
@@ -73,5 +84,6 @@ kernel! {
     group ALONE = alone, threads 64, shared [table: TABLE, rate: 3, found: FOUND, sums: 2], {
         0 params: read BuildParams, 1 positions: read f32, 2 indices: read u32, 3 level: read u32,
         4 active: read UVec4, 5 refs: write UVec4, 6 planes: write UVec2, 7 sizes: write u32, 8 hists: write u32,
+        9 sides: write UVec2,
     }
 }

@@ -94,15 +94,15 @@ words! {
         STATE_DEPTH depth: u32,
         /// Active nodes that the level loop left.
         STATE_LEFT left: u32,
-        /// Nothing: arguments begin at a multiple of three words.
-        STATE_GAP gap: u32,
-        /// Indirect arguments over treelets.
+        /// Levels of large nodes.
+        STATE_LEVELS levels: u32,
+        /// Indirect arguments over treelets, of which there are none before no active node is left.
         STATE_GROUPS groups: [u32; 3],
     }
 }
 /// Among the words of the state, the entry with the indirect arguments over treelets.
 pub const ARGS_TREELETS: u32 = STATE_GROUPS / 3;
-const _: () = assert!(3 * ARGS_TREELETS == STATE_GROUPS, "an entry of arguments");
+const _: () = assert!(3 * ARGS_TREELETS == STATE_GROUPS, "arguments begin at a multiple of three words");
 
 /// Entries of the indirect arguments of a level: a workgroup per active node.
 pub const ARGS_ACTIVE: u32 = 0;

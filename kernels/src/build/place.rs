@@ -40,7 +40,8 @@ pub fn place(
     places: &mut Buf<UVec2>,
     state: &mut Buf<u32>,
 ) {
-    let number = if state.at(STATE_STATUS) == 0 { state.at(STATE_TREELETS) } else { 0 };
+    let left = level.at(LEVEL_ACTIVE);
+    let number = if (state.at(STATE_STATUS) == 0) & (left == 0) { state.at(STATE_TREELETS) } else { 0 };
     let top = state.at(STATE_TOP);
     lanes!(group, |lane| {
         let k = group.id * LANES + lane;
@@ -76,7 +77,7 @@ pub fn place(
             state.put(STATE_NODES, top + outer.at(SCANNED + NODES));
             state.put(STATE_REFS, outer.at(SCANNED + REFS));
             state.put(STATE_DEPTH, outer.at(SCANNED + DEPTH));
-            state.put(STATE_LEFT, level.at(LEVEL_ACTIVE));
+            state.put(STATE_LEFT, left);
         }
     });
 }
