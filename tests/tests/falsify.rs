@@ -96,7 +96,8 @@ fn one_changed_hit_is_found() {
 
 #[test]
 fn one_wrong_word_in_one_dispatch_is_traced_to_its_kernel() {
-    let mesh = soup();
+    // Of more than one chunk.
+    let mesh = Recipe { family: Family::Soup, size: 700, seed: 4 }.mesh();
     let options = BuildOptions::default();
     let exact = options.clone().with_builder(Builder::Exact);
     let [job, exact] = [&options, &exact].map(|options| Job { mesh: &mesh, options, seed: 1 });
