@@ -4,7 +4,7 @@ use super::{
     built::{Given, Grown, KeptIn, MeshBuffers},
     options::BuildTimes,
     retry::Stop,
-    room::{Arena, growth},
+    room::{Arena, growth, usual_levels},
 };
 use crate::{
     Error,
@@ -69,11 +69,7 @@ const SPARE: u32 = 2;
 /// More levels, where nodes are left below those that were encoded.
 const MORE: u32 = 12;
 
-/// Levels that are enough for most scenes: the usual bound on useful depth (Pharr, Jakob & Humphreys, PBRT), and a few.
-const fn usual_depth(references: u32) -> u32 {
-    12 + 13 * (references + 1).ilog2() / 10
-}
-
+/// Builds a tree by the level loop.
 pub(super) fn build(
     arena: &mut Arena<'_>,
     from: &Given<'_>,
@@ -86,7 +82,7 @@ pub(super) fn build(
     lists.write(device, &from.kept)?;
     let mut times = BuildTimes { upload: begin.elapsed(), ..BuildTimes::default() };
     let most = if lists.root_is_large() { params.max_depth + 1 } else { 0 };
-    let guess = device.levels_before().map_or(usual_depth(params.references), |before| before + SPARE);
+    let guess = device.levels_before().map_or(usual_levels(params.references), |before| before + SPARE);
     let mut levels = 0..guess.min(most);
     let state = loop {
         let steps = lists.steps(levels.clone());

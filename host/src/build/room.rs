@@ -76,8 +76,13 @@ pub(super) struct Room {
     pub treelets: u32,
 }
 
-/// Levels on which nodes may have several chunks; below them hardly any has. Dragons and teapots have some on two thirds
-/// of these.
+/// Levels that are enough for most scenes: the usual bound on useful depth (Pharr, Jakob & Humphreys, PBRT), and a few.
+pub(super) const fn usual_levels(references: u32) -> u32 {
+    12 + 13 * (references + 1).ilog2() / 10
+}
+
+/// Levels on which nodes may have several chunks; below them hardly any has. Dragons and teapots have some on about two
+/// thirds of these.
 pub(super) const fn levels_of_several(references: u32) -> u32 {
     match references.div_ceil(CHUNK).checked_ilog2() {
         Some(halvings @ 1..) => 4 + 3 * halvings / 2,

@@ -325,8 +325,8 @@ impl Device {
     ///
     /// What a build needs only while it runs is free for the next one, and so is what a scene takes as soon as its last
     /// clone is dropped. Keep the old scene until the new one is built, and tracing goes on: from the third build on
-    /// nothing is allocated, as long as the mesh does not grow by more than an eighth. A tree is expected to be about as
-    /// deep as the one before; a deeper one takes a little longer, once. Commands that
+    /// nothing is allocated, as long as the mesh does not grow by more than an eighth. A tree is expected to be about
+    /// as deep as the one before; a much deeper one takes a little longer. Commands that
     /// [`Scene::encode`](crate::Scene::encode) made are to be submitted before their scene is dropped.
     ///
     /// All that is kept is given back with the last clone of what this returns, and the last scene that was built with
