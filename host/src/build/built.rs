@@ -1,12 +1,13 @@
 //! Meshes and trees on a device.
 
-use super::{levels::Last, options::BuildTimes, room::Arena};
+use super::{options::BuildTimes, room::Arena};
 use crate::{
     Error,
     clock::Instant,
     exec::{Buffer, Device},
     mesh::Mesh,
 };
+use raykd_kernels::glam::Vec4;
 use raykd_shared::{Node, TreeHeader};
 use std::{sync::Arc, time::Duration};
 
@@ -17,8 +18,14 @@ pub(crate) struct Built {
     pub nodes: Buffer<Node>,
     pub refs: Buffer<u32>,
     pub times: BuildTimes,
-    /// What has still to be run.
-    pub last: Option<Last>,
+    pub laid: Option<Laid>,
+}
+
+/// A tree's header on the device, and the triangles of its leaves, laid out for tracing.
+#[derive(Debug)]
+pub(crate) struct Laid {
+    pub header: Buffer<TreeHeader>,
+    pub corners: Buffer<Vec4>,
 }
 
 impl Built {
@@ -38,7 +45,7 @@ pub(super) struct Grown {
     pub counts: [u32; 2],
     pub depth: u32,
     pub times: BuildTimes,
-    pub last: Option<Last>,
+    pub laid: Option<Laid>,
 }
 
 /// An indexed mesh on a device.
@@ -173,7 +180,7 @@ impl Grown {
             counts,
             depth,
             times: BuildTimes { upload: begin.elapsed(), ..times },
-            last: None,
+            laid: None,
         })
     }
 }

@@ -1,7 +1,7 @@
 //! The level loop: which kernels run, over which buffers.
 
 use super::{
-    built::{Given, Grown, KeptIn, MeshBuffers},
+    built::{Given, Grown, KeptIn, Laid, MeshBuffers},
     options::BuildTimes,
     retry::Stop,
     room::{Arena, growth, usual_levels},
@@ -9,25 +9,27 @@ use super::{
 use crate::{
     Error,
     clock::Instant,
-    exec::{Buffer, Device, Launch, Step},
+    exec::{Buffer, Device, Launch, OnDevice, Step},
 };
 use raykd_kernels::{
     build::{
-        ARGS_ACTIVE, ARGS_BLOCKS, ARGS_CHUNKS, ARGS_SEVERAL_ACTIVE, ARGS_SEVERAL_CHUNKS, ARGS_TREELET_BLOCKS,
-        ARGS_TREELETS, ARGS_WORDS, Item, Level, State,
+        ARGS_ACTIVE, ARGS_BLOCKS, ARGS_CHUNKS, ARGS_CORNERS, ARGS_EMIT, ARGS_SEVERAL_ACTIVE,
+        ARGS_SEVERAL_CHUNKS, ARGS_TOP, ARGS_TREELET_BLOCKS, ARGS_TREELETS, ARGS_WORDS, Item, Level, State,
         alloc::{self, put_groups},
         alone,
         bin::{self, HIST_WORDS},
-        boxes, count, emit, place,
+        boxes, count, emit,
+        place::{self, COPIERS},
         reference::Reference,
         scatter, split,
         tally::{self, BLOCK, blocks_of},
         to_bits, top,
         treelet::{self, scratch_base},
     },
-    glam::{UVec2, UVec4, Vec3},
+    glam::{UVec2, UVec4, Vec3, Vec4},
+    trace::prepare::corners,
 };
-use raykd_shared::{BuildParams, Node, limits::CHUNK, status};
+use raykd_shared::{BuildParams, Node, TreeHeader, limits::CHUNK, status};
 use std::ops::Range;
 
 /// The buffers of one try, in pairs where a level is made from the one above.
@@ -61,6 +63,18 @@ struct Lists {
     treelet_sizes: Buffer<UVec2>,
     treelet_blocks: Buffer<u32>,
     places: Buffer<UVec2>,
+    header: Buffer<TreeHeader>,
+    header_words: Buffer<u32>,
+    /// Where the tree goes, if one as large as the last was expected.
+    out: Option<Tree>,
+}
+
+/// A tree, laid out for tracing.
+#[derive(Debug)]
+struct Tree {
+    nodes: Buffer<UVec2>,
+    refs: Buffer<u32>,
+    corners: Buffer<Vec4>,
 }
 
 /// Levels more than the build before took: an empty one costs a tenth of what another look at the device does.
@@ -69,20 +83,64 @@ const SPARE: u32 = 2;
 /// More levels, where nodes are left below those that were encoded.
 const MORE: u32 = 12;
 
-/// Builds a tree by the level loop.
+/// What a build notes for the next one, where memory is used again.
+#[derive(Clone, Copy, Debug)]
+struct Noted {
+    /// References of the root.
+    references: u32,
+    /// Levels of large nodes.
+    levels: u32,
+    nodes: u32,
+    refs: u32,
+}
+
+impl Noted {
+    fn of(device: &Device) -> Option<Self> {
+        let [references, levels, nodes, refs] = device.past()?;
+        Some(Self { references, levels, nodes, refs })
+    }
+
+    /// Whether a tree over so many triangles may be expected to be as large as that one.
+    const fn is_like(self, references: u32) -> bool {
+        self.references.abs_diff(references) <= references / 8
+    }
+}
+
+impl Tree {
+    /// Room for a tree like the last one, or somewhat larger.
+    fn expected(arena: &mut Arena<'_>, noted: Noted) -> Result<Self, Error> {
+        Ok(Self {
+            nodes: arena.at_least("nodes", noted.nodes.into())?,
+            refs: arena.at_least("refs", noted.refs.into())?,
+            corners: arena.at_least("corners", 3 * u64::from(noted.refs))?,
+        })
+    }
+
+    /// For how many nodes and references there is room.
+    fn room(&self) -> [u32; 2] {
+        let refs = self.refs.elements().min(self.corners.elements() / 3);
+        [self.nodes.elements(), refs].map(|elements| elements.try_into().unwrap_or(u32::MAX))
+    }
+}
+
+/// Builds a tree by the level loop; `header` tells all of it but its size.
 pub(super) fn build(
     arena: &mut Arena<'_>,
     from: &Given<'_>,
     params: &BuildParams,
+    header: &TreeHeader,
     profile: bool,
 ) -> Result<Grown, Stop> {
     let device = arena.device;
-    let lists = Lists::new(arena, params, from)?;
+    let noted = Noted::of(device);
+    let alike = noted.filter(|noted| noted.is_like(params.references) && !profile);
+    let out = alike.map(|noted| Tree::expected(arena, noted)).transpose()?;
+    let mut lists = Lists::new(arena, params, from, out)?;
     let begin = Instant::now();
-    lists.write(device, &from.kept)?;
+    lists.write(device, &from.kept, header)?;
     let mut times = BuildTimes { upload: begin.elapsed(), ..BuildTimes::default() };
     let most = if lists.root_is_large() { params.max_depth + 1 } else { 0 };
-    let guess = device.levels_before().map_or(usual_levels(params.references), |before| before + SPARE);
+    let guess = noted.map_or(usual_levels(params.references), |noted| noted.levels + SPARE);
     let mut levels = 0..guess.min(most);
     let state = loop {
         let steps = lists.steps(levels.clone());
@@ -103,49 +161,39 @@ pub(super) fn build(
         }
         levels = levels.end..(levels.end + MORE).min(most);
     };
-    device.note_levels(state.levels);
-    let counts = [state.nodes, state.refs];
-    let nodes = arena.alloc("nodes", counts[0], 1)?;
-    let refs = arena.alloc("refs", counts[1], 1)?;
-    let last = Last { lists, state };
-    let grown = |last, times| Grown {
-        nodes: nodes.view(),
-        refs: refs.clone(),
-        counts,
-        depth: state.depth,
-        times,
-        last,
+    let State { nodes, refs, levels, depth, .. } = state;
+    device.note([params.references, levels, nodes, refs]);
+    let (nodes, refs, laid) = match lists.out.take() {
+        Some(tree) if state.is_written() => {
+            let laid = Laid { header: lists.header, corners: tree.corners.first(3 * refs) };
+            (tree.nodes.first(nodes), tree.refs.first(refs), Some(laid))
+        }
+        // Given back before more is taken.
+        out => {
+            drop(out);
+            let (nodes, refs) = (arena.alloc("nodes", nodes, 1)?, arena.alloc("refs", refs, 1)?);
+            let (top, emit) = lists.writers(&nodes, &refs);
+            let steps = [top.over(state.top), emit.groups(state.treelets)];
+            times.add(&steps, &device.dispatch(&steps, profile)?);
+            (nodes, refs, None)
+        }
     };
-    if device.recycles() && !profile {
-        return Ok(grown(Some(last), times));
-    }
-    // The lists' memory is given back before more is taken.
-    let steps = last.steps(&nodes, &refs);
-    times.add(&steps, &device.dispatch(&steps, profile)?);
-    Ok(grown(None, times))
-}
-
-/// What writes a tree out that has been found.
-#[derive(Debug)]
-pub(crate) struct Last {
-    lists: Lists,
-    state: State,
-}
-
-impl Last {
-    /// To be run before anything else is done with the tree.
-    pub(crate) fn steps<'a>(&'a self, nodes: &'a Buffer<UVec2>, refs: &'a Buffer<u32>) -> [Step<'a>; 2] {
-        self.lists.last_steps(&self.state, nodes, refs)
-    }
+    Ok(Grown { nodes: nodes.view(), refs, counts: [state.nodes, state.refs], depth, times, laid })
 }
 
 impl Lists {
-    fn new(arena: &mut Arena<'_>, given: &BuildParams, from: &Given<'_>) -> Result<Self, Error> {
+    fn new(
+        arena: &mut Arena<'_>,
+        given: &BuildParams,
+        from: &Given<'_>,
+        out: Option<Tree>,
+    ) -> Result<Self, Error> {
         let scratch = 2 * u64::from(scratch_base(given.treelet_refs, given.treelets));
         let words = (u64::from(given.active) * u64::from(HIST_WORDS)).max(scratch);
         let hists: Buffer<u32> = arena.alloc("histograms", words.div_ceil(4) as u32, 4)?;
         let sizes: Buffer<UVec2> = arena.alloc("sizes", given.active, 1)?;
         let refs: [Buffer<UVec4>; 2] = arena.pair("level refs", given.level_refs, Reference::ELEMENTS)?;
+        let header: Buffer<TreeHeader> = arena.alloc("header", 1, 1)?;
         Ok(Self {
             given: *given,
             mesh: from.on_device.clone(),
@@ -174,6 +222,9 @@ impl Lists {
             treelet_sizes: arena.alloc("treelet sizes", given.treelets, 1)?,
             treelet_blocks: arena.alloc("treelet blocks", blocks_of(given.treelets), place::KINDS)?,
             places: arena.alloc("treelet places", given.treelets, 1)?,
+            header_words: header.view(),
+            header,
+            out,
         })
     }
 
@@ -183,13 +234,15 @@ impl Lists {
     }
 
     /// Writes what the kernels start from.
-    fn write(&self, device: &Device, kept: &KeptIn<'_>) -> Result<(), Error> {
+    fn write(&self, device: &Device, kept: &KeptIn<'_>, header: &TreeHeader) -> Result<(), Error> {
         let given = &self.given;
         let [lo, hi] = [given.lo, given.hi].map(Vec3::from);
         let growth = growth(given.references).to_bits();
         let root = [UVec4::new(0, 0, given.references, 0), to_bits(lo, growth), to_bits(hi, 0)];
         // The root and the padding after it are the first two slots.
-        let mut state = State { top: 2, ..State::default() };
+        let room = self.out.as_ref().map_or([0; 2], Tree::room);
+        let mut state = State { top: 2, room, ..State::default() };
+        device.write(&self.header, 0, std::slice::from_ref(header))?;
         device.write(&self.top.view(), 1, &[Node::PADDING])?;
         let mut level = Level::default();
         let mut args = [0u32; ARGS_WORDS as usize];
@@ -254,8 +307,19 @@ impl Lists {
             blocks: &self.treelet_blocks,
             places: self.places.out(),
             state: state.out(),
+            header: self.header_words.out(),
         };
         steps.push(place.indirect(&self.args[last], ARGS_TREELET_BLOCKS));
+        if let Some(Tree { nodes, refs, corners }) = &self.out {
+            let (top, emit) = self.writers(nodes, refs);
+            let (header, corners) = (&self.header, corners.out());
+            let corners = corners::Buffers { header, positions, indices, refs, corners };
+            steps.extend([
+                top.indirect(state, ARGS_TOP),
+                emit.indirect(state, ARGS_EMIT),
+                corners.indirect(state, ARGS_CORNERS),
+            ]);
+        }
         steps
     }
 
@@ -340,13 +404,13 @@ impl Lists {
         steps.extend([alloc.indirect(args, ARGS_BLOCKS), scatter.indirect(args, ARGS_CHUNKS)]);
     }
 
-    /// Writes the tree out.
-    fn last_steps<'b>(
+    /// What writes the tree out: the nodes above the treelets, and the treelets.
+    fn writers<'b>(
         &'b self,
-        state: &State,
         nodes: &'b Buffer<UVec2>,
         refs: &'b Buffer<u32>,
-    ) -> [Step<'b>; 2] {
+    ) -> (top::Buffers<'b, OnDevice>, emit::Buffers<'b, OnDevice>) {
+        let top = top::Buffers { state: &self.state, from: &self.top, nodes: nodes.out() };
         let emit = emit::Buffers {
             state: &self.state,
             treelets: &self.treelets,
@@ -357,10 +421,12 @@ impl Lists {
             nodes: nodes.out(),
             out: refs.out(),
         };
-        let nodes = top::Buffers { state: &self.state, from: &self.top, nodes: nodes.out() };
-        [nodes.over(state.top), emit.groups(state.treelets)]
+        (top, emit)
     }
 }
+
+const _: () =
+    assert!(top::TOP.threads == COPIERS && corners::CORNERS.threads == COPIERS, "as `place` counts");
 
 #[cfg(test)]
 mod tests {
@@ -372,6 +438,7 @@ mod tests {
             retry::{Setting, Stop, Way},
         },
     };
+    use bytemuck::Zeroable as _;
 
     /// Whether one workgroup or several go over the chunks of a node, the tree is the same.
     #[test]
@@ -393,7 +460,7 @@ mod tests {
                 loop {
                     let params = BuildParams { alone, ..setting.params() };
                     let mut arena = Arena { device: &device, bytes: 0 };
-                    match build(&mut arena, &from, &params, false) {
+                    match build(&mut arena, &from, &params, &TreeHeader::zeroed(), false) {
                         Ok(Grown { nodes, refs, counts, .. }) => {
                             let [nodes, refs] = [nodes.view::<u32>(), refs.view()];
                             break (

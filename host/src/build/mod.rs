@@ -12,7 +12,7 @@ mod survey;
 mod sweep;
 mod with;
 
-pub(crate) use built::{Built, Given, Kept, MeshBuffers, upload};
+pub(crate) use built::{Built, Given, Kept, Laid, MeshBuffers, upload};
 pub use options::{BuildOptions, BuildTimes, Builder, KernelTimes};
 pub(crate) use survey::{Copies, survey};
 pub use sweep::LISTED;
@@ -52,8 +52,8 @@ fn until_built(device: &Device, from: &Given<'_>, options: &BuildOptions, way: W
     loop {
         let begin = Instant::now();
         let mut arena = Arena { device, bytes: from.bytes() };
-        match attempt(&mut arena, from, &setting, options.profile) {
-            Ok(Grown { nodes, refs, counts, depth, times, last }) => {
+        match attempt(&mut arena, from, &setting, options) {
+            Ok(Grown { nodes, refs, counts, depth, times, laid }) => {
                 let header = header(&from.facts, options, counts, depth);
                 let times = BuildTimes {
                     peak_bytes: arena.bytes,
@@ -62,7 +62,7 @@ fn until_built(device: &Device, from: &Given<'_>, options: &BuildOptions, way: W
                     by_host: setting.way == Way::SweepByHost && !device.is_cpu(),
                     ..times
                 };
-                return Ok(Built { header, nodes, refs, times, last });
+                return Ok(Built { header, nodes, refs, times, laid });
             }
             Err(stop) => setting.change(stop)?,
         }
@@ -72,11 +72,18 @@ fn until_built(device: &Device, from: &Given<'_>, options: &BuildOptions, way: W
 }
 
 /// One try.
-fn attempt(arena: &mut Arena<'_>, from: &Given<'_>, setting: &Setting, profile: bool) -> Result<Grown, Stop> {
-    let params = setting.params();
+fn attempt(
+    arena: &mut Arena<'_>,
+    from: &Given<'_>,
+    setting: &Setting,
+    options: &BuildOptions,
+) -> Result<Grown, Stop> {
+    let (params, profile) = (setting.params(), options.profile);
     let grown = match setting.way {
         Way::Leaf => leaf(arena, from)?,
-        Way::Levels => levels::build(arena, from, &params, profile)?,
+        Way::Levels => {
+            levels::build(arena, from, &params, &header(&from.facts, options, [0; 2], 0), profile)?
+        }
         Way::SweepByKernels { .. } => sweep::kernels::build(arena, from, &params, profile)?,
         Way::SweepByHost => match from.kept {
             KeptIn::Host(mesh) => sweep::host::build(arena, mesh, &params)?,

@@ -49,6 +49,13 @@ impl Arena<'_> {
         Ok(buffer)
     }
 
+    /// Room for so many elements or more: all that there is in memory used again.
+    pub(super) fn at_least<T>(&mut self, name: &'static str, elements: u64) -> Result<Buffer<T>, Error> {
+        let buffer = self.device.room(name, elements)?.whole();
+        self.bytes += buffer.bytes();
+        Ok(buffer)
+    }
+
     /// Two of a kind: one for a level, one for the next.
     pub(super) fn pair<T>(
         &mut self,

@@ -25,7 +25,7 @@ use std::{
         Arc, Mutex, MutexGuard, PoisonError,
         atomic::{AtomicU64, Ordering::Relaxed},
     },
-    time::{Duration, Instant},
+    time::Instant,
 };
 
 /// Writes of at most this many bytes ride along with the next submission.
@@ -345,35 +345,6 @@ impl Gpu {
             })?;
             self.count(BACK, stamps.iter().sum::<u32>() as usize * wgpu::QUERY_SIZE as usize + bytes);
             clock.finish(&self.link, commands, &stamps, profile, back)
-        })
-    }
-
-    /// Runs some steps, then others, and says how long either took. None, and nothing is run, without timestamps.
-    pub(super) fn run_both(
-        &self,
-        first: &[Step<'_>],
-        then: &[Step<'_>],
-    ) -> Result<Option<[Duration; 2]>, Error> {
-        self.link.check()?;
-        let Some(clock) = &self.clock else { return Ok(None) };
-        self.prepare(&first.iter().chain(then).map(|step| step.kernel).collect::<Vec<_>>())?;
-        let create = || Clock::new(&self.link, 1);
-        with(clock, create, |clock| {
-            let commands = self.link.guard("encoding kernels", || {
-                let mut commands = self.link.encoder();
-                for (steps, stamp) in [(first, 0), (then, 2)] {
-                    let writes = wgpu::ComputePassTimestampWrites {
-                        query_set: &clock.sets[0],
-                        beginning_of_pass_write_index: Some(stamp),
-                        end_of_pass_write_index: Some(stamp + 1),
-                    };
-                    self.encode(&mut commands, &mut Bindings::new(), steps, Some(writes), None);
-                }
-                commands
-            })?;
-            self.count(BACK, 4 * wgpu::QUERY_SIZE as usize);
-            let times = clock.finish(&self.link, commands, &[4], true, &mut [])?.steps;
-            Ok(Some([times[0], times[2]]))
         })
     }
 

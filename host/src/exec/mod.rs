@@ -170,6 +170,21 @@ impl<T> Buffer<T> {
         self.any.bytes as usize / size_of::<T>()
     }
 
+    /// The buffer with all the memory that is there: where that was used before, it may be more than was asked for.
+    pub(crate) fn whole(mut self) -> Self {
+        #[cfg(feature = "gpu")]
+        if let Memory::Gpu(memory) = &self.any.memory {
+            self.any.bytes = memory.size();
+        }
+        self
+    }
+
+    /// The buffer for its first `count` elements.
+    pub(crate) fn first(mut self, count: u32) -> Self {
+        self.any.bytes = whole_bytes::<T>(count.into()).min(self.any.bytes);
+        self
+    }
+
     /// The buffer, to be written by a kernel.
     pub const fn out(&self) -> Out<'_, T> {
         Out(self)
@@ -200,6 +215,17 @@ pub(crate) struct Back<'a> {
 /// Bytes that one thread copies at least. One alone moves much less than a bus, the more so into memory that the
 /// process has never touched. So many, or fewer, are copied by the thread that asks.
 const PIECE: usize = 256 << 10;
+
+/// What a build notes for the next one: words that only builds understand.
+pub(crate) type Past = [u32; 4];
+
+/// Bytes of a buffer of so many elements: some, and a multiple of 16.
+const fn whole_bytes<T>(count: u64) -> u64 {
+    match count.saturating_mul(size_of::<T>() as u64) {
+        0 => 16,
+        bytes => bytes.div_ceil(16).saturating_mul(16),
+    }
+}
 
 /// A buffer that a kernel writes.
 #[derive(Debug)]
@@ -488,7 +514,7 @@ impl Device {
     fn rounded<T>(&self, name: &'static str, count: u64) -> Result<u64, Error> {
         let limit = self.limit();
         let bytes = count.saturating_mul(size_of::<T>() as u64);
-        let rounded = bytes.max(16).checked_next_multiple_of(16).filter(|&rounded| rounded <= limit.bytes);
+        let rounded = Some(whole_bytes::<T>(count)).filter(|&rounded| rounded <= limit.bytes);
         rounded.ok_or(Error::TooLarge { buffer: name, bytes, limit: limit.bytes, limit_name: limit.name })
     }
 
@@ -515,7 +541,7 @@ impl Device {
     pub(crate) fn room<T>(&self, name: &'static str, count: u64) -> Result<Buffer<T>, Error> {
         #[cfg(feature = "gpu")]
         if let Some(pool) = &self.pool {
-            let bytes = count.saturating_mul(size_of::<T>() as u64).max(16).next_multiple_of(16);
+            let bytes = whole_bytes::<T>(count);
             if let Some(found) = pool.take(name, bytes) {
                 watch::poison(self, &found)?;
                 return Ok(found.view());
@@ -666,44 +692,27 @@ impl Device {
         self.dispatch_then(steps, profile, &mut [])
     }
 
-    /// Levels of large nodes that the last tree took, if that was built where memory is kept.
-    pub(crate) fn levels_before(&self) -> Option<u32> {
+    /// What the last build noted, where memory is kept for the next one.
+    pub(crate) fn past(&self) -> Option<Past> {
         #[cfg(feature = "gpu")]
-        return self.pool.as_ref().and_then(|pool| pool.levels());
+        return self.pool.as_ref().and_then(|pool| pool.past());
         #[cfg(not(feature = "gpu"))]
         None
     }
 
-    /// Notes that for the next tree.
+    /// Notes something for the next build, where memory is kept.
     #[cfg_attr(not(feature = "gpu"), expect(unused_variables, reason = "memory is kept on a GPU alone"))]
-    pub(crate) fn note_levels(&self, levels: u32) {
+    pub(crate) fn note(&self, past: Past) {
         #[cfg(feature = "gpu")]
         if let Some(pool) = &self.pool {
-            pool.note_levels(levels);
+            pool.note(past);
         }
     }
 
     /// Whether memory is kept for what is built next.
+    #[cfg(feature = "gpu")]
     pub(crate) fn recycles(&self) -> bool {
-        #[cfg(feature = "gpu")]
-        return self.pool.is_some();
-        #[cfg(not(feature = "gpu"))]
-        false
-    }
-
-    /// [`Self::dispatch`] of some steps and then others, for which the host waits once: how long either took.
-    pub(crate) fn dispatch_both(
-        &self,
-        first: &[Step<'_>],
-        then: &[Step<'_>],
-    ) -> Result<[Duration; 2], Error> {
-        #[cfg(feature = "gpu")]
-        if let (Machine::Gpu(gpu), false) = (&*self.machine, watch::is_on())
-            && let Some(times) = gpu.run_both(first, then)?
-        {
-            return Ok(times);
-        }
-        Ok([self.dispatch(first, false)?.total, self.dispatch(then, false)?.total])
+        self.pool.is_some()
     }
 
     /// [`Self::dispatch`], then [`Self::read`] of one element from the start of a buffer, for which the host waits

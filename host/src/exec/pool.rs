@@ -1,17 +1,14 @@
 //! What a build leaves for the next one.
 
-use super::AnyBuffer;
-use std::sync::{
-    Arc, Mutex, PoisonError,
-    atomic::{AtomicU32, Ordering::Relaxed},
-};
+use super::{AnyBuffer, Past};
+use std::sync::{Arc, Mutex, PoisonError};
 
 #[derive(Debug, Default)]
 pub(super) struct Pool {
     /// Buffers that some [`Device`](super::Device) has given out, and gives out again once they are free.
     buffers: Mutex<Vec<AnyBuffer>>,
-    /// Levels that the last tree took, plus one; 0 before there is any.
-    levels: AtomicU32,
+    /// What the last build expects of the next one.
+    past: Mutex<Option<Past>>,
 }
 
 impl Pool {
@@ -28,14 +25,14 @@ impl Pool {
         found.map(|buffer| AnyBuffer { bytes, ..buffer })
     }
 
-    /// How many levels the last tree took.
-    pub(super) fn levels(&self) -> Option<u32> {
-        self.levels.load(Relaxed).checked_sub(1)
+    /// What the last build noted.
+    pub(super) fn past(&self) -> Option<Past> {
+        *self.past.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Notes that for the next build.
-    pub(super) fn note_levels(&self, levels: u32) {
-        self.levels.store(levels + 1, Relaxed);
+    /// Notes something for the next build.
+    pub(super) fn note(&self, past: Past) {
+        *self.past.lock().unwrap_or_else(PoisonError::into_inner) = Some(past);
     }
 
     /// Keeps a buffer, to be taken when nobody else has it.

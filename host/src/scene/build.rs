@@ -3,7 +3,7 @@
 use super::Scene;
 use crate::{
     BuildOptions, BuildTimes, Error, Intersector, KdTree, Mesh, Traversal,
-    build::{Built, Copies, Given, Kept, MeshBuffers, build, survey, sweep_by_kernels, upload},
+    build::{Built, Copies, Given, Kept, Laid, MeshBuffers, build, survey, sweep_by_kernels, upload},
     clock::Instant,
     exec::{Buffer, Device, Launch},
     traversal::Extras,
@@ -94,11 +94,11 @@ impl Scene {
         let on_device = upload(device, mesh)?;
         let times = BuildTimes { upload: start.elapsed(), ..BuildTimes::default() };
         let (kept, built) =
-            (Kept::Host(mesh.kept().into()), Built { header, nodes, refs, times, last: None });
+            (Kept::Host(mesh.kept().into()), Built { header, nodes, refs, times, laid: None });
         Self::assemble(device, on_device, kept, mesh.translation(), built)
     }
 
-    /// Lays the tree out for tracing.
+    /// Lays the tree out for tracing, if that is not done.
     pub(super) fn assemble(
         device: &Device,
         on_device: MeshBuffers,
@@ -106,33 +106,18 @@ impl Scene {
         translation: [f64; 3],
         mut built: Built,
     ) -> Result<Self, Error> {
-        let header = device.put("header", &[built.header])?;
-        let laid = device.room("corners", 3 * u64::from(built.header.refs))?;
-        let corners = corners::Buffers {
-            header: &header,
-            positions: &on_device.positions,
-            indices: &on_device.indices,
-            refs: &built.refs,
-            corners: laid.out(),
-        };
-        let (nodes, layout) = (built.nodes.view(), [corners.over(built.header.refs)]);
-        built.times.layout = match &built.last {
-            None => device.dispatch(&layout, false)?.total,
-            Some(last) => {
-                let steps = last.steps(&nodes, &built.refs);
-                let [written, laid] = device.dispatch_both(&steps, &layout)?;
-                built.times.build += written;
-                laid
-            }
+        let laid = match built.laid.take() {
+            Some(laid) => laid,
+            None => lay_out(device, &on_device, &mut built)?,
         };
         Ok(Self {
             device: device.clone(),
             header: built.header,
-            header_buffer: header,
+            header_buffer: laid.header,
             nodes: built.nodes.view(),
             refs: built.refs,
             mesh: on_device,
-            corners: laid,
+            corners: laid.corners,
             kept,
             translation,
             times: built.times,
@@ -142,6 +127,21 @@ impl Scene {
             extras: Extras::default(),
         })
     }
+}
+
+/// Lays the triangles of the leaves out.
+fn lay_out(device: &Device, mesh: &MeshBuffers, built: &mut Built) -> Result<Laid, Error> {
+    let header = device.put("header", &[built.header])?;
+    let corners = device.room("corners", 3 * u64::from(built.header.refs))?;
+    let steps = corners::Buffers {
+        header: &header,
+        positions: &mesh.positions,
+        indices: &mesh.indices,
+        refs: &built.refs,
+        corners: corners.out(),
+    };
+    built.times.layout = device.dispatch(&[steps.over(built.header.refs)], false)?.total;
+    Ok(Laid { header, corners })
 }
 
 #[cfg(test)]

@@ -98,11 +98,32 @@ words! {
         STATE_LEVELS levels: u32,
         /// Indirect arguments over treelets, of which there are none before no active node is left.
         STATE_GROUPS groups: [u32; 3],
+        /// Indirect arguments of what writes the tree out, of which there are none before it is known to have the room.
+        STATE_OUT out: [[u32; 3]; 3],
+        /// How many nodes and references there is room for.
+        STATE_ROOM room: [u32; 2],
     }
 }
+
+impl State {
+    /// Whether what writes the tree out had the room to.
+    pub const fn is_written(&self) -> bool {
+        self.out[(ARGS_EMIT - ARGS_TOP) as usize][0] > 0
+    }
+}
+
 /// Among the words of the state, the entry with the indirect arguments over treelets.
 pub const ARGS_TREELETS: u32 = STATE_GROUPS / 3;
-const _: () = assert!(3 * ARGS_TREELETS == STATE_GROUPS, "arguments begin at a multiple of three words");
+/// That over the nodes above the treelets, once the tree is to be written.
+pub const ARGS_TOP: u32 = STATE_OUT / 3;
+/// That over treelets.
+pub const ARGS_EMIT: u32 = ARGS_TOP + 1;
+/// That over references.
+pub const ARGS_CORNERS: u32 = ARGS_TOP + 2;
+const _: () = assert!(
+    3 * ARGS_TREELETS == STATE_GROUPS && 3 * ARGS_TOP == STATE_OUT,
+    "arguments begin at a multiple of three words"
+);
 
 /// Entries of the indirect arguments of a level: a workgroup per active node.
 pub const ARGS_ACTIVE: u32 = 0;

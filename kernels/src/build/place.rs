@@ -1,8 +1,10 @@
 //! Gives every treelet its place in the final lists: an exclusive scan of their sizes, a block of treelets a
-//! workgroup.
+//! workgroup. Tells how large the tree is, and if there is room for that, how many workgroups write it out.
 
 use super::{
-    LEVEL_ACTIVE, STATE_DEPTH, STATE_LEFT, STATE_NODES, STATE_REFS, STATE_STATUS, STATE_TOP, STATE_TREELETS,
+    ARGS_CORNERS, ARGS_EMIT, ARGS_TOP, LEVEL_ACTIVE, STATE_DEPTH, STATE_LEFT, STATE_NODES, STATE_REFS,
+    STATE_ROOM, STATE_STATUS, STATE_TOP, STATE_TREELETS,
+    alloc::put_groups,
     scan::{self, LANES, before, scan, word},
     tally::blocks_of,
 };
@@ -11,6 +13,17 @@ use crate::{
     glam::UVec2,
     mem::{Atomics, Buf, Slots},
 };
+use core::mem::offset_of;
+use raykd_shared::TreeHeader;
+
+/// Words of the tree's header.
+const HEADER_NODES: u32 = offset_of!(TreeHeader, nodes) as u32 / 4;
+const HEADER_REFS: u32 = offset_of!(TreeHeader, refs) as u32 / 4;
+const HEADER_DEPTH: u32 = offset_of!(TreeHeader, depth) as u32 / 4;
+
+/// Lanes of the workgroups that copy the nodes above the treelets, and of those that lay leaves out.
+pub const COPIERS: u32 = 64;
+
 // What [`super::treelet`] adds up of a block's treelets.
 /// Nodes without the roots.
 pub const NODES: u32 = 0;
@@ -39,6 +52,7 @@ pub fn place(
     blocks: &Buf<u32>,
     places: &mut Buf<UVec2>,
     state: &mut Buf<u32>,
+    header: &mut Buf<u32>,
 ) {
     let left = level.at(LEVEL_ACTIVE);
     let number = if (state.at(STATE_STATUS) == 0) & (left == 0) { state.at(STATE_TREELETS) } else { 0 };
@@ -74,10 +88,20 @@ pub fn place(
             places.put(k, UVec2::new(nodes, outer.at(REFS) + before(sums, parts, REFS, lane)));
         }
         if lane == 0 && group.id == 0 {
-            state.put(STATE_NODES, top + outer.at(SCANNED + NODES));
-            state.put(STATE_REFS, outer.at(SCANNED + REFS));
-            state.put(STATE_DEPTH, outer.at(SCANNED + DEPTH));
+            let (nodes, refs) = (top + outer.at(SCANNED + NODES), outer.at(SCANNED + REFS));
+            let depth = outer.at(SCANNED + DEPTH);
+            state.put(STATE_NODES, nodes);
+            state.put(STATE_REFS, refs);
+            state.put(STATE_DEPTH, depth);
             state.put(STATE_LEFT, left);
+            header.put(HEADER_NODES, nodes);
+            header.put(HEADER_REFS, refs);
+            header.put(HEADER_DEPTH, depth);
+            let fits = (nodes <= state.at(STATE_ROOM)) & (refs <= state.at(STATE_ROOM + 1));
+            let write = fits & (number > 0);
+            put_groups(state, ARGS_TOP, if write { top.div_ceil(COPIERS) } else { 0 });
+            put_groups(state, ARGS_EMIT, if write { number } else { 0 });
+            put_groups(state, ARGS_CORNERS, if write { refs.div_ceil(COPIERS) } else { 0 });
         }
     });
 }
@@ -86,5 +110,6 @@ kernel! {
     /// [`place`] over all blocks of treelets.
     group PLACE = place, threads 256, shared [sums: SUMS, parts: PARTS, outer: OUTER], {
         0 level: read u32, 1 sizes: read UVec2, 2 blocks: read u32, 3 places: write UVec2, 4 state: write u32,
+        5 header: write u32,
     }
 }

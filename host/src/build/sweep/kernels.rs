@@ -340,6 +340,6 @@ impl<'a> Lists<'a> {
         device.write(&nodes.view(), 1, &[Node::PADDING])?;
         let steps = self.last_steps(depth, &nodes, &refs, counts[1]);
         times.add(&steps, &device.dispatch(&steps, profile)?);
-        Ok(Grown { nodes: nodes.view(), refs, counts, depth, times, last: None })
+        Ok(Grown { nodes: nodes.view(), refs, counts, depth, times, laid: None })
     }
 }
