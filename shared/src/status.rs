@@ -10,6 +10,9 @@ pub const STACK: u32 = 8;
 /// The driver left a loop early: llvmpipe does after 65,535 rounds. The result is not to be used.
 pub const CUT_SHORT: u32 = 16;
 
+/// The mesh is not like the one before, as was expected; the host surveys it first.
+pub const OTHER: u32 = 32;
+
 /// What a set of bits means, for messages.
 pub const fn describe(bits: u32) -> &'static str {
     if bits & CUT_SHORT != 0 {

@@ -25,7 +25,10 @@ use raykd_tests::{
     meshes::{Family, RANDOM, Recipe, ZOO, any_mesh, small_mesh},
     same,
 };
-use std::time::{Duration, Instant};
+use std::{
+    sync::LazyLock,
+    time::{Duration, Instant},
+};
 use wgpu::{BufferUsages as Use, util::DeviceExt as _};
 
 /// Vertices and triangles.
@@ -408,6 +411,7 @@ fn scenes_in_memory_used_again_are_the_usual_ones() -> Result<(), Failure> {
             let scene = built_from(&device, &arrays, &options)?;
             let expected = told(&built_from(&fresh, &arrays, &options)?)?;
             assert!(told(&scene)? == expected, "{builder}: {family:?} of {size}");
+            same("header", &[*scene.header()], &read(&device, scene.buffers()?.header)[..1])?;
             if let Some((scene, before)) = old.replace((scene, expected)) {
                 assert!(told(&scene)? == before, "{builder}: the scene before {family:?} changed");
             }
@@ -448,6 +452,113 @@ fn deep_trees_after_flat_ones_are_the_usual_ones() -> Result<(), Failure> {
         }
     }
     Ok(())
+}
+
+/// A mesh in which every vertex is a little lower than in the frame before.
+fn frame(mesh: &Mesh, number: u16) -> Arrays {
+    let mut arrays = arrays(mesh);
+    for (i, p) in (0u8..7).cycle().zip(&mut arrays.0) {
+        p[1] += (0.1 + 0.001 * f32::from(number)) * f32::from(i);
+    }
+    arrays
+}
+
+/// A mesh like the one before is surveyed, built and laid out while the host waits once: what comes back are the words of
+/// the survey, of the levels, and the times of one run.
+#[test]
+fn the_next_frame_is_waited_for_once() -> Result<(), Failure> {
+    let alone = alone()?;
+    let gpu = alone.as_gpu().expect("a GPU");
+    let once = (size_of::<Found>() + size_of::<State>() + 16) as u64;
+    for (builder, mesh) in [
+        (Builder::Binned, Mesh::teapot(8)),
+        (Builder::Median, Mesh::teapot(2)),
+        (Builder::Zhou, Mesh::teapot(8)),
+        // The root is a treelet.
+        (Builder::Binned, Recipe { family: Family::Soup, size: 20, seed: 1 }.mesh()),
+    ] {
+        let (device, options) = (alone.recycling(), BuildOptions::default().with_builder(builder));
+        for number in 0..4 {
+            let arrays = frame(&mesh, number);
+            let (found, [_, back]) = crossing(gpu, || built_from(&device, &arrays, &options));
+            assert_eq!(back == once, number > 0, "{builder}, frame {number}: {back} bytes came back");
+            let (found, expected) = (found?, built(cpu(), &arrays, &options)?);
+            same("header", &[*found.header()], &read(&device, found.buffers()?.header)[..1])?;
+            assert!(told(&found)? == told(&expected)?, "{builder}, frame {number}");
+        }
+    }
+    Ok(())
+}
+
+/// What a mesh that is not like the one before is found out to be.
+#[test]
+fn surprises_are_found_out() -> Result<(), Failure> {
+    let alone = alone()?;
+    let gpu = alone.as_gpu().expect("a GPU");
+    let usual = arrays(&Recipe { family: Family::Soup, size: 600, seed: 4 }.mesh());
+    let spoil = |change: &dyn Fn(&mut Arrays)| {
+        let mut arrays = usual.clone();
+        change(&mut arrays);
+        arrays
+    };
+    let scaled = |by: f32| spoil(&|(p, _)| p.as_flattened_mut().iter_mut().for_each(|x| *x *= by));
+    let options = BuildOptions::default();
+    let device = alone.recycling();
+    let once = (size_of::<Found>() + size_of::<State>() + 16) as u64;
+    for (what, arrays) in [
+        ("no number", spoil(&|(p, _)| p[700][1] = f32::NAN)),
+        ("no vertex", spoil(&|(_, t)| t[599][2] = u32::MAX)),
+        ("no area", spoil(&|(_, t)| t[17][2] = t[17][0])),
+        ("dust", spoil(&|(p, _)| p[300][0] = 1e-30)),
+        ("subnormal", spoil(&|(p, _)| p[300][0] = 1e-40)),
+        ("small", scaled(1e-20)),
+        ("large", scaled(1e20)),
+        ("huge", scaled(1e36)),
+        ("larger tree", spoil(&|(p, _)| p.iter_mut().for_each(|p| p[2] *= 1e-3))),
+    ] {
+        let before = (usual.0.clone(), arrays.1.clone());
+        let before = if what.starts_with("no ") { &usual } else { &before };
+        built_from(&device, before, &options)?;
+        let (_, [_, back]) = crossing(gpu, || built_from(&device, &arrays, &options));
+        assert!(back > once, "{what}: {back} bytes came back");
+        built_from(&device, before, &options)?;
+        compare(&device, &arrays, &options).map_err(|e| Failure(format!("{what}: {e}")))?;
+    }
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(cases(128))]
+    /// The same by chance, with extents that are powers of two or next to one.
+    #[test]
+    fn worn_meshes_after_usual_ones_are_the_usual_ones(recipe in small_mesh(), seed: u64, power in any::<bool>()) {
+        static DEVICE: LazyLock<Device> = LazyLock::new(|| alone().expect("a GPU").recycling());
+        let mut usual = arrays(&recipe.mesh());
+        let options = BuildOptions::default();
+        if power {
+            let mut random = Random::new(seed);
+            let most = (20.0 * random.unit() - 5.0).floor().exp2() as f32;
+            let least = [0.0, -0.0, 1e-20, -1e-20, -1e-6, 1e-6][random.bits() as usize % 6] * most;
+            let most = [most, most.next_down(), most.next_up()][random.bits() as usize % 3];
+            for x in usual.0.as_flattened_mut() {
+                *x = if random.unit() < 0.3 { most } else { x.clamp(least.min(most), most) };
+                *x = if random.unit() < 0.3 { least } else { *x };
+            }
+            usual.0.extend([[1e-30, 1e-12, -1e-25]; 2]);
+        }
+        let worn = if power { usual.clone() } else { worn(usual.clone(), seed) };
+        for arrays in [&usual, &worn, &worn] {
+            compare(&DEVICE, arrays, &options)?;
+            if let (Ok(expected), Ok(found)) = (built_from(gpu(), arrays, &options), built_from(&DEVICE, arrays, &options)) {
+                let words = |device, scene: &Scene| -> Result<Vec<u32>, Error> {
+                    let mut words: Vec<u32> = read(device, scene.buffers()?.positions);
+                    words.truncate(3 * arrays.0.len());
+                    Ok(words)
+                };
+                same("positions", &words(gpu(), &expected)?, &words(&DEVICE, &found)?)?;
+            }
+        }
+    }
 }
 
 /// Nobody gets what somebody else has.
@@ -501,12 +612,8 @@ fn rebuilding_allocates_nothing() -> Result<(), Failure> {
     for builder in Builder::ALL {
         let (device, options) = (alone.recycling(), BuildOptions::default().with_builder(builder));
         builds_in_place(&format!("{builder} on the device"), gpu, |frame| {
-            let mut arrays = arrays(&mesh);
             // It moves, and so do planes.
-            for (i, p) in (0u8..7).cycle().zip(&mut arrays.0) {
-                p[1] += (0.1 + 0.001 * f32::from(frame)) * f32::from(i);
-            }
-            let (buffer, end, next) = own(theirs, &arrays);
+            let (buffer, end, next) = own(theirs, &self::frame(&mesh, frame));
             Scene::build_on(&device, buffer.slice(256..end), buffer.slice(next..), &options)
         })?;
         let device = alone.recycling();
@@ -528,13 +635,7 @@ fn rebuilt_scenes_are_the_usual_ones_and_allocate_nothing() -> Result<(), Failur
         (Traversal::Backtrack, true),
         (Traversal::OptimisedRopes, false),
     ] {
-        let frame = |number: u16| {
-            let mut arrays = arrays(&Mesh::teapot(6));
-            for (i, p) in (0u8..7).cycle().zip(&mut arrays.0) {
-                p[1] += (0.1 + 0.001 * f32::from(number)) * f32::from(i);
-            }
-            arrays
-        };
+        let frame = |number: u16| frame(&Mesh::teapot(6), number);
         let usual = |number| told(&built(cpu(), &frame(number), &options)?);
         let mut scene = built(&alone, &frame(0), &options)?;
         scene.traverse_by(traversal)?;

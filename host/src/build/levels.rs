@@ -4,7 +4,8 @@ use super::{
     built::{Given, Grown, KeptIn, Laid, MeshBuffers},
     options::BuildTimes,
     retry::Stop,
-    room::{Arena, growth, usual_levels},
+    room::{Arena, Room, growth, usual_levels},
+    survey::{Root, Survey},
 };
 use crate::{
     Error,
@@ -22,6 +23,7 @@ use raykd_kernels::{
         place::{self, COPIERS},
         reference::Reference,
         scatter, split,
+        survey::Found,
         tally::{self, BLOCK, blocks_of},
         to_bits, top,
         treelet::{self, scratch_base},
@@ -38,6 +40,7 @@ struct Lists {
     given: BuildParams,
     mesh: MeshBuffers,
     params: Buffer<BuildParams>,
+    param_words: Buffer<u32>,
     state: Buffer<u32>,
     levels: [Buffer<u32>; 2],
     args: [Buffer<u32>; 2],
@@ -86,24 +89,39 @@ const MORE: u32 = 12;
 /// What a build notes for the next one, where memory is used again.
 #[derive(Clone, Copy, Debug)]
 struct Noted {
+    /// Triangles of the mesh.
+    triangles: u32,
     /// References of the root.
     references: u32,
     /// Levels of large nodes.
     levels: u32,
     nodes: u32,
     refs: u32,
+    /// Of its lists.
+    room: Room,
 }
 
 impl Noted {
     fn of(device: &Device) -> Option<Self> {
-        let [references, levels, nodes, refs] = device.past()?;
-        Some(Self { references, levels, nodes, refs })
+        let [triangles, references, levels, nodes, refs, room @ ..] = device.past()?;
+        Some(Self { triangles, references, levels, nodes, refs, room: Room::of_words(room) })
     }
 
     /// Whether a tree over so many triangles may be expected to be as large as that one.
     const fn is_like(self, references: u32) -> bool {
         self.references.abs_diff(references) <= references / 8
     }
+}
+
+/// How many triangles of a mesh of so many may be expected to take part: as many as of the one before.
+pub(super) fn expected(device: &Device, triangles: u32) -> Option<u32> {
+    let alike = |noted: &Noted| noted.triangles == triangles && noted.references > 0;
+    Noted::of(device).filter(alike).map(|noted| noted.references)
+}
+
+/// The room that the build before had, if a mesh is about as large as that one.
+pub(super) fn room_before(device: &Device, references: u32) -> Option<Room> {
+    Noted::of(device).filter(|noted| noted.is_like(references)).map(|noted| noted.room)
 }
 
 impl Tree {
@@ -123,18 +141,21 @@ impl Tree {
     }
 }
 
-/// Builds a tree by the level loop; `header` tells all of it but its size.
+/// Builds a tree by the level loop; `header` tells all of it but its size. With a survey, by which a mesh is `found`, also
+/// the box is not known yet.
 pub(super) fn build(
     arena: &mut Arena<'_>,
     from: &Given<'_>,
     params: &BuildParams,
     header: &TreeHeader,
+    mut survey: Option<(&Survey, &mut Found)>,
     profile: bool,
 ) -> Result<Grown, Stop> {
     let device = arena.device;
     let noted = Noted::of(device);
     let alike = noted.filter(|noted| noted.is_like(params.references) && !profile);
-    let out = alike.map(|noted| Tree::expected(arena, noted)).transpose()?;
+    // Without room for it, the tree is written once the lists are gone.
+    let out = alike.and_then(|noted| Tree::expected(arena, noted).ok());
     let mut lists = Lists::new(arena, params, from, out)?;
     let begin = Instant::now();
     lists.write(device, &from.kept, header)?;
@@ -143,10 +164,29 @@ pub(super) fn build(
     let guess = noted.map_or(usual_levels(params.references), |noted| noted.levels + SPARE);
     let mut levels = 0..guess.min(most);
     let state = loop {
-        let steps = lists.steps(levels.clone());
+        let mut state = [State::default()];
+        let state_back = lists.state.back_from(0, &mut state);
         // The one look at the device, if these levels are enough: how large is the tree?
-        let (timing, state): (_, State) = device.dispatch_and_read(&steps, profile, &lists.state.view())?;
+        let (steps, timing) = match survey.take() {
+            Some((survey, found)) => {
+                let mut steps = survey.steps(lists.root());
+                steps.extend(lists.steps(levels.clone()));
+                let found = survey.found.back_from(0, std::slice::from_mut(found));
+                let timing = device.dispatch_then(&steps, profile, &mut [state_back, found])?;
+                (steps, timing)
+            }
+            None => {
+                let steps = lists.steps(levels.clone());
+                let timing = device.dispatch_then(&steps, profile, &mut [state_back])?;
+                (steps, timing)
+            }
+        };
         times.add(&steps, &timing);
+        drop(steps);
+        let [state] = state;
+        if state.status & status::OTHER != 0 {
+            return Err(Stop::Other);
+        }
         if state.status & status::CAPACITY != 0 {
             return Err(Stop::Room);
         }
@@ -162,7 +202,9 @@ pub(super) fn build(
         levels = levels.end..(levels.end + MORE).min(most);
     };
     let State { nodes, refs, levels, depth, .. } = state;
-    device.note([params.references, levels, nodes, refs]);
+    let BuildParams { triangles, references, level_refs, treelet_refs, active, treelets, .. } = *params;
+    let [a, b, c, d] = Room { level_refs, treelet_refs, active, treelets }.words();
+    device.note(Some([triangles, references, levels, nodes, refs, a, b, c, d]));
     let (nodes, refs, laid) = match lists.out.take() {
         Some(tree) if state.is_written() => {
             let laid = Laid { header: lists.header, corners: tree.corners.first(3 * refs) };
@@ -194,10 +236,12 @@ impl Lists {
         let sizes: Buffer<UVec2> = arena.alloc("sizes", given.active, 1)?;
         let refs: [Buffer<UVec4>; 2] = arena.pair("level refs", given.level_refs, Reference::ELEMENTS)?;
         let header: Buffer<TreeHeader> = arena.alloc("header", 1, 1)?;
+        let params = arena.upload("params", std::slice::from_ref(given))?;
         Ok(Self {
             given: *given,
             mesh: from.on_device.clone(),
-            params: arena.upload("params", std::slice::from_ref(given))?,
+            param_words: params.view(),
+            params,
             state: arena.alloc::<State>("state", 1, 1)?.view(),
             levels: arena.pair::<Level>("level", 1, 1)?.map(|level| level.view()),
             args: arena.pair("args", 1, ARGS_WORDS)?,
@@ -273,6 +317,19 @@ impl Lists {
             device.write(&self.kept, 0, mesh.kept())?;
         }
         device.write(&self.state.view(), 0, &[state])
+    }
+
+    /// Where a survey writes what it finds of the root.
+    fn root(&self) -> Root<'_> {
+        let large = self.root_is_large();
+        Root {
+            params: &self.param_words,
+            item: if large { &self.active[0] } else { &self.treelets },
+            header: &self.header_words,
+            level: &self.levels[0],
+            args: &self.args[0],
+            state: &self.state,
+        }
     }
 
     /// What there is to do on some levels, and then, if no large node is left, before the size of the tree is known.
@@ -460,7 +517,7 @@ mod tests {
                 loop {
                     let params = BuildParams { alone, ..setting.params() };
                     let mut arena = Arena { device: &device, bytes: 0 };
-                    match build(&mut arena, &from, &params, &TreeHeader::zeroed(), false) {
+                    match build(&mut arena, &from, &params, &TreeHeader::zeroed(), None, false) {
                         Ok(Grown { nodes, refs, counts, .. }) => {
                             let [nodes, refs] = [nodes.view::<u32>(), refs.view()];
                             break (

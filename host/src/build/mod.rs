@@ -14,12 +14,13 @@ mod with;
 
 pub(crate) use built::{Built, Given, Kept, Laid, MeshBuffers, upload};
 pub use options::{BuildOptions, BuildTimes, Builder, KernelTimes};
-pub(crate) use survey::{Copies, survey};
+pub(crate) use survey::{Copies, Survey, Surveyed};
 pub use sweep::LISTED;
 
 use crate::{Error, clock::Instant, exec::Device};
 use built::{Facts, Grown, KeptIn};
-use raykd_shared::{Node, TreeHeader};
+use raykd_kernels::build::survey::Found;
+use raykd_shared::{BuildParams, Node, TreeHeader};
 use retry::{Setting, Stop, Way};
 use room::Arena;
 use std::time::Duration;
@@ -35,6 +36,46 @@ pub(crate) fn build(device: &Device, from: &Given<'_>, options: &BuildOptions) -
     until_built(device, from, options, way)
 }
 
+/// Builds the tree of a mesh that is surveyed, without waiting for that where the mesh is expected to be like the one
+/// before.
+pub(crate) fn survey_and_build(
+    device: &Device,
+    survey: Survey,
+    options: &BuildOptions,
+) -> Result<(Surveyed, Built), Error> {
+    let begin = Instant::now();
+    let by_levels = options.max_depth > 0 && options.builder != Builder::Exact;
+    let at_once = by_levels && options.budget.is_none() && !options.profile;
+    let expected = levels::expected(device, survey.triangles()).filter(|_| at_once);
+    let surveyed = match expected {
+        None => survey.finish(device)?,
+        Some(kept) => {
+            let given = survey.expected(device, kept)?;
+            let before = levels::room_before(device, kept);
+            let setting = Setting::first(&given, options, Way::Levels).after(before);
+            let params = BuildParams { price: options.price_of_area(), ..setting.params() };
+            let mut arena = Arena { device, bytes: given.bytes() };
+            let mut found = Found::NOTHING;
+            let ahead = Some((&survey, &mut found));
+            let unknown = header(&given.facts, options, [0; 2], 0);
+            let grown = levels::build(&mut arena, &given, &params, &unknown, ahead, false);
+            match grown.and_then(|grown| setting.check_budget(grown.counts[1]).map(|()| grown)) {
+                Ok(grown) => {
+                    let surveyed = survey.done(&found)?;
+                    let built = grown.of(surveyed.facts(), options, arena.bytes);
+                    return Ok((surveyed, built));
+                }
+                Err(Stop::Failed(error)) => return Err(error),
+                Err(Stop::Other) => survey.finish(device)?,
+                Err(_) => survey.done(&found)?,
+            }
+        }
+    };
+    let ready = begin.elapsed();
+    let built = build(device, &surveyed.given(), options)?.after(ready);
+    Ok((surveyed, built))
+}
+
 /// The same by the kernels of the sweep on any device, with lists of faces in nodes of more than `small` references.
 pub(crate) fn sweep_by_kernels(
     device: &Device,
@@ -47,22 +88,20 @@ pub(crate) fn sweep_by_kernels(
 
 /// Tries until there is a tree.
 fn until_built(device: &Device, from: &Given<'_>, options: &BuildOptions, way: Way) -> Result<Built, Error> {
-    let mut setting = Setting::first(from, options, way);
+    let before = levels::room_before(device, from.facts.kept).filter(|_| way == Way::Levels);
+    let mut setting = Setting::first(from, options, way).after(before);
     let (mut retries, mut failed) = (0, Duration::ZERO);
     loop {
         let begin = Instant::now();
         let mut arena = Arena { device, bytes: from.bytes() };
         match attempt(&mut arena, from, &setting, options) {
-            Ok(Grown { nodes, refs, counts, depth, times, laid }) => {
-                let header = header(&from.facts, options, counts, depth);
-                let times = BuildTimes {
-                    peak_bytes: arena.bytes,
-                    retries,
-                    failed,
-                    by_host: setting.way == Way::SweepByHost && !device.is_cpu(),
-                    ..times
-                };
-                return Ok(Built { header, nodes, refs, times, laid });
+            Ok(grown) => {
+                if setting.is_lowered() {
+                    device.note(None);
+                }
+                let built = grown.of(&from.facts, options, arena.bytes);
+                let by_host = setting.way == Way::SweepByHost && !device.is_cpu();
+                return Ok(Built { times: BuildTimes { retries, failed, by_host, ..built.times }, ..built });
             }
             Err(stop) => setting.change(stop)?,
         }
@@ -82,7 +121,7 @@ fn attempt(
     let grown = match setting.way {
         Way::Leaf => leaf(arena, from)?,
         Way::Levels => {
-            levels::build(arena, from, &params, &header(&from.facts, options, [0; 2], 0), profile)?
+            levels::build(arena, from, &params, &header(&from.facts, options, [0; 2], 0), None, profile)?
         }
         Way::SweepByKernels { .. } => sweep::kernels::build(arena, from, &params, profile)?,
         Way::SweepByHost => match from.kept {
@@ -92,6 +131,15 @@ fn attempt(
     };
     setting.check_budget(grown.counts[1])?;
     Ok(grown)
+}
+
+impl Grown {
+    /// As a tree over a mesh.
+    fn of(self, facts: &Facts, options: &BuildOptions, peak_bytes: u64) -> Built {
+        let Self { nodes, refs, counts, depth, times, laid } = self;
+        let header = header(facts, options, counts, depth);
+        Built { header, nodes, refs, times: BuildTimes { peak_bytes, ..times }, laid }
+    }
 }
 
 /// No tree: one leaf that lists every triangle.

@@ -38,6 +38,8 @@ pub(super) enum Stop {
     Crowd,
     /// So many references are more than were asked for.
     Budget(u32),
+    /// The mesh is not as it was expected to be.
+    Other,
     /// The device failed, or has no room.
     Failed(Error),
 }
@@ -78,6 +80,17 @@ impl Setting {
         };
         let max_depth = options.max_depth.min(MAX_DEPTH);
         Self { facts, host, options: options.clone(), first_way: way, way, room, max_depth, before: u32::MAX }
+    }
+
+    /// The same where a build before had so much room in the end.
+    pub(super) fn after(self, before: Option<Room>) -> Self {
+        let room = before.map_or(self.room, |before| self.room.or(before));
+        Self { room, ..self }
+    }
+
+    /// Whether more room was of no use, and the tree got fewer levels.
+    pub(super) fn is_lowered(&self) -> bool {
+        self.max_depth < self.options.max_depth.min(MAX_DEPTH)
     }
 
     pub(super) fn params(&self) -> BuildParams {
@@ -127,7 +140,7 @@ impl Setting {
         match stop {
             Stop::Room => self.enlarge(self.room.doubled(references, self.options.builder.small())),
             Stop::Needs(need) => self.enlarge(self.room.holding(&need, references)),
-            Stop::Crowd => self.enlarge(None),
+            Stop::Crowd | Stop::Other => self.enlarge(None),
             Stop::Budget(refs) => {
                 let price = (2.0 * self.options.price).max(0.25);
                 let long = self.options.long.max(1).saturating_mul(2);

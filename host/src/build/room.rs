@@ -98,6 +98,22 @@ pub(super) const fn levels_of_several(references: u32) -> u32 {
 }
 
 impl Room {
+    /// As words, see [`Self::of_words`].
+    pub(super) const fn words(self) -> [u32; 4] {
+        [self.level_refs, self.treelet_refs, self.active, self.treelets]
+    }
+
+    /// Of its [`Self::words`].
+    pub(super) const fn of_words([level_refs, treelet_refs, active, treelets]: [u32; 4]) -> Self {
+        Self { level_refs, treelet_refs, active, treelets }
+    }
+
+    /// Room for what either has room for.
+    pub(super) fn or(self, other: Self) -> Self {
+        let (a, b) = (self.words(), other.words());
+        Self::of_words(std::array::from_fn(|i| a[i].max(b[i])))
+    }
+
     /// The first guess for the level loop, which nodes of `small` references leave.
     pub(super) fn of_levels(references: u32, small: u32) -> Self {
         let n = references;

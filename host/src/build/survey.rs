@@ -6,9 +6,12 @@ use crate::{
     exec::{Buffer, Device, Launch, Step},
     mesh::{Measure, MeshError, Place},
 };
-use raykd_kernels::build::{
-    bin::unordered,
-    survey::{BLOCK, Found, Job, MARKS, collect, indices, offsets, settle, sift, vertices},
+use raykd_kernels::{
+    build::{
+        bin::unordered,
+        survey::{BLOCK, Found, Job, MARKS, collect, indices, offsets, root, settle, sift, vertices},
+    },
+    glam::UVec4,
 };
 use raykd_shared::limits::MAX_TRIANGLES;
 
@@ -27,17 +30,23 @@ impl Surveyed {
         Given { facts: self.facts, on_device: self.on_device.clone(), kept: KeptIn::Device(&self.kept) }
     }
 
+    pub(super) const fn facts(&self) -> &Facts {
+        &self.facts
+    }
+
     /// How many triangles take part.
     pub(crate) const fn count(&self) -> u32 {
         self.facts.kept
     }
 }
 
-/// The buffers of a survey.
+/// A survey that is under way: the mesh is copied.
 #[derive(Debug)]
-pub(crate) struct Room {
+pub(crate) struct Survey {
+    vertices: u32,
+    triangles: u32,
     job: Buffer<u32>,
-    found: Buffer<u32>,
+    pub(super) found: Buffer<u32>,
     positions: Buffer<u32>,
     indices: Buffer<u32>,
     marks: Buffer<u32>,
@@ -71,26 +80,53 @@ impl Copies<'_> {
     }
 }
 
-impl Room {
-    fn new(device: &Device, vertices: u32, triangles: u32) -> Result<Self, Error> {
-        let (vertices, triangles) = (u64::from(vertices), u64::from(triangles));
-        let blocks = triangles.div_ceil(BLOCK.into());
-        Ok(Self {
+impl Survey {
+    /// Takes memory for a mesh of so many vertices and triangles, and has `copy` make the device copy it there.
+    pub(crate) fn begin(
+        device: &Device,
+        vertices: u32,
+        triangles: u32,
+        copy: impl FnOnce(Copies<'_>) -> Result<(), Error>,
+    ) -> Result<Self, Error> {
+        if triangles == 0 {
+            return Err(MeshError::NoFaces { at: Place::default() }.into());
+        }
+        if triangles > MAX_TRIANGLES {
+            return Err(MeshError::TooManyTriangles { at: Place::default(), limit: MAX_TRIANGLES }.into());
+        }
+        let blocks = u64::from(triangles.div_ceil(BLOCK));
+        let survey = Self {
+            vertices,
+            triangles,
             // The largest first: if they fit, no number of elements is too large for a word.
-            positions: device.room("positions", 3 * vertices)?,
-            indices: device.room("indices", 3 * triangles)?,
-            kept: device.room("kept", triangles)?,
+            positions: device.room("positions", 3 * u64::from(vertices))?,
+            indices: device.room("indices", 3 * u64::from(triangles))?,
+            kept: device.room("kept", triangles.into())?,
             marks: device.room("marks", blocks * u64::from(MARKS))?,
             counts: device.room("counts", blocks)?,
             job: device.room::<Job>("survey", 1)?.view(),
             found: device.room::<Found>("found", 1)?.view(),
-        })
+        };
+        survey.write(device, survey.job())?;
+        device.write(&survey.found.view(), 0, &[Found::NOTHING])?;
+        let Self { job, positions, indices, found, .. } = &survey;
+        copy(Copies { job, positions, indices, found })?;
+        Ok(survey)
     }
 
-    /// Marks the triangles that take part, lists and measures them: the one look at the device.
-    fn sift(&self, device: &Device, triangles: u32) -> Result<Found, Error> {
-        let Self { job, found, indices, marks, counts, .. } = self;
-        let positions = &self.positions;
+    /// What is asked first.
+    fn job(&self) -> Job {
+        let Self { vertices, triangles, .. } = *self;
+        Job { vertices, triangles, dust: dust_bits(0.0), scale: 1f32.to_bits() >> 23, ..Job::default() }
+    }
+
+    fn write(&self, device: &Device, job: Job) -> Result<(), Error> {
+        device.write(&self.job.view(), 0, &[job])
+    }
+
+    /// What marks the triangles that take part, lists and measures them.
+    fn sift(&self) -> [Step<'_>; 3] {
+        let Self { triangles, job, found, positions, indices, marks, counts, kept, .. } = self;
         let sift = sift::Buffers {
             job,
             positions,
@@ -100,60 +136,102 @@ impl Room {
             found: found.out(),
         };
         let offsets = offsets::Buffers { job, positions, indices, counts: counts.out(), found: found.out() };
-        let collect = collect::Buffers { job, marks, counts, kept: self.kept.out() };
-        let steps = [sift.groups(triangles.div_ceil(BLOCK)), offsets.groups(1), collect.over(triangles)];
-        Ok(device.dispatch_and_read(&steps, false, &found.view())?.1)
+        let collect = collect::Buffers { job, marks, counts, kept: kept.out() };
+        [sift.groups(triangles.div_ceil(BLOCK)), offsets.groups(1), collect.over(*triangles)]
+    }
+
+    /// What brings coordinates to what the kernels see.
+    fn settle(&self) -> Step<'_> {
+        settle::Buffers { job: &self.job, positions: self.positions.out() }.over(3 * self.vertices)
+    }
+
+    /// How many triangles the mesh has.
+    pub(super) const fn triangles(&self) -> u32 {
+        self.triangles
+    }
+
+    fn on_device(&self) -> MeshBuffers {
+        let positions = self.positions.view();
+        MeshBuffers { positions, coordinates: 3 * self.vertices as usize, indices: self.indices.clone() }
+    }
+
+    /// The mesh as it is expected to be, to be built from while it is surveyed.
+    pub(super) fn expected(&self, device: &Device, kept: u32) -> Result<Given<'_>, Error> {
+        self.write(device, Job { expected: kept, ..self.job() })?;
+        let facts = Facts { kept, ..self.nothing() };
+        Ok(Given { facts, on_device: self.on_device(), kept: KeptIn::Device(&self.kept) })
+    }
+
+    /// What surveys the mesh, and makes the root of it.
+    pub(super) fn steps<'a>(&'a self, root: Root<'a>) -> Vec<Step<'a>> {
+        let Root { params, item, header, level, args, state } = root;
+        let root = root::Buffers {
+            found: &self.found,
+            job: self.job.out(),
+            params: params.out(),
+            item: item.out(),
+            header: header.out(),
+            level: level.out(),
+            args: args.out(),
+            state: state.out(),
+        };
+        let mut steps = self.sift().to_vec();
+        steps.extend([root.over(1), self.settle()]);
+        steps
+    }
+
+    /// The facts of a mesh of which nothing takes part.
+    const fn nothing(&self) -> Facts {
+        Facts { triangles: self.triangles, kept: 0, bounds: ([0.0; 3], [0.0; 3]), scale: 1.0 }
+    }
+
+    /// The mesh that was found, which is as it was expected to be.
+    pub(super) fn done(self, found: &Found) -> Result<Surveyed, Error> {
+        let measure = measure(found);
+        let scale = measure.scale()?;
+        let facts = Facts { kept: found.kept, bounds: measure.scaled(scale), scale, ..self.nothing() };
+        Ok(Surveyed { facts, on_device: self.on_device(), kept: self.kept })
+    }
+
+    /// Looks at what is found, and makes the mesh ready.
+    pub(crate) fn finish(self, device: &Device) -> Result<Surveyed, Error> {
+        let look = || Ok::<_, Error>(device.dispatch_and_read(&self.sift(), false, &self.found.view())?.1);
+        let mut found: Found = look()?;
+        check(&found, self.vertices)?;
+        let (mut job, mut facts) = (self.job(), self.nothing());
+        // As for a mesh of the host: without dust triangles may have no area, and without those the mesh be smaller.
+        while found.kept > 0 {
+            let (measure, kept) = (measure(&found), found.kept);
+            job.dust = dust_bits(measure.dust());
+            if measure.has_dust() {
+                job.again = 1;
+                self.write(device, job)?;
+                device.write(&self.found.view(), 0, &[Found::NOTHING])?;
+                found = look()?;
+            }
+            if found.kept == kept {
+                let scale = measure.scale()?;
+                facts = Facts { kept, bounds: measure.scaled(scale), scale, ..facts };
+                job.scale = scale.to_bits() >> 23;
+                break;
+            }
+            job.dust = dust_bits(0.0);
+        }
+        self.write(device, job)?;
+        device.begin(&[self.settle()])?;
+        Ok(Surveyed { facts, on_device: self.on_device(), kept: self.kept })
     }
 }
 
-/// Makes a mesh of so many vertices and triangles ready, once `copy` has made the device copy it.
-pub(crate) fn survey(
-    device: &Device,
-    vertices: u32,
-    triangles: u32,
-    copy: impl FnOnce(Copies<'_>) -> Result<(), Error>,
-) -> Result<Surveyed, Error> {
-    if triangles == 0 {
-        return Err(MeshError::NoFaces { at: Place::default() }.into());
-    }
-    if triangles > MAX_TRIANGLES {
-        return Err(MeshError::TooManyTriangles { at: Place::default(), limit: MAX_TRIANGLES }.into());
-    }
-    let room = Room::new(device, vertices, triangles)?;
-    let mut job = Job { vertices, triangles, dust: dust_bits(0.0), again: 0, scale: 1f32.to_bits() >> 23 };
-    let write = |job: Job, found: Option<Found>| {
-        device.write(&room.job.view(), 0, &[job])?;
-        found.map_or(Ok(()), |found| device.write(&room.found.view(), 0, &[found]))
-    };
-    write(job, Some(Found::NOTHING))?;
-    let Room { positions, indices, .. } = &room;
-    copy(Copies { job: &room.job, positions, indices, found: &room.found })?;
-    let mut found = room.sift(device, triangles)?;
-    check(&found, vertices)?;
-    let mut facts = Facts { triangles, kept: 0, bounds: ([0.0; 3], [0.0; 3]), scale: 1.0 };
-    // As for a mesh of the host: without dust triangles may have no area, and without those the mesh be smaller.
-    while found.kept > 0 {
-        let (measure, kept) = (measure(&found), found.kept);
-        job.dust = dust_bits(measure.dust());
-        if measure.has_dust() {
-            job.again = 1;
-            write(job, Some(Found::NOTHING))?;
-            found = room.sift(device, triangles)?;
-        }
-        if found.kept == kept {
-            let scale = measure.scale()?;
-            facts = Facts { kept, bounds: measure.scaled(scale), scale, ..facts };
-            job.scale = scale.to_bits() >> 23;
-            break;
-        }
-        job.dust = dust_bits(0.0);
-    }
-    write(job, None)?;
-    let settle = settle::Buffers { job: &room.job, positions: room.positions.out() };
-    device.begin(&[settle.over(3 * vertices)])?;
-    let positions = room.positions.view();
-    let on_device = MeshBuffers { positions, coordinates: 3 * vertices as usize, indices: room.indices };
-    Ok(Surveyed { facts, on_device, kept: room.kept })
+/// What a survey tells of the root.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Root<'a> {
+    pub params: &'a Buffer<u32>,
+    pub item: &'a Buffer<UVec4>,
+    pub header: &'a Buffer<u32>,
+    pub level: &'a Buffer<u32>,
+    pub args: &'a Buffer<u32>,
+    pub state: &'a Buffer<u32>,
 }
 
 /// Bits of the least `f32` that is no dust. Zeros are, that of the wrong sign too.

@@ -117,7 +117,7 @@ impl AnyBuffer {
     }
 
     /// What is to be read from the element numbered `from` on, as much as there is room for.
-    fn back_from<'a, T: bytemuck::Pod>(&'a self, from: u64, room: &'a mut [T]) -> Back<'a> {
+    pub(crate) fn back_from<'a, T: bytemuck::Pod>(&'a self, from: u64, room: &'a mut [T]) -> Back<'a> {
         let offset = self.place("read", size_of::<T>(), from, room.len());
         let bytes = size_of_val(room);
         let mut rest: &mut [u8] = bytemuck::cast_slice_mut(room);
@@ -217,7 +217,7 @@ pub(crate) struct Back<'a> {
 const PIECE: usize = 256 << 10;
 
 /// What a build notes for the next one: words that only builds understand.
-pub(crate) type Past = [u32; 4];
+pub(crate) type Past = [u32; 9];
 
 /// Bytes of a buffer of so many elements: some, and a multiple of 16.
 const fn whole_bytes<T>(count: u64) -> u64 {
@@ -700,9 +700,9 @@ impl Device {
         None
     }
 
-    /// Notes something for the next build, where memory is kept.
+    /// Notes something for the next build, or nothing, where memory is kept.
     #[cfg_attr(not(feature = "gpu"), expect(unused_variables, reason = "memory is kept on a GPU alone"))]
-    pub(crate) fn note(&self, past: Past) {
+    pub(crate) fn note(&self, past: Option<Past>) {
         #[cfg(feature = "gpu")]
         if let Some(pool) = &self.pool {
             pool.note(past);

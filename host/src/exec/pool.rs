@@ -31,8 +31,8 @@ impl Pool {
     }
 
     /// Notes something for the next build.
-    pub(super) fn note(&self, past: Past) {
-        *self.past.lock().unwrap_or_else(PoisonError::into_inner) = Some(past);
+    pub(super) fn note(&self, past: Option<Past>) {
+        *self.past.lock().unwrap_or_else(PoisonError::into_inner) = past;
     }
 
     /// Keeps a buffer, to be taken when nobody else has it.

@@ -3,7 +3,10 @@
 use super::Scene;
 use crate::{
     BuildOptions, BuildTimes, Error, Intersector, KdTree, Mesh, Traversal,
-    build::{Built, Copies, Given, Kept, Laid, MeshBuffers, build, survey, sweep_by_kernels, upload},
+    build::{
+        Built, Copies, Given, Kept, Laid, MeshBuffers, Survey, build, survey_and_build, sweep_by_kernels,
+        upload,
+    },
     clock::Instant,
     exec::{Buffer, Device, Launch},
     traversal::Extras,
@@ -73,11 +76,11 @@ impl Scene {
     ) -> Result<Self, Error> {
         options.check()?;
         let start = Instant::now();
-        let surveyed = survey(device, vertices, triangles, copy)?;
-        let (upload, given) = (start.elapsed(), surveyed.given());
-        let built = build(device, &given, options)?;
+        let survey = Survey::begin(device, vertices, triangles, copy)?;
+        let upload = start.elapsed();
+        let (surveyed, built) = survey_and_build(device, survey, options)?;
         let kept = Kept::Device { list: surveyed.kept.clone(), count: surveyed.count() };
-        Self::assemble(device, given.on_device, kept, [0.0; 3], built.after(upload))
+        Self::assemble(device, surveyed.given().on_device, kept, [0.0; 3], built.after(upload))
     }
 
     /// Puts a mesh and a tree built earlier on a device.

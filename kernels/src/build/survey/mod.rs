@@ -3,7 +3,8 @@
 //! The host finds the same of a mesh in its own memory (`raykd::mesh`). [`vertices`] and [`indices`] copy the mesh, so
 //! that whoever made it may change it later. [`sift`] marks the triangles that take part, bounds them and counts them
 //! by blocks, [`offsets`] adds the blocks up, [`collect`] lists the marked triangles. Then the host reads [`Found`], a
-//! few words, from which it knows the scale; [`settle`] brings the coordinates to it.
+//! few words, from which it knows the scale; [`settle`] brings the coordinates to it. Where a mesh is expected to be like
+//! the one before, [`root`] decides what the host would, which looks at [`Found`] when the tree is built.
 //!
 //! Coordinates may be subnormal, which a device may take for 0. So all is decided by their bits: floats only tell what
 //! is clear beyond doubt.
@@ -12,6 +13,7 @@ pub mod area;
 pub mod collect;
 pub mod indices;
 pub mod offsets;
+pub mod root;
 pub mod settle;
 pub mod sift;
 pub mod vertices;
@@ -36,6 +38,8 @@ words! {
         JOB_AGAIN again: u32,
         /// Coordinates are multiplied by two to this power, which is 127 too large here.
         JOB_SCALE scale: u32,
+        /// How many triangles are expected to take part.
+        JOB_EXPECTED expected: u32,
     }
 }
 
@@ -80,6 +84,7 @@ pub const KERNELS: &[&crate::Kernel] = &[
     &sift::SIFT,
     &offsets::OFFSETS,
     &collect::COLLECT,
+    &root::ROOT,
     &settle::SETTLE,
 ];
 
