@@ -169,7 +169,7 @@ pub(super) fn build(
         // The one look at the device, if these levels are enough: how large is the tree?
         let (steps, timing) = match survey.take() {
             Some((survey, found)) => {
-                let mut steps = survey.steps(lists.root());
+                let mut steps = survey.steps(lists.root()).to_vec();
                 steps.extend(lists.steps(levels.clone()));
                 let found = survey.found.back_from(0, std::slice::from_mut(found));
                 let timing = device.dispatch_then(&steps, profile, &mut [state_back, found])?;

@@ -40,7 +40,7 @@ impl Surveyed {
     }
 }
 
-/// A survey that is under way: the mesh is copied.
+/// A survey that is under way: the device copies the mesh, and sifts it.
 #[derive(Debug)]
 pub(crate) struct Survey {
     vertices: u32,
@@ -81,12 +81,13 @@ impl Copies<'_> {
 }
 
 impl Survey {
-    /// Takes memory for a mesh of so many vertices and triangles, and has `copy` make the device copy it there.
+    /// Takes memory for a mesh of so many vertices and triangles, and has `copy` make the device copy it there, and then
+    /// run some steps.
     pub(crate) fn begin(
         device: &Device,
         vertices: u32,
         triangles: u32,
-        copy: impl FnOnce(Copies<'_>) -> Result<(), Error>,
+        copy: impl FnOnce(Copies<'_>, &[Step<'_>]) -> Result<(), Error>,
     ) -> Result<Self, Error> {
         if triangles == 0 {
             return Err(MeshError::NoFaces { at: Place::default() }.into());
@@ -110,7 +111,7 @@ impl Survey {
         survey.write(device, survey.job())?;
         device.write(&survey.found.view(), 0, &[Found::NOTHING])?;
         let Self { job, positions, indices, found, .. } = &survey;
-        copy(Copies { job, positions, indices, found })?;
+        copy(Copies { job, positions, indices, found }, &survey.sift())?;
         Ok(survey)
     }
 
@@ -162,8 +163,8 @@ impl Survey {
         Ok(Given { facts, on_device: self.on_device(), kept: KeptIn::Device(&self.kept) })
     }
 
-    /// What surveys the mesh, and makes the root of it.
-    pub(super) fn steps<'a>(&'a self, root: Root<'a>) -> Vec<Step<'a>> {
+    /// What makes a root of what was found.
+    pub(super) fn steps<'a>(&'a self, root: Root<'a>) -> [Step<'a>; 2] {
         let Root { params, item, header, level, args, state } = root;
         let root = root::Buffers {
             found: &self.found,
@@ -175,9 +176,7 @@ impl Survey {
             args: args.out(),
             state: state.out(),
         };
-        let mut steps = self.sift().to_vec();
-        steps.extend([root.over(1), self.settle()]);
-        steps
+        [root.over(1), self.settle()]
     }
 
     /// The facts of a mesh of which nothing takes part.
@@ -193,10 +192,16 @@ impl Survey {
         Ok(Surveyed { facts, on_device: self.on_device(), kept: self.kept })
     }
 
+    /// What is found.
+    fn look(&self, device: &Device) -> Result<Found, Error> {
+        let mut found = [Found::NOTHING];
+        device.read_into(&self.found.view(), 0, &mut found)?;
+        Ok(found[0])
+    }
+
     /// Looks at what is found, and makes the mesh ready.
     pub(crate) fn finish(self, device: &Device) -> Result<Surveyed, Error> {
-        let look = || Ok::<_, Error>(device.dispatch_and_read(&self.sift(), false, &self.found.view())?.1);
-        let mut found: Found = look()?;
+        let mut found = self.look(device)?;
         check(&found, self.vertices)?;
         let (mut job, mut facts) = (self.job(), self.nothing());
         // As for a mesh of the host: without dust triangles may have no area, and without those the mesh be smaller.
@@ -207,7 +212,8 @@ impl Survey {
                 job.again = 1;
                 self.write(device, job)?;
                 device.write(&self.found.view(), 0, &[Found::NOTHING])?;
-                found = look()?;
+                device.begin(&self.sift())?;
+                found = self.look(device)?;
             }
             if found.kept == kept {
                 let scale = measure.scale()?;

@@ -31,8 +31,9 @@ use std::{
 /// Writes of at most this many bytes ride along with the next submission.
 const RIDES_ALONG: usize = 64 << 10;
 
-/// After how many steps commands are handed over early: about a level of a build, and some levels.
-const EARLY: [usize; 2] = [8, 48];
+/// After how many steps commands are handed over early. The device does not wait long for the first, a level of a build,
+/// and the host encodes as many as it can while the device works on those before.
+const EARLY: [usize; 4] = [8, 24, 48, 96];
 
 /// Ways across the bus.
 const TO: usize = 0;
@@ -295,11 +296,18 @@ impl Gpu {
     /// Runs, without waiting for the end.
     pub(super) fn begin(&self, steps: &[Step<'_>]) -> Result<(), Error> {
         self.link.check()?;
+        self.begin_after(self.link.encoder(), steps)
+    }
+
+    /// Hands over commands, and steps behind them.
+    pub(crate) fn begin_after(
+        &self,
+        mut commands: wgpu::CommandEncoder,
+        steps: &[Step<'_>],
+    ) -> Result<(), Error> {
         self.prepare(&steps.iter().map(|step| step.kernel).collect::<Vec<_>>())?;
-        let commands = self.link.guard("encoding kernels", || {
-            let mut commands = self.link.encoder();
+        self.link.guard("encoding kernels", || {
             self.encode(&mut commands, &mut Bindings::new(), steps, None, None);
-            commands
         })?;
         self.link.submit(commands).map(|_| ())
     }

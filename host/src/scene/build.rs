@@ -8,7 +8,7 @@ use crate::{
         upload,
     },
     clock::Instant,
-    exec::{Buffer, Device, Launch},
+    exec::{Buffer, Device, Launch, Step},
     traversal::Extras,
 };
 use raykd_kernels::trace::prepare::corners;
@@ -61,18 +61,18 @@ impl Scene {
         [vertices, triangles]: [u32; 2],
         options: &BuildOptions,
     ) -> Result<Self, Error> {
-        Self::surveyed(device, vertices, triangles, options, |copies| {
-            device.begin(&copies.steps(positions, indices))
+        Self::surveyed(device, vertices, triangles, options, |copies, then| {
+            device.begin(&[&copies.steps(positions, indices), then].concat())
         })
     }
 
-    /// Builds from a mesh that `copy` makes the device copy.
+    /// Builds from a mesh that `copy` makes the device copy, and then run some steps.
     pub(super) fn surveyed(
         device: &Device,
         vertices: u32,
         triangles: u32,
         options: &BuildOptions,
-        copy: impl FnOnce(Copies<'_>) -> Result<(), Error>,
+        copy: impl FnOnce(Copies<'_>, &[Step<'_>]) -> Result<(), Error>,
     ) -> Result<Self, Error> {
         options.check()?;
         let start = Instant::now();

@@ -7,7 +7,7 @@ use super::{
 use crate::{
     BuildOptions, Error,
     build::Copies,
-    exec::{Buffer, Device, Gpu, Size},
+    exec::{Buffer, Device, Gpu, Size, Step},
 };
 use raykd_kernels::{
     Bindings,
@@ -51,8 +51,8 @@ impl Scene {
             .ok_or_else(|| refused("the device is the CPU; a mesh in buffers of wgpu is built on a GPU"))?;
         let vertices = threes("vertices", positions)?;
         let triangles = threes("triangles", indices)?;
-        Self::surveyed(device, vertices, triangles, options, |copies| {
-            copy_by_encoder(gpu, copies, (vertices, triangles), positions, indices)
+        Self::surveyed(device, vertices, triangles, options, |copies, then| {
+            copy_by_encoder(gpu, copies, (vertices, triangles), positions, indices, then)
         })
     }
 }
@@ -78,13 +78,14 @@ fn own(buffer: &Buffer<u32>) -> wgpu::BindingResource<'_> {
     buffer.as_wgpu().as_entire_binding()
 }
 
-/// Copies the mesh by commands of its own, which are submitted, but not waited for.
+/// Copies the mesh by commands of its own, which are submitted with some steps behind them, but not waited for.
 fn copy_by_encoder(
     gpu: &Gpu,
     copies: Copies<'_>,
     (vertices, triangles): (u32, u32),
     positions: wgpu::BufferSlice<'_>,
     indices: wgpu::BufferSlice<'_>,
+    then: &[Step<'_>],
 ) -> Result<(), Error> {
     let copy_vertices = vertices::Buffers::<InEncoder> {
         job: own(copies.job),
@@ -103,5 +104,5 @@ fn copy_by_encoder(
     let (first, second): (Vec<_>, Vec<_>) = (copy_vertices.list().collect(), copy_indices.list().collect());
     gpu.encode_one(&mut encoder, &vertices::VERTICES, &first, Size::Lanes(3 * vertices))?;
     gpu.encode_one(&mut encoder, &indices::INDICES, &second, Size::Lanes(3 * triangles))?;
-    gpu.submit(encoder)
+    gpu.begin_after(encoder, then)
 }

@@ -36,11 +36,6 @@ impl Gpu {
         })
     }
 
-    /// Hands commands to the device.
-    pub(crate) fn submit(&self, encoder: wgpu::CommandEncoder) -> Result<(), Error> {
-        self.link.submit(encoder).map(|_| ())
-    }
-
     /// Encodes one dispatch of a kernel over resources in binding order.
     pub(crate) fn encode_one(
         &self,
