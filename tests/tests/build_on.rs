@@ -521,8 +521,10 @@ fn surprises_are_found_out() -> Result<(), Failure> {
         built_from(&device, before, &options)?;
         let (_, [_, back]) = crossing(gpu, || built_from(&device, &arrays, &options));
         assert!(back > once, "{what}: {back} bytes came back");
-        built_from(&device, before, &options)?;
-        compare(&device, &arrays, &options).map_err(|e| Failure(format!("{what}: {e}")))?;
+        for device in [&device, &cpu().expecting()] {
+            built_from(device, before, &options)?;
+            compare(device, &arrays, &options).map_err(|e| Failure(format!("{what}: {e}")))?;
+        }
     }
     Ok(())
 }
@@ -547,7 +549,9 @@ proptest! {
             usual.0.extend([[1e-30, 1e-12, -1e-25]; 2]);
         }
         let worn = if power { usual.clone() } else { worn(usual.clone(), seed) };
+        let on_cpu = cpu().expecting();
         for arrays in [&usual, &worn, &worn] {
+            compare(&on_cpu, arrays, &options)?;
             compare(&DEVICE, arrays, &options)?;
             if let (Ok(expected), Ok(found)) = (built_from(gpu(), arrays, &options), built_from(&DEVICE, arrays, &options)) {
                 let words = |device, scene: &Scene| -> Result<Vec<u32>, Error> {

@@ -134,7 +134,8 @@ pub struct BuildTimes {
     pub upload: Duration,
     /// All kernels, on the device's clock.
     pub build: Duration,
-    /// Laying the leaves' triangles out for tracing, on the device's clock.
+    /// Laying the leaves' triangles out for tracing, on the device's clock. Nothing where `build` tells of it: a tree like
+    /// the one before is laid out at once, see `Device::recycling`.
     pub layout: Duration,
     /// Most bytes of buffers held at once, the mesh included.
     pub peak_bytes: u64,

@@ -20,12 +20,19 @@ use bytemuck::allocation::zeroed_vec;
 use raykd_kernels::{Bindings, Host, Kernel};
 #[cfg(feature = "gpu")]
 use rayon::prelude::*;
-use std::{marker::PhantomData, ops::Deref, sync::Arc, time::Duration};
+use std::{
+    marker::PhantomData,
+    ops::Deref,
+    sync::{Arc, Mutex, PoisonError},
+    time::Duration,
+};
 
 /// A machine that kernels run on: the processor, by rayon, or a Vulkan device, by wgpu. Clones are the same machine.
 #[derive(Clone, Debug)]
 pub struct Device {
     machine: Arc<Machine>,
+    /// What the last build noted, if the next one is to expect a mesh like it.
+    notes: Option<Arc<Mutex<Option<Past>>>>,
     /// Where the memory of scenes goes and comes from, if it is used again.
     #[cfg(feature = "gpu")]
     pool: Option<Arc<pool::Pool>>,
@@ -171,12 +178,13 @@ impl<T> Buffer<T> {
     }
 
     /// The buffer with all the memory that is there: where that was used before, it may be more than was asked for.
-    pub(crate) fn whole(mut self) -> Self {
-        #[cfg(feature = "gpu")]
-        if let Memory::Gpu(memory) = &self.any.memory {
-            self.any.bytes = memory.size();
-        }
-        self
+    pub(crate) fn whole(self) -> Self {
+        let bytes = match &self.any.memory {
+            Memory::Cpu(_) => self.any.bytes,
+            #[cfg(feature = "gpu")]
+            Memory::Gpu(memory) => memory.size(),
+        };
+        Self { any: AnyBuffer { bytes, ..self.any }, of: PhantomData }
     }
 
     /// The buffer for its first `count` elements.
@@ -341,6 +349,7 @@ impl Device {
     fn on(machine: Machine) -> Self {
         Self {
             machine: Arc::new(machine),
+            notes: None,
             #[cfg(feature = "gpu")]
             pool: None,
         }
@@ -351,8 +360,9 @@ impl Device {
     ///
     /// What a build needs only while it runs is free for the next one, and so is what a scene takes as soon as its last
     /// clone is dropped. Keep the old scene until the new one is built, and tracing goes on: from the third build on
-    /// nothing is allocated, as long as the mesh does not grow by more than an eighth. A tree is expected to be about
-    /// as deep as the one before; a much deeper one takes a little longer. Commands that
+    /// nothing is allocated, as long as the mesh does not grow by more than an eighth. A mesh of as many triangles as the
+    /// one before is expected to be much like it: then the host waits once, for all that there is to do. What is found to
+    /// be otherwise takes a little longer, and comes to the same. Commands that
     /// [`Scene::encode`](crate::Scene::encode) made are to be submitted before their scene is dropped.
     ///
     /// All that is kept is given back with the last clone of what this returns, and the last scene that was built with
@@ -360,8 +370,18 @@ impl Device {
     #[cfg(feature = "gpu")]
     #[must_use]
     pub fn recycling(&self) -> Self {
-        let pool = (!self.is_cpu()).then(Arc::default);
-        Self { pool, ..self.clone() }
+        match &*self.machine {
+            Machine::Cpu(_) => self.clone(),
+            Machine::Gpu(_) => Self { pool: Some(Arc::default()), ..self.expecting() },
+        }
+    }
+
+    /// For tests: the same device, on which builds expect a mesh like the one before, as those of [`Self::recycling`] do,
+    /// but no memory is kept.
+    #[doc(hidden)]
+    #[must_use]
+    pub fn expecting(&self) -> Self {
+        Self { notes: Some(Arc::default()), ..self.clone() }
     }
 
     /// The processor, with all its threads.
@@ -692,20 +712,15 @@ impl Device {
         self.dispatch_then(steps, profile, &mut [])
     }
 
-    /// What the last build noted, where memory is kept for the next one.
+    /// What the last build noted, if notes are kept.
     pub(crate) fn past(&self) -> Option<Past> {
-        #[cfg(feature = "gpu")]
-        return self.pool.as_ref().and_then(|pool| pool.past());
-        #[cfg(not(feature = "gpu"))]
-        None
+        *self.notes.as_ref()?.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Notes something for the next build, or nothing, where memory is kept.
-    #[cfg_attr(not(feature = "gpu"), expect(unused_variables, reason = "memory is kept on a GPU alone"))]
+    /// Notes something for the next build, or nothing, if notes are kept.
     pub(crate) fn note(&self, past: Option<Past>) {
-        #[cfg(feature = "gpu")]
-        if let Some(pool) = &self.pool {
-            pool.note(past);
+        if let Some(notes) = &self.notes {
+            *notes.lock().unwrap_or_else(PoisonError::into_inner) = past;
         }
     }
 

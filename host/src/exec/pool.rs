@@ -1,14 +1,12 @@
 //! What a build leaves for the next one.
 
-use super::{AnyBuffer, Past};
+use super::AnyBuffer;
 use std::sync::{Arc, Mutex, PoisonError};
 
 #[derive(Debug, Default)]
 pub(super) struct Pool {
     /// Buffers that some [`Device`](super::Device) has given out, and gives out again once they are free.
     buffers: Mutex<Vec<AnyBuffer>>,
-    /// What the last build expects of the next one.
-    past: Mutex<Option<Past>>,
 }
 
 impl Pool {
@@ -23,16 +21,6 @@ impl Pool {
             buffers.retain(|buffer| !free(buffer));
         }
         found.map(|buffer| AnyBuffer { bytes, ..buffer })
-    }
-
-    /// What the last build noted.
-    pub(super) fn past(&self) -> Option<Past> {
-        *self.past.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Notes something for the next build.
-    pub(super) fn note(&self, past: Option<Past>) {
-        *self.past.lock().unwrap_or_else(PoisonError::into_inner) = past;
     }
 
     /// Keeps a buffer, to be taken when nobody else has it.
