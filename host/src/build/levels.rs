@@ -68,8 +68,6 @@ struct Lists {
     places: Buffer<UVec2>,
     header: Buffer<TreeHeader>,
     header_words: Buffer<u32>,
-    /// Where the tree goes, if one as large as the last was expected.
-    out: Option<Tree>,
 }
 
 /// A tree, laid out for tracing.
@@ -156,33 +154,25 @@ pub(super) fn build(
     let alike = noted.filter(|noted| noted.is_like(params.references) && !profile);
     // Without room for it, the tree is written once the lists are gone.
     let out = alike.and_then(|noted| Tree::expected(arena, noted).ok());
-    let mut lists = Lists::new(arena, params, from, out)?;
+    let lists = Lists::new(arena, params, from)?;
     let begin = Instant::now();
-    lists.write(device, &from.kept, header)?;
+    lists.write(device, &from.kept, header, out.as_ref())?;
     let mut times = BuildTimes { upload: begin.elapsed(), ..BuildTimes::default() };
     let most = if lists.root_is_large() { params.max_depth + 1 } else { 0 };
     let guess = noted.map_or(usual_levels(params.references), |noted| noted.levels + SPARE);
     let mut levels = 0..guess.min(most);
     let state = loop {
-        let mut state = [State::default()];
-        let state_back = lists.state.back_from(0, &mut state);
+        let (mut state, mut steps) = ([State::default()], Vec::new());
+        let mut back = vec![lists.state.back_from(0, &mut state)];
+        if let Some((survey, found)) = survey.take() {
+            steps.extend(survey.steps(lists.root()));
+            back.push(survey.found.back_from(0, std::slice::from_mut(found)));
+        }
+        steps.extend(lists.steps(levels.clone(), out.as_ref()));
         // The one look at the device, if these levels are enough: how large is the tree?
-        let (steps, timing) = match survey.take() {
-            Some((survey, found)) => {
-                let mut steps = survey.steps(lists.root()).to_vec();
-                steps.extend(lists.steps(levels.clone()));
-                let found = survey.found.back_from(0, std::slice::from_mut(found));
-                let timing = device.dispatch_then(&steps, profile, &mut [state_back, found])?;
-                (steps, timing)
-            }
-            None => {
-                let steps = lists.steps(levels.clone());
-                let timing = device.dispatch_then(&steps, profile, &mut [state_back])?;
-                (steps, timing)
-            }
-        };
+        let timing = device.dispatch_then(&steps, profile, &mut back)?;
+        drop(back);
         times.add(&steps, &timing);
-        drop(steps);
         let [state] = state;
         if state.status & status::OTHER != 0 {
             return Err(Stop::Other);
@@ -205,7 +195,7 @@ pub(super) fn build(
     let BuildParams { triangles, references, level_refs, treelet_refs, active, treelets, .. } = *params;
     let [a, b, c, d] = Room { level_refs, treelet_refs, active, treelets }.words();
     device.note(Some([triangles, references, levels, nodes, refs, a, b, c, d]));
-    let (nodes, refs, laid) = match lists.out.take() {
+    let (nodes, refs, laid) = match out {
         Some(tree) if state.is_written() => {
             let laid = Laid { header: lists.header, corners: tree.corners.first(3 * refs) };
             (tree.nodes.first(nodes), tree.refs.first(refs), Some(laid))
@@ -224,12 +214,7 @@ pub(super) fn build(
 }
 
 impl Lists {
-    fn new(
-        arena: &mut Arena<'_>,
-        given: &BuildParams,
-        from: &Given<'_>,
-        out: Option<Tree>,
-    ) -> Result<Self, Error> {
+    fn new(arena: &mut Arena<'_>, given: &BuildParams, from: &Given<'_>) -> Result<Self, Error> {
         let scratch = 2 * u64::from(scratch_base(given.treelet_refs, given.treelets));
         let words = (u64::from(given.active) * u64::from(HIST_WORDS)).max(scratch);
         let hists: Buffer<u32> = arena.alloc("histograms", words.div_ceil(4) as u32, 4)?;
@@ -268,7 +253,6 @@ impl Lists {
             places: arena.alloc("treelet places", given.treelets, 1)?,
             header_words: header.view(),
             header,
-            out,
         })
     }
 
@@ -278,13 +262,19 @@ impl Lists {
     }
 
     /// Writes what the kernels start from.
-    fn write(&self, device: &Device, kept: &KeptIn<'_>, header: &TreeHeader) -> Result<(), Error> {
+    fn write(
+        &self,
+        device: &Device,
+        kept: &KeptIn<'_>,
+        header: &TreeHeader,
+        out: Option<&Tree>,
+    ) -> Result<(), Error> {
         let given = &self.given;
         let [lo, hi] = [given.lo, given.hi].map(Vec3::from);
         let growth = growth(given.references).to_bits();
         let root = [UVec4::new(0, 0, given.references, 0), to_bits(lo, growth), to_bits(hi, 0)];
         // The root and the padding after it are the first two slots.
-        let room = self.out.as_ref().map_or([0; 2], Tree::room);
+        let room = out.map_or([0; 2], Tree::room);
         let mut state = State { top: 2, room, ..State::default() };
         device.write(&self.header, 0, std::slice::from_ref(header))?;
         device.write(&self.top.view(), 1, &[Node::PADDING])?;
@@ -332,8 +322,9 @@ impl Lists {
         }
     }
 
-    /// What there is to do on some levels, and then, if no large node is left, before the size of the tree is known.
-    fn steps(&self, levels: Range<u32>) -> Vec<Step<'_>> {
+    /// What there is to do on some levels; then, if no large node is left, before the size of the tree is known; and to
+    /// write it, if that fits the room for it.
+    fn steps<'b>(&'b self, levels: Range<u32>, out: Option<&'b Tree>) -> Vec<Step<'b>> {
         let Self { params, state, mesh, kept, .. } = self;
         let (positions, indices) = (&mesh.positions, &mesh.indices);
         let mut steps = Vec::new();
@@ -367,7 +358,7 @@ impl Lists {
             header: self.header_words.out(),
         };
         steps.push(place.indirect(&self.args[last], ARGS_TREELET_BLOCKS));
-        if let Some(Tree { nodes, refs, corners }) = &self.out {
+        if let Some(Tree { nodes, refs, corners }) = out {
             let (top, emit) = self.writers(nodes, refs);
             let (header, corners) = (&self.header, corners.out());
             let corners = corners::Buffers { header, positions, indices, refs, corners };

@@ -66,8 +66,7 @@ pub(crate) fn survey_and_build(
                     return Ok((surveyed, built));
                 }
                 Err(Stop::Failed(error)) => return Err(error),
-                Err(Stop::Other) => survey.finish(device)?,
-                Err(_) => survey.done(&found)?,
+                Err(_) => survey.finish(device)?,
             }
         }
     };

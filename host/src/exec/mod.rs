@@ -20,18 +20,16 @@ use bytemuck::allocation::zeroed_vec;
 use raykd_kernels::{Bindings, Host, Kernel};
 #[cfg(feature = "gpu")]
 use rayon::prelude::*;
-use std::{
-    marker::PhantomData,
-    ops::Deref,
-    sync::{Arc, Mutex, PoisonError},
-    time::Duration,
-};
+#[cfg(feature = "gpu")]
+use std::sync::{Mutex, PoisonError};
+use std::{marker::PhantomData, ops::Deref, sync::Arc, time::Duration};
 
 /// A machine that kernels run on: the processor, by rayon, or a Vulkan device, by wgpu. Clones are the same machine.
 #[derive(Clone, Debug)]
 pub struct Device {
     machine: Arc<Machine>,
     /// What the last build noted, if the next one is to expect a mesh like it.
+    #[cfg(feature = "gpu")]
     notes: Option<Arc<Mutex<Option<Past>>>>,
     /// Where the memory of scenes goes and comes from, if it is used again.
     #[cfg(feature = "gpu")]
@@ -349,6 +347,7 @@ impl Device {
     fn on(machine: Machine) -> Self {
         Self {
             machine: Arc::new(machine),
+            #[cfg(feature = "gpu")]
             notes: None,
             #[cfg(feature = "gpu")]
             pool: None,
@@ -378,6 +377,7 @@ impl Device {
 
     /// For tests: the same device, on which builds expect a mesh like the one before, as those of [`Self::recycling`] do,
     /// but no memory is kept.
+    #[cfg(feature = "gpu")]
     #[doc(hidden)]
     #[must_use]
     pub fn expecting(&self) -> Self {
@@ -714,11 +714,16 @@ impl Device {
 
     /// What the last build noted, if notes are kept.
     pub(crate) fn past(&self) -> Option<Past> {
-        *self.notes.as_ref()?.lock().unwrap_or_else(PoisonError::into_inner)
+        #[cfg(feature = "gpu")]
+        return *self.notes.as_ref()?.lock().unwrap_or_else(PoisonError::into_inner);
+        #[cfg(not(feature = "gpu"))]
+        None
     }
 
     /// Notes something for the next build, or nothing, if notes are kept.
+    #[cfg_attr(not(feature = "gpu"), expect(unused_variables, reason = "without a GPU none are"))]
     pub(crate) fn note(&self, past: Option<Past>) {
+        #[cfg(feature = "gpu")]
         if let Some(notes) = &self.notes {
             *notes.lock().unwrap_or_else(PoisonError::into_inner) = past;
         }

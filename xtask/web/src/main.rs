@@ -20,8 +20,9 @@ fn main() -> Result<()> {
         .args(["--config", "profile.release.panic='abort'"])
         // Rays never run what the registry's crates do: parsing, printing, sorting.
         .args(["--config", "profile.release.package.\"*\".opt-level='s'"])
-        // Nor do they run what tells the way of one ray.
-        .args(["--config", "profile.release.package.raykd-ways.opt-level='s'", "--target-dir"])
+        // Nor do they run what tells the way of one ray, or hands arrays to JavaScript.
+        .args(["--config", "profile.release.package.raykd-ways.opt-level='s'"])
+        .args(["--config", "profile.release.package.raykd-web.opt-level='s'", "--target-dir"])
         .arg(&folder)
         .current_dir(&root)
         .status()
