@@ -21,5 +21,13 @@ pub const fn treelet_nodes(n: u32) -> u32 {
 /// Most triangles in one mesh: ids and counts share 30-bit fields with tags.
 pub const MAX_TRIANGLES: u32 = (1 << 28) - 1;
 
+/// A mesh whose longest extent is at least two to this power, and at most two to [`MOST_UNSCALED`], is not scaled.
+pub const LEAST_UNSCALED: i32 = -10;
+/// See [`LEAST_UNSCALED`].
+pub const MOST_UNSCALED: i32 = 20;
+
+/// Coordinates are taken for 0 if their magnitude is below two to this power, for an extent from one to two.
+pub const DUST: i32 = -60;
+
 /// Workgroups per row of a dispatch; larger dispatches wrap into `y` (Vulkan promises 65,535 per dimension).
 pub const GROUPS_X: u32 = 32_768;

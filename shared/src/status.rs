@@ -1,7 +1,7 @@
 //! What kernels report to the host: a bit set, or-ed into one word, that the host turns into an error or a
 //! retry.
 
-/// A buffer of the level loop was too short; the host retries with more room.
+/// A buffer of the level loop was too short, or made for another mesh than was found; the host tries again.
 pub const CAPACITY: u32 = 1;
 /// The level loop ended with large nodes left over; the host encodes more levels.
 pub const LEVELS: u32 = 2;
@@ -9,9 +9,6 @@ pub const LEVELS: u32 = 2;
 pub const STACK: u32 = 8;
 /// The driver left a loop early: llvmpipe does after 65,535 rounds. The result is not to be used.
 pub const CUT_SHORT: u32 = 16;
-
-/// The mesh is not like the one before, as was expected; the host surveys it first.
-pub const OTHER: u32 = 32;
 
 /// What a set of bits means, for messages.
 pub const fn describe(bits: u32) -> &'static str {

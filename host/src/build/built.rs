@@ -18,14 +18,14 @@ pub(crate) struct Built {
     pub nodes: Buffer<Node>,
     pub refs: Buffer<u32>,
     pub times: BuildTimes,
-    pub laid: Option<Laid>,
+    pub laid: Laid,
 }
 
-/// A tree's header on the device, and the triangles of its leaves, laid out for tracing.
-#[derive(Debug)]
+/// What is on the device already of what is laid out for tracing: a tree's header, and the triangles of its leaves.
+#[derive(Debug, Default)]
 pub(crate) struct Laid {
-    pub header: Buffer<TreeHeader>,
-    pub corners: Buffer<Vec4>,
+    pub header: Option<Buffer<TreeHeader>>,
+    pub corners: Option<Buffer<Vec4>>,
 }
 
 impl Built {
@@ -45,7 +45,7 @@ pub(super) struct Grown {
     pub counts: [u32; 2],
     pub depth: u32,
     pub times: BuildTimes,
-    pub laid: Option<Laid>,
+    pub laid: Laid,
 }
 
 /// An indexed mesh on a device.
@@ -180,7 +180,7 @@ impl Grown {
             counts,
             depth,
             times: BuildTimes { upload: begin.elapsed(), ..times },
-            laid: None,
+            laid: Laid::default(),
         })
     }
 }

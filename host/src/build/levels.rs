@@ -2,7 +2,8 @@
 
 use super::{
     built::{Given, Grown, KeptIn, Laid, MeshBuffers},
-    options::BuildTimes,
+    header,
+    options::{BuildOptions, BuildTimes},
     retry::Stop,
     room::{Arena, Room, growth, usual_levels},
     survey::{Root, Survey},
@@ -105,6 +106,12 @@ impl Noted {
         Some(Self { triangles, references, levels, nodes, refs, room: Room::of_words(room) })
     }
 
+    fn keep(self, device: &Device) {
+        let Self { triangles, references, levels, nodes, refs, room } = self;
+        let [a, b, c, d] = room.words();
+        device.note(Some([triangles, references, levels, nodes, refs, a, b, c, d]));
+    }
+
     /// Whether a tree over so many triangles may be expected to be as large as that one.
     const fn is_like(self, references: u32) -> bool {
         self.references.abs_diff(references) <= references / 8
@@ -139,24 +146,23 @@ impl Tree {
     }
 }
 
-/// Builds a tree by the level loop; `header` tells all of it but its size. With a survey, by which a mesh is `found`, also
-/// the box is not known yet.
+/// Builds a tree by the level loop. With a survey, by which a mesh is `found`, its box is not known yet.
 pub(super) fn build(
     arena: &mut Arena<'_>,
     from: &Given<'_>,
     params: &BuildParams,
-    header: &TreeHeader,
+    options: &BuildOptions,
     mut survey: Option<(&Survey, &mut Found)>,
-    profile: bool,
 ) -> Result<Grown, Stop> {
-    let device = arena.device;
+    let (device, profile) = (arena.device, options.profile);
     let noted = Noted::of(device);
     let alike = noted.filter(|noted| noted.is_like(params.references) && !profile);
     // Without room for it, the tree is written once the lists are gone.
     let out = alike.and_then(|noted| Tree::expected(arena, noted).ok());
     let lists = Lists::new(arena, params, from)?;
     let begin = Instant::now();
-    lists.write(device, &from.kept, header, out.as_ref())?;
+    let without_size = header(&from.facts, options, [0; 2], 0);
+    lists.write(device, &from.kept, &without_size, out.as_ref())?;
     let mut times = BuildTimes { upload: begin.elapsed(), ..BuildTimes::default() };
     let most = if lists.root_is_large() { params.max_depth + 1 } else { 0 };
     let guess = noted.map_or(usual_levels(params.references), |noted| noted.levels + SPARE);
@@ -174,9 +180,6 @@ pub(super) fn build(
         drop(back);
         times.add(&steps, &timing);
         let [state] = state;
-        if state.status & status::OTHER != 0 {
-            return Err(Stop::Other);
-        }
         if state.status & status::CAPACITY != 0 {
             return Err(Stop::Room);
         }
@@ -193,12 +196,11 @@ pub(super) fn build(
     };
     let State { nodes, refs, levels, depth, .. } = state;
     let BuildParams { triangles, references, level_refs, treelet_refs, active, treelets, .. } = *params;
-    let [a, b, c, d] = Room { level_refs, treelet_refs, active, treelets }.words();
-    device.note(Some([triangles, references, levels, nodes, refs, a, b, c, d]));
-    let (nodes, refs, laid) = match out {
+    let room = Room { level_refs, treelet_refs, active, treelets };
+    Noted { triangles, references, levels, nodes, refs, room }.keep(device);
+    let (nodes, refs, corners) = match out {
         Some(tree) if state.is_written() => {
-            let laid = Laid { header: lists.header, corners: tree.corners.first(3 * refs) };
-            (tree.nodes.first(nodes), tree.refs.first(refs), Some(laid))
+            (tree.nodes.first(nodes), tree.refs.first(refs), Some(tree.corners.first(3 * refs)))
         }
         // Given back before more is taken.
         out => {
@@ -210,6 +212,7 @@ pub(super) fn build(
             (nodes, refs, None)
         }
     };
+    let laid = Laid { header: Some(lists.header), corners };
     Ok(Grown { nodes: nodes.view(), refs, counts: [state.nodes, state.refs], depth, times, laid })
 }
 
@@ -486,7 +489,6 @@ mod tests {
             retry::{Setting, Stop, Way},
         },
     };
-    use bytemuck::Zeroable as _;
 
     /// Whether one workgroup or several go over the chunks of a node, the tree is the same.
     #[test]
@@ -508,7 +510,7 @@ mod tests {
                 loop {
                     let params = BuildParams { alone, ..setting.params() };
                     let mut arena = Arena { device: &device, bytes: 0 };
-                    match build(&mut arena, &from, &params, &TreeHeader::zeroed(), None, false) {
+                    match build(&mut arena, &from, &params, &options, None) {
                         Ok(Grown { nodes, refs, counts, .. }) => {
                             let [nodes, refs] = [nodes.view::<u32>(), refs.view()];
                             break (

@@ -25,15 +25,20 @@ use retry::{Setting, Stop, Way};
 use room::Arena;
 use std::time::Duration;
 
-/// Builds the tree of a mesh on a device, which has it.
-pub(crate) fn build(device: &Device, from: &Given<'_>, options: &BuildOptions) -> Result<Built, Error> {
-    let way = match options.builder {
+/// Who builds a tree first; the host alone can build by the host.
+fn way(options: &BuildOptions, by_host: bool) -> Way {
+    match options.builder {
         _ if options.max_depth == 0 => Way::Leaf,
-        Builder::Exact if device.is_cpu() && matches!(from.kept, KeptIn::Host(_)) => Way::SweepByHost,
+        Builder::Exact if by_host => Way::SweepByHost,
         Builder::Exact => Way::SweepByKernels { small: LISTED },
         _ => Way::Levels,
-    };
-    until_built(device, from, options, way)
+    }
+}
+
+/// Builds the tree of a mesh on a device, which has it.
+pub(crate) fn build(device: &Device, from: &Given<'_>, options: &BuildOptions) -> Result<Built, Error> {
+    let by_host = device.is_cpu() && matches!(from.kept, KeptIn::Host(_));
+    until_built(device, from, options, way(options, by_host))
 }
 
 /// Builds the tree of a mesh that is surveyed, without waiting for that where the mesh is expected to be like the one
@@ -44,32 +49,24 @@ pub(crate) fn survey_and_build(
     options: &BuildOptions,
 ) -> Result<(Surveyed, Built), Error> {
     let begin = Instant::now();
-    let by_levels = options.max_depth > 0 && options.builder != Builder::Exact;
-    let at_once = by_levels && options.budget.is_none() && !options.profile;
-    let expected = levels::expected(device, survey.triangles()).filter(|_| at_once);
-    let surveyed = match expected {
-        None => survey.finish(device)?,
-        Some(kept) => {
-            let given = survey.expected(device, kept)?;
-            let before = levels::room_before(device, kept);
-            let setting = Setting::first(&given, options, Way::Levels).after(before);
-            let params = BuildParams { price: options.price_of_area(), ..setting.params() };
-            let mut arena = Arena { device, bytes: given.bytes() };
-            let mut found = Found::NOTHING;
-            let ahead = Some((&survey, &mut found));
-            let unknown = header(&given.facts, options, [0; 2], 0);
-            let grown = levels::build(&mut arena, &given, &params, &unknown, ahead, false);
-            match grown.and_then(|grown| setting.check_budget(grown.counts[1]).map(|()| grown)) {
-                Ok(grown) => {
-                    let surveyed = survey.done(&found)?;
-                    let built = grown.of(surveyed.facts(), options, arena.bytes);
-                    return Ok((surveyed, built));
-                }
-                Err(Stop::Failed(error)) => return Err(error),
-                Err(_) => survey.finish(device)?,
+    let at_once = way(options, false) == Way::Levels && options.budget.is_none() && !options.profile;
+    if at_once && let Some(kept) = levels::expected(device, survey.triangles()) {
+        let given = survey.expected(device, kept)?;
+        let setting = Setting::first(&given, options, Way::Levels).after(levels::room_before(device, kept));
+        let params = BuildParams { price: options.price_of_area(), ..setting.params() };
+        let (mut arena, mut found) = (Arena { device, bytes: given.bytes() }, Found::NOTHING);
+        match levels::build(&mut arena, &given, &params, options, Some((&survey, &mut found))) {
+            Ok(grown) => {
+                let surveyed = survey.done(&found)?;
+                let built = grown.of(&surveyed.given().facts, options, arena.bytes);
+                return Ok((surveyed, built));
             }
+            Err(Stop::Failed(error)) => return Err(error),
+            // As for any mesh, then.
+            Err(_) => {}
         }
-    };
+    }
+    let surveyed = survey.finish(device)?;
     let ready = begin.elapsed();
     let built = build(device, &surveyed.given(), options)?.after(ready);
     Ok((surveyed, built))
@@ -96,6 +93,7 @@ fn until_built(device: &Device, from: &Given<'_>, options: &BuildOptions, way: W
         match attempt(&mut arena, from, &setting, options) {
             Ok(grown) => {
                 if setting.is_lowered() {
+                    // The same would happen again.
                     device.note(None);
                 }
                 let built = grown.of(&from.facts, options, arena.bytes);
@@ -116,13 +114,11 @@ fn attempt(
     setting: &Setting,
     options: &BuildOptions,
 ) -> Result<Grown, Stop> {
-    let (params, profile) = (setting.params(), options.profile);
+    let params = setting.params();
     let grown = match setting.way {
         Way::Leaf => leaf(arena, from)?,
-        Way::Levels => {
-            levels::build(arena, from, &params, &header(&from.facts, options, [0; 2], 0), None, profile)?
-        }
-        Way::SweepByKernels { .. } => sweep::kernels::build(arena, from, &params, profile)?,
+        Way::Levels => levels::build(arena, from, &params, options, None)?,
+        Way::SweepByKernels { .. } => sweep::kernels::build(arena, from, &params, options.profile)?,
         Way::SweepByHost => match from.kept {
             KeptIn::Host(mesh) => sweep::host::build(arena, mesh, &params)?,
             KeptIn::Device(_) => unreachable!("chosen only where the host has the mesh"),

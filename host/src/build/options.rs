@@ -120,7 +120,7 @@ impl BuildOptions {
         self.price_of_area() * area / facts.kept.max(1) as f32
     }
 
-    /// The same times the number of triangles, where the root has half an area of 1.
+    /// What [`Self::price`] shares among the triangles, for each unit of half the root's area.
     pub(super) fn price_of_area(&self) -> f32 {
         self.price * self.cost_test
     }
@@ -134,8 +134,8 @@ pub struct BuildTimes {
     pub upload: Duration,
     /// All kernels, on the device's clock.
     pub build: Duration,
-    /// Laying the leaves' triangles out for tracing, on the device's clock. Nothing where `build` tells of it: a tree like
-    /// the one before is laid out at once, see `Device::recycling`.
+    /// Laying the leaves' triangles out for tracing, on the device's clock. Zero where `build` includes it: see
+    /// `Device::recycling`.
     pub layout: Duration,
     /// Most bytes of buffers held at once, the mesh included.
     pub peak_bytes: u64,

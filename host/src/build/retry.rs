@@ -30,7 +30,7 @@ pub(super) enum Way {
 /// Why a try left no tree that is wanted.
 #[derive(Debug)]
 pub(super) enum Stop {
-    /// A list of the level loop was too short.
+    /// A list of the level loop was too short, or the lists were for another mesh than was found.
     Room,
     /// A list of the sweep was.
     Needs(Need),
@@ -38,8 +38,6 @@ pub(super) enum Stop {
     Crowd,
     /// So many references are more than were asked for.
     Budget(u32),
-    /// The mesh is not as it was expected to be.
-    Other,
     /// The device failed, or has no room.
     Failed(Error),
 }
@@ -140,7 +138,7 @@ impl Setting {
         match stop {
             Stop::Room => self.enlarge(self.room.doubled(references, self.options.builder.small())),
             Stop::Needs(need) => self.enlarge(self.room.holding(&need, references)),
-            Stop::Crowd | Stop::Other => self.enlarge(None),
+            Stop::Crowd => self.enlarge(None),
             Stop::Budget(refs) => {
                 let price = (2.0 * self.options.price).max(0.25);
                 let long = self.options.long.max(1).saturating_mul(2);

@@ -30,10 +30,6 @@ impl Surveyed {
         Given { facts: self.facts, on_device: self.on_device.clone(), kept: KeptIn::Device(&self.kept) }
     }
 
-    pub(super) const fn facts(&self) -> &Facts {
-        &self.facts
-    }
-
     /// How many triangles take part.
     pub(crate) const fn count(&self) -> u32 {
         self.facts.kept
@@ -81,8 +77,8 @@ impl Copies<'_> {
 }
 
 impl Survey {
-    /// Takes memory for a mesh of so many vertices and triangles, and has `copy` make the device copy it there, and then
-    /// run some steps.
+    /// Takes memory for a mesh of so many vertices and triangles, and has `copy` make the device copy it there and run
+    /// some steps then.
     pub(crate) fn begin(
         device: &Device,
         vertices: u32,
@@ -184,12 +180,21 @@ impl Survey {
         Facts { triangles: self.triangles, kept: 0, bounds: ([0.0; 3], [0.0; 3]), scale: 1.0 }
     }
 
-    /// The mesh that was found, which is as it was expected to be.
-    pub(super) fn done(self, found: &Found) -> Result<Surveyed, Error> {
+    /// The facts of a mesh of which something does.
+    fn facts(&self, found: &Found) -> Result<Facts, Error> {
         let measure = measure(found);
         let scale = measure.scale()?;
-        let facts = Facts { kept: found.kept, bounds: measure.scaled(scale), scale, ..self.nothing() };
-        Ok(Surveyed { facts, on_device: self.on_device(), kept: self.kept })
+        Ok(Facts { kept: found.kept, bounds: measure.scaled(scale), scale, ..self.nothing() })
+    }
+
+    fn surveyed(self, facts: Facts) -> Surveyed {
+        Surveyed { facts, on_device: self.on_device(), kept: self.kept }
+    }
+
+    /// The mesh that was found, which is as it was expected to be.
+    pub(super) fn done(self, found: &Found) -> Result<Surveyed, Error> {
+        let facts = self.facts(found)?;
+        Ok(self.surveyed(facts))
     }
 
     /// What is found.
@@ -216,16 +221,15 @@ impl Survey {
                 found = self.look(device)?;
             }
             if found.kept == kept {
-                let scale = measure.scale()?;
-                facts = Facts { kept, bounds: measure.scaled(scale), scale, ..facts };
-                job.scale = scale.to_bits() >> 23;
+                facts = self.facts(&found)?;
+                job.scale = facts.scale.to_bits() >> 23;
                 break;
             }
             job.dust = dust_bits(0.0);
         }
         self.write(device, job)?;
         device.begin(&[self.settle()])?;
-        Ok(Surveyed { facts, on_device: self.on_device(), kept: self.kept })
+        Ok(self.surveyed(facts))
     }
 }
 

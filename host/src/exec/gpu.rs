@@ -31,8 +31,8 @@ use std::{
 /// Writes of at most this many bytes ride along with the next submission.
 const RIDES_ALONG: usize = 64 << 10;
 
-/// After how many steps commands are handed over early. The device does not wait long for the first, a level of a build,
-/// and the host encodes as many as it can while the device works on those before.
+/// After how many steps commands are handed over early: about a level of a build first, so that the device soon begins,
+/// and more each time, as the host encodes them while the device works.
 const EARLY: [usize; 4] = [8, 24, 48, 96];
 
 /// Ways across the bus.

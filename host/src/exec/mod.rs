@@ -359,10 +359,11 @@ impl Device {
     ///
     /// What a build needs only while it runs is free for the next one, and so is what a scene takes as soon as its last
     /// clone is dropped. Keep the old scene until the new one is built, and tracing goes on: from the third build on
-    /// nothing is allocated, as long as the mesh does not grow by more than an eighth. A mesh of as many triangles as the
-    /// one before is expected to be much like it: then the host waits once, for all that there is to do. What is found to
-    /// be otherwise takes a little longer, and comes to the same. Commands that
+    /// nothing is allocated, as long as the mesh does not grow by more than an eighth. Commands that
     /// [`Scene::encode`](crate::Scene::encode) made are to be submitted before their scene is dropped.
+    ///
+    /// A mesh of as many triangles as the one before is expected to be much like it. If it lies on the device, the host
+    /// waits once for the whole build. A mesh that turns out otherwise takes a little longer; its scene is the same.
     ///
     /// All that is kept is given back with the last clone of what this returns, and the last scene that was built with
     /// it. On the CPU, where memory is no more than asked for, nothing is kept.
@@ -375,8 +376,8 @@ impl Device {
         }
     }
 
-    /// For tests: the same device, on which builds expect a mesh like the one before, as those of [`Self::recycling`] do,
-    /// but no memory is kept.
+    /// For tests: the same device, on which builds expect a mesh like the one before, as those of [`Self::recycling`]
+    /// do, but no memory is kept.
     #[cfg(feature = "gpu")]
     #[doc(hidden)]
     #[must_use]
@@ -534,8 +535,10 @@ impl Device {
     fn rounded<T>(&self, name: &'static str, count: u64) -> Result<u64, Error> {
         let limit = self.limit();
         let bytes = count.saturating_mul(size_of::<T>() as u64);
-        let rounded = Some(whole_bytes::<T>(count)).filter(|&rounded| rounded <= limit.bytes);
-        rounded.ok_or(Error::TooLarge { buffer: name, bytes, limit: limit.bytes, limit_name: limit.name })
+        match whole_bytes::<T>(count) {
+            rounded if rounded <= limit.bytes => Ok(rounded),
+            _ => Err(Error::TooLarge { buffer: name, bytes, limit: limit.bytes, limit_name: limit.name }),
+        }
     }
 
     /// A buffer of `count` elements of a file, from the byte `begin` on. On the CPU it is that part of the file, and

@@ -1,4 +1,4 @@
-//! What a build leaves for the next one.
+//! Memory that a build leaves for the next one.
 
 use super::AnyBuffer;
 use std::sync::{Arc, Mutex, PoisonError};

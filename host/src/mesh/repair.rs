@@ -3,6 +3,7 @@
 #[cfg(doc)]
 use super::Mesh;
 use super::{MeshError, Place, Spot};
+use raykd_shared::limits::{DUST, LEAST_UNSCALED, MOST_UNSCALED};
 use rayon::prelude::*;
 use robust::{Coord, orient2d};
 
@@ -55,7 +56,7 @@ pub(super) struct Survey {
 }
 
 /// Largest extents, as powers of two, that need no scaling.
-const UNSCALED: std::ops::RangeInclusive<f64> = power_of_two(-10)..=power_of_two(20);
+const UNSCALED: std::ops::RangeInclusive<f64> = power_of_two(LEAST_UNSCALED)..=power_of_two(MOST_UNSCALED);
 
 /// `2^e` for `e` in the range of normal numbers.
 pub(super) const fn power_of_two(e: i32) -> f64 {
@@ -128,7 +129,7 @@ impl Measure {
 
     /// Coordinates of smaller magnitude are 0.
     pub(crate) fn dust(&self) -> f64 {
-        power_of_two(exponent(self.extent()) - 60)
+        power_of_two(exponent(self.extent()) + DUST)
     }
 
     /// Whether there are such, other than 0.

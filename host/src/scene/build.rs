@@ -11,7 +11,7 @@ use crate::{
     exec::{Buffer, Device, Launch, Step},
     traversal::Extras,
 };
-use raykd_kernels::trace::prepare::corners;
+use raykd_kernels::{glam::Vec4, trace::prepare::corners};
 use raykd_shared::TreeHeader;
 
 impl Scene {
@@ -97,7 +97,7 @@ impl Scene {
         let on_device = upload(device, mesh)?;
         let times = BuildTimes { upload: start.elapsed(), ..BuildTimes::default() };
         let (kept, built) =
-            (Kept::Host(mesh.kept().into()), Built { header, nodes, refs, times, laid: None });
+            (Kept::Host(mesh.kept().into()), Built { header, nodes, refs, times, laid: Laid::default() });
         Self::assemble(device, on_device, kept, mesh.translation(), built)
     }
 
@@ -109,18 +109,22 @@ impl Scene {
         translation: [f64; 3],
         mut built: Built,
     ) -> Result<Self, Error> {
-        let laid = match built.laid.take() {
-            Some(laid) => laid,
-            None => lay_out(device, &on_device, &mut built)?,
+        let header = match built.laid.header.take() {
+            Some(header) => header,
+            None => device.put("header", &[built.header])?,
+        };
+        let corners = match built.laid.corners.take() {
+            Some(corners) => corners,
+            None => lay_out(device, &header, &on_device, &mut built)?,
         };
         Ok(Self {
             device: device.clone(),
             header: built.header,
-            header_buffer: laid.header,
+            header_buffer: header,
             nodes: built.nodes.view(),
             refs: built.refs,
             mesh: on_device,
-            corners: laid.corners,
+            corners,
             kept,
             translation,
             times: built.times,
@@ -133,18 +137,22 @@ impl Scene {
 }
 
 /// Lays the triangles of the leaves out.
-fn lay_out(device: &Device, mesh: &MeshBuffers, built: &mut Built) -> Result<Laid, Error> {
-    let header = device.put("header", &[built.header])?;
+fn lay_out(
+    device: &Device,
+    header: &Buffer<TreeHeader>,
+    mesh: &MeshBuffers,
+    built: &mut Built,
+) -> Result<Buffer<Vec4>, Error> {
     let corners = device.room("corners", 3 * u64::from(built.header.refs))?;
     let steps = corners::Buffers {
-        header: &header,
+        header,
         positions: &mesh.positions,
         indices: &mesh.indices,
         refs: &built.refs,
         corners: corners.out(),
     };
     built.times.layout = device.dispatch(&[steps.over(built.header.refs)], false)?.total;
-    Ok(Laid { header, corners })
+    Ok(corners)
 }
 
 #[cfg(test)]

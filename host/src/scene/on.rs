@@ -32,6 +32,7 @@ impl Scene {
     /// as none of `f32` is.
     ///
     /// [`BuildTimes::upload`](crate::BuildTimes::upload) is what making the mesh ready took, by the clock on the wall.
+    /// On a device of [`Device::recycling`] it is as much of that as the host waits for.
     /// [`Builder::Exact`](crate::Builder::Exact) is not helped out by the host if the device lacks the room. Later,
     /// [`Scene::tree`] brings the mesh to the host, for the digest of a saved tree, and [`Scene::tracer`] what leaves
     /// hold.

@@ -3,7 +3,7 @@
 use crate::{
     Error,
     build::{
-        built::{Given, Grown, KeptIn, MeshBuffers},
+        built::{Given, Grown, KeptIn, Laid, MeshBuffers},
         options::BuildTimes,
         retry::Stop,
         room::{Arena, Need, growth},
@@ -340,6 +340,6 @@ impl<'a> Lists<'a> {
         device.write(&nodes.view(), 1, &[Node::PADDING])?;
         let steps = self.last_steps(depth, &nodes, &refs, counts[1]);
         times.add(&steps, &device.dispatch(&steps, profile)?);
-        Ok(Grown { nodes: nodes.view(), refs, counts, depth, times, laid: None })
+        Ok(Grown { nodes: nodes.view(), refs, counts, depth, times, laid: Laid::default() })
     }
 }

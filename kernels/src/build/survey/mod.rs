@@ -3,8 +3,8 @@
 //! The host finds the same of a mesh in its own memory (`raykd::mesh`). [`vertices`] and [`indices`] copy the mesh, so
 //! that whoever made it may change it later. [`sift`] marks the triangles that take part, bounds them and counts them
 //! by blocks, [`offsets`] adds the blocks up, [`collect`] lists the marked triangles. Then the host reads [`Found`], a
-//! few words, from which it knows the scale; [`settle`] brings the coordinates to it. Where a mesh is expected to be like
-//! the one before, [`root`] decides what the host would, which looks at [`Found`] when the tree is built.
+//! few words, from which it knows the scale; [`settle`] brings the coordinates to it. Where a mesh is expected to be
+//! like the one before, [`root`] decides what the host would, which looks at [`Found`] when the tree is built.
 //!
 //! Coordinates may be subnormal, which a device may take for 0. So all is decided by their bits: floats only tell what
 //! is clear beyond doubt.

@@ -1,5 +1,5 @@
-//! The root of a mesh that is expected to be like the one before: of that the host knows all but the box, so it need not
-//! look at what a survey found before it has a tree built.
+//! The root of a mesh that is expected to be like the one before. Of such a root the host knows all but the box. So it
+//! need not look at what the survey found before it has a tree built.
 
 use super::{
     FOUND_HI, FOUND_KEPT, FOUND_LO, FOUND_SMALLEST, FOUND_TRIANGLE, FOUND_VERTEX, JOB_DUST, JOB_EXPECTED,
@@ -15,7 +15,11 @@ use crate::{
     trace::intersect::pair::Pair,
 };
 use core::mem::offset_of;
-use raykd_shared::{BuildParams, TreeHeader, status};
+use raykd_shared::{
+    BuildParams, TreeHeader,
+    limits::{DUST, LEAST_UNSCALED, MOST_UNSCALED},
+    status,
+};
 
 const PARAMS_LO: u32 = offset_of!(BuildParams, lo) as u32 / 4;
 const PARAMS_HI: u32 = offset_of!(BuildParams, hi) as u32 / 4;
@@ -23,12 +27,6 @@ const PARAMS_PRICE: u32 = offset_of!(BuildParams, price) as u32 / 4;
 const HEADER_LO: u32 = offset_of!(TreeHeader, lo) as u32 / 4;
 const HEADER_HI: u32 = offset_of!(TreeHeader, hi) as u32 / 4;
 
-/// Extents from two to this power on are not scaled ...
-const LEAST_EXTENT: i32 = -10;
-/// ... and below two to this one.
-const MOST_EXTENT: i32 = 20;
-/// What is smaller than an extent by this power of two is dust.
-const DUST: i32 = 60;
 /// Products that come to less may differ between machines, as parts of them may be subnormal.
 const LEAST: f32 = exp2(-60);
 
@@ -50,7 +48,7 @@ fn longer(a: Pair, b: Pair) -> Pair {
     if b.hi > a.hi || (b.hi == a.hi && b.lo > a.lo) { b } else { a }
 }
 
-/// The power of two that an extent is not less than, and less than twice; [`MOST_EXTENT`] where that is not clear.
+/// The power of two that an extent is not less than, and less than twice; [`MOST_UNSCALED`] where that is not clear.
 #[inline(always)]
 fn exponent(extent: Pair) -> i32 {
     let bits = extent.hi.to_bits();
@@ -61,7 +59,7 @@ fn exponent(extent: Pair) -> i32 {
     } else if -extent.lo > extent.hi * exp2(-50) {
         e - 1
     } else {
-        MOST_EXTENT
+        MOST_UNSCALED
     }
 }
 
@@ -85,13 +83,13 @@ pub fn root(
         let side = |lo: f32, hi: f32| Pair::sum(hi, -lo);
         let e = exponent(longer(longer(side(lo.x, hi.x), side(lo.y, hi.y)), side(lo.z, hi.z)));
         // Bits of an `f32`, if the extent is one that is not scaled.
-        let dust = ((e - DUST + 127) as u32) << 23;
+        let dust = ((e + DUST + 127) as u32) << 23;
         let kept = found.at(FOUND_KEPT);
         let area = d.x * d.y + d.y * d.z + d.z * d.x;
         let given = f32::from_bits(params.at(PARAMS_PRICE));
         let price = given * area;
         let sound = (found.at(FOUND_VERTEX) == u32::MAX) & (found.at(FOUND_TRIANGLE) == u32::MAX);
-        let usual = (LEAST_EXTENT..MOST_EXTENT).contains(&e) & (found.at(FOUND_SMALLEST) >= dust);
+        let usual = (LEAST_UNSCALED..MOST_UNSCALED).contains(&e) & (found.at(FOUND_SMALLEST) >= dust);
         let priced = (given == 0.0) | ((area >= LEAST) & (price >= LEAST));
         if sound & usual & priced & (kept == job.at(JOB_EXPECTED)) {
             job.put(JOB_DUST, dust);
@@ -104,7 +102,7 @@ pub fn root(
             item.put(1, to_bits(lo, growth));
             item.put(2, to_bits(hi, 0));
         } else {
-            state.or(STATE_STATUS, status::OTHER);
+            state.or(STATE_STATUS, status::CAPACITY);
             state.put(STATE_TREELETS, 0);
             put_groups(state, ARGS_TREELETS, 0);
             level.put(LEVEL_ACTIVE, 0);
