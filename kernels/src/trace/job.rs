@@ -41,6 +41,21 @@ pub fn load(i: u32, rays: &Buf<Vec4>, header: &TreeHeader, outcome: &mut Buf<u32
     ray
 }
 
+/// Whether loops still go round as often as they should: a software driver that leaves one early, see
+/// [`raykd_shared::status::CUT_SHORT`], leaves all later ones after a round, this too. So asked last, it tells of all
+/// loops of an invocation.
+#[inline(always)]
+pub fn loops_are_whole(job: &Buf<u32>) -> bool {
+    // Two or three, which no compiler knows: it would do without the loop.
+    let rounds = 2 + (job.at(JOB_RAYS) & 1);
+    let (mut i, mut counted) = (0, 0);
+    while i < rounds {
+        i += 1;
+        counted += 1;
+    }
+    counted == rounds
+}
+
 /// The bits of a number, without the sign of a zero.
 #[inline(always)]
 fn positive_zero(a: f32) -> u32 {

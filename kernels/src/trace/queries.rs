@@ -6,7 +6,7 @@ use super::packet::side_by_side;
 use super::{
     frame::Frame,
     intersect::{Intersector, exact::Exact, perturbed::Perturbed, strict::Strict},
-    job::{JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, THREADS, load, record},
+    job::{JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, THREADS, load, loops_are_whole, record},
     traverse::{
         self, Steps,
         leaf::{After, Every, Except},
@@ -347,6 +347,9 @@ pub fn count_crossings<const QUICK: bool>(
         let mut ray = load(i, rays, &header.at(0), outcome);
         let mut steps = Steps::default();
         let found = crossed::<QUICK>(&mut ray, pairs, corners, &mut steps);
+        if !loops_are_whole(job) {
+            steps.status |= status::CUT_SHORT;
+        }
         let open = QUICK && steps.status != 0;
         hits.put(i, UVec4::new(found.leaving, found.entering, open as u32, 0));
         if steps.status != 0 && !QUICK {

@@ -3,7 +3,7 @@
 
 use super::{
     frame::Frame,
-    job::{JOB_RAYS, OUTCOME_STATUS, THREADS},
+    job::{JOB_RAYS, OUTCOME_STATUS, THREADS, loops_are_whole},
     queries::crossed,
     traverse::Steps,
 };
@@ -101,7 +101,7 @@ pub fn settle(
                 open = 0;
             }
         }
-        if open != 0 {
+        if open != 0 || !loops_are_whole(job) {
             outcome.or(OUTCOME_STATUS, status::CUT_SHORT);
         }
     });
