@@ -5,6 +5,11 @@ use crate::{
     choices::choices,
     exec::{Buffer, Launch, OnDevice, Out, Step},
 };
+#[cfg(feature = "gpu")]
+use raykd_kernels::trace::{
+    traverse::{narrow, rest, settle},
+    undecided::BLOCK,
+};
 use raykd_kernels::{
     Bindings, Host, Kernel,
     glam::UVec4,
@@ -23,6 +28,19 @@ use raykd_kernels::{
 };
 use raykd_shared::{Hit, Ray};
 use std::ops::ControlFlow;
+
+/// A kernel, what it binds, and how many rays each of its workgroups takes.
+pub(crate) struct Bound<'a, H: Host> {
+    pub kernel: &'static Kernel,
+    pub buffers: Vec<H::Any<'a>>,
+    pub rays: u32,
+}
+
+impl<'a, H: Host> Bound<'a, H> {
+    fn of<B: Bindings<'a, H>>(buffers: B) -> Self {
+        Self { kernel: B::KERNEL, buffers: buffers.list().collect(), rays: B::KERNEL.threads }
+    }
+}
 
 choices! {
     /// How it is told whether a ray hits a triangle, and where. [`Intersector::Strict`] keeps raykd's promises, and
@@ -118,24 +136,23 @@ impl Intersector {
         })
     }
 
-    /// With a full stack: the kernel and its buffers.
-    pub(crate) fn stack<'a, H: Host>(
-        self,
-        query: queries::Query<'a, H>,
-        asked: Query,
-    ) -> (&'static Kernel, Vec<H::Any<'a>>) {
-        fn of<'a, H: Host, B: Bindings<'a, H>>(buffers: B) -> (&'static Kernel, Vec<H::Any<'a>>) {
-            (B::KERNEL, buffers.list().collect())
-        }
+    /// With a full stack, by one kernel.
+    pub(crate) fn stack<'a, H: Host>(self, query: queries::Query<'a, H>, asked: Query) -> Bound<'a, H> {
         match self {
-            Self::Strict if asked == Query::Any => of(any::Buffers { query }),
-            Self::Strict => of(closest::Buffers { query }),
-            Self::Exact => of(exact::Buffers { query }),
-            Self::Woop => of(woop::Buffers { query }),
-            Self::Moeller => of(moeller::Buffers { query }),
-            Self::Plane => of(plane::Buffers { query }),
-            Self::Baldwin => of(baldwin::Buffers { query }),
+            Self::Strict if asked == Query::Any => Bound::of(any::Buffers { query }),
+            Self::Strict => Bound::of(closest::Buffers { query }),
+            Self::Exact => Bound::of(exact::Buffers { query }),
+            Self::Woop => Bound::of(woop::Buffers { query }),
+            Self::Moeller => Bound::of(moeller::Buffers { query }),
+            Self::Plane => Bound::of(plane::Buffers { query }),
+            Self::Baldwin => Bound::of(baldwin::Buffers { query }),
         }
+    }
+
+    /// Whether [`exact_closest`] finds the same on a GPU, and sooner.
+    #[cfg(feature = "gpu")]
+    pub(crate) fn narrows(self, asked: Query) -> bool {
+        self == Self::Exact && asked == Query::Closest
     }
 
     /// Every triangle of a list, for so many rays.
@@ -177,4 +194,17 @@ impl Intersector {
             Self::Baldwin => tree.find::<Baldwin>(ray, any),
         }
     }
+}
+
+/// Closest hits by the exact test with a full stack, in three kernels. Both `more` are a buffer of four words a ray.
+#[cfg(feature = "gpu")]
+pub(crate) fn exact_closest<'a, H: Host>(
+    query: impl Fn() -> queries::Query<'a, H>,
+    more: (H::Write<'a, UVec4>, H::Read<'a, UVec4>),
+) -> [Bound<'a, H>; 3] {
+    [
+        Bound::of(narrow::Buffers { query: query(), more: more.0 }),
+        Bound::of(settle::Buffers { query: query(), more: more.1 }),
+        Bound { rays: BLOCK, ..Bound::of(rest::Buffers { query: query() }) },
+    ]
 }

@@ -28,7 +28,7 @@ pub fn watching<R>(watcher: Watcher, act: impl FnOnce() -> R) -> R {
     act()
 }
 
-pub(super) fn is_on() -> bool {
+pub(crate) fn is_on() -> bool {
     WATCHER.with_borrow(Option::is_some)
 }
 

@@ -4,10 +4,13 @@ use super::{Scene, batch::Batch};
 use crate::{
     Error, Query,
     clock::Instant,
-    exec::{Buffer, Groups, Step, To},
+    exec::{Buffer, Groups, OnDevice, Step, To},
+    intersector::Bound,
     rays::AnyRay,
     traversal::Traversal,
 };
+#[cfg(feature = "gpu")]
+use crate::{exec::watch, intersector::exact_closest};
 use bytemuck::allocation::zeroed_vec;
 use raykd_kernels::trace::queries;
 use raykd_shared::{Hit, Ray};
@@ -311,11 +314,28 @@ impl Scene {
         if traversal == Traversal::Brute {
             return self.run_brute(batch, hits);
         }
-        let step = self.walk(batch, traversal).unwrap_or_else(|| {
-            let (kernel, buffers) = self.intersector.stack(batch.query(self), query);
-            Step { kernel, buffers, groups: Groups::Fixed(batch.count.div_ceil(kernel.threads)) }
-        });
-        batch.run(&self.device, &[step], asked(query), vec![batch.hits.back(hits)])
+        let steps = match self.walk(batch, traversal) {
+            Some(step) => vec![step],
+            None => {
+                let groups = |rays| Groups::Fixed(batch.count.div_ceil(rays));
+                let bound = self.bound_to(batch, query).into_iter();
+                bound
+                    .map(|Bound { kernel, buffers, rays }| Step { kernel, buffers, groups: groups(rays) })
+                    .collect()
+            }
+        };
+        batch.run(&self.device, &steps, asked(query), vec![batch.hits.back(hits)])
+    }
+
+    /// With a full stack: kernels in order.
+    fn bound_to<'a>(&'a self, batch: &'a Batch, query: Query) -> Vec<Bound<'a, OnDevice>> {
+        // A CPU that is watched does what a GPU does.
+        #[cfg(feature = "gpu")]
+        if self.intersector.narrows(query) && (!self.device.is_cpu() || watch::is_on()) {
+            let more = (batch.counts.out(), &batch.counts);
+            return exact_closest(|| batch.query(self), more).into();
+        }
+        vec![self.intersector.stack(batch.query(self), query)]
     }
 
     /// By a traversal that also counts its steps.

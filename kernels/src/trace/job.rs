@@ -28,6 +28,8 @@ pub const JOB_WORDS: u32 = 4;
 pub const OUTCOME_STATUS: u32 = 0;
 /// How many rays were none: NaN, infinite or zero direction, origin out of range.
 pub const OUTCOME_INVALID: u32 = 1;
+/// Whether a kernel has left rays to one that follows: 1 if so.
+pub const OUTCOME_LEFT: u32 = 2;
 /// Words of the outcome record.
 pub const OUTCOME_WORDS: u32 = 4;
 

@@ -11,7 +11,7 @@ use super::{
         self, Steps,
         leaf::{After, Every, Except},
         next::{AT_ONCE, Next, WORDS},
-        stack::ASIDE,
+        stack::{ASIDE, walk_keeping},
     },
 };
 use crate::{
@@ -292,26 +292,27 @@ pub fn crossed<const QUICK: bool>(
     steps: &mut Steps,
 ) -> Crossings {
     let mut after = After::NOTHING;
-    let mut aside = scratch::<u32, WORDS>();
+    let (mut aside, mut own) = (scratch::<u32, ASIDE>(), scratch::<u32, WORDS>());
     let mut found = Crossings { leaving: 0, entering: 0 };
     let mut running = true;
     // 1 until there are no more.
     let mut open = 1;
     while running {
-        Next::clear(&mut aside);
-        traverse::stack::walk::<Perturbed<QUICK>, Next, false>(
+        Next::clear(&mut own);
+        walk_keeping::<Perturbed<QUICK>, Next, false>(
             ray,
             pairs,
             corners,
             Next(after),
             false,
             &mut aside,
+            &mut own,
             steps,
         );
-        let count = Next::count(&aside);
+        let count = Next::count(&own);
         let mut i = 0;
         while i < count {
-            let (t, triangle, along) = Next::hit(&aside, i);
+            let (t, triangle, along) = Next::hit(&own, i);
             found.leaving += along as u32;
             found.entering += !along as u32;
             i += 1;

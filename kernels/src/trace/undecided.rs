@@ -18,13 +18,13 @@ use raykd_shared::{TreeHeader, status};
 use super::queries::Query;
 
 /// Rays of a workgroup. About one in a hundred is undecided, so that a workgroup has some for its lanes to share.
-const BLOCK: u32 = 1024;
+pub const BLOCK: u32 = 1024;
 /// Words of its marks.
-const MARKS: usize = BLOCK as usize / 32;
+pub(super) const MARKS: usize = BLOCK as usize / 32;
 
 /// The ray of a block that is marked with so many before it, or [`BLOCK`] if there are no more.
 #[inline(always)]
-fn marked_after(before: u32, marks: &[u32; MARKS]) -> u32 {
+pub(super) fn marked_after(before: u32, marks: &[u32; MARKS]) -> u32 {
     let (mut rest, mut word, mut found) = (before, 0, BLOCK);
     while word < MARKS as u32 && found == BLOCK {
         let mut bits = marks.at(word);

@@ -1,7 +1,7 @@
 //! Between which numbers floats put the place where a ray meets a triangle's plane: enough to pass over what lies
 //! behind the ray, or behind a hit that it has.
 
-use super::strict::shear;
+use super::{Glance, strict::shear};
 use crate::{
     glam::Vec3,
     math::{abs, component, div, exp2, exponent, high, low},
@@ -42,11 +42,10 @@ fn level(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> (f32, f32) {
     if abs(x.1) > 0.0 { x } else { found }
 }
 
-/// The lowest and the highest number that `t` may be, as it is rounded, if the ray's line may pass through the
-/// triangle. A sheared corner is off by at most a quarter of the pad, so edge functions are by an eighth of what their
+/// What floats tell of `t`, as it is rounded, if the ray's line may pass through the triangle. A sheared corner is off by at most a quarter of the pad, so edge functions are by an eighth of what their
 /// sum is compared with; `t` hangs on them by how far the corners' depths are apart.
 #[inline(always)]
-pub(super) fn bounds(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> (f32, f32) {
+pub(super) fn bounds(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> Glance {
     let s = shear(ray, a, b, c);
     let half = 0.5 * ray.pad;
     let (x, y, z) = (abs(s.ax) + abs(s.ay), abs(s.bx) + abs(s.by), abs(s.cx) + abs(s.cy));
@@ -56,13 +55,16 @@ pub(super) fn bounds(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> (f32, f32) {
     // Where the ray is all but parallel to the plane, nothing is known.
     let known = abs(det) > 4.0 * error;
     if !known {
-        return (f32::NEG_INFINITY, f32::INFINITY);
+        return Glance { near: f32::NEG_INFINITY, later: f32::INFINITY, sure: false };
     }
+    // As in [`Exact::may_hit`](super::exact::Exact).
+    let (eu, ev, ew) = (half * (y + z + half), half * (z + x + half), half * (x + y + half));
+    let sure = ((u > eu) & (v > ev) & (w > ew)) | ((u < -eu) & (v < -ev) & (w < -ew));
     // Across an axis it is met where that says.
     let (distance, way) = level(ray, (a, b, c));
     if abs(way) > 0.0 {
         let (t, wide) = (distance * way, abs(distance * way) * exp2(-20));
-        return (t - wide, t + wide);
+        return Glance { near: t - wide, later: t + wide, sure };
     }
     let unit = exp2(-exponent(det));
     let inverse = div(1.0, det * unit);
@@ -75,7 +77,8 @@ pub(super) fn bounds(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> (f32, f32) {
         // The direction's sign along the normal, and with it that of `t`.
         let forward = (det > 0.0) == (along < 0.0);
         let ahead = side(ray.origin, ray.pad * exp2(19), (a, b, c)) * if forward { -1 } else { 1 };
-        return (if ahead > 0 { 0.0 } else { near }, if ahead < 0 { -exp2(-126) } else { later });
+        let (near, later) = (if ahead > 0 { 0.0 } else { near }, if ahead < 0 { -exp2(-126) } else { later });
+        return Glance { near, later, sure };
     }
-    (near, later)
+    Glance { near, later, sure }
 }

@@ -12,7 +12,7 @@
 //! distances `t` that would.
 
 use super::{
-    Best, Intersector,
+    Best, Glance, Intersector,
     bounds::{NEAR, bounds},
     integers,
     pair::{Long, Pair},
@@ -68,12 +68,17 @@ pub(super) struct Edge<N = Pair> {
     pub(super) positive: bool,
     pub(super) negative: bool,
     pub(super) certain: bool,
+    /// What the value may be off by.
+    error: f32,
 }
 
 impl<N: Long> Edge<N> {
-    /// Of two corners; `error` bounds that of every edge function at hand.
+    /// Of two corners of a scene of size `far`.
     #[inline(always)]
-    fn new(a: &Seen<N>, b: &Seen<N>, error: f32) -> Self {
+    fn new(a: &Seen<N>, b: &Seen<N>, far: f32) -> Self {
+        let products = abs(a.x.hi() * b.y.hi()) + abs(a.y.hi() * b.x.hi());
+        let sizes = (abs(a.x.hi()) + abs(a.y.hi())) + (abs(b.x.hi()) + abs(b.y.hi()));
+        let error = N::EDGE * products + N::EDGE_FAR * far * sizes + exp2(-98);
         let value = a.x.times(b.y).plus(a.y.times(b.x).negative());
         // Of floats the signs are exact; with a corner on the ray the edge function is 0.
         let small = is_small(a.x.hi(), PAIR_FLOOR)
@@ -85,7 +90,7 @@ impl<N: Long> Edge<N> {
         let certain = exact | (abs(value.hi()) > error);
         let value = if on_ray { N::default() } else { value };
         let hi = value.hi();
-        Self { value, positive: certain & (hi > 0.0), negative: certain & (hi < 0.0), certain }
+        Self { value, positive: certain & (hi > 0.0), negative: certain & (hi < 0.0), certain, error }
     }
 }
 
@@ -116,8 +121,6 @@ pub(super) struct Looked<N = Pair> {
     pub(super) missed: bool,
     /// Edge functions from `c` to `b`, `a` to `c` and `b` to `a`, in the frame of the ray's main axis.
     pub(super) edges: (Edge<N>, Edge<N>, Edge<N>),
-    /// What bounds their errors.
-    error: f32,
     /// Corners along the main axis.
     depths: (Pair, Pair, Pair),
     /// The direction along it.
@@ -127,10 +130,10 @@ pub(super) struct Looked<N = Pair> {
     level: (Pair, f32),
 }
 
-/// The second stage, and the third. With `M` the scene's size as seen from the origin and `S` that of the triangle
-/// across the ray: by pairs `x` and `y` of corners are within `2^-62 M + 2^-45 S`, edge functions therefore within
-/// `2^-42 S^2 + 2^-59 M S`, twice what follows; by triples within `2^-79 M + 2^-62 S` and `2^-59 S^2 + 2^-76 M S`.
-/// Weights and `t` follow from that.
+/// The second stage, and the third. With `M` the scene's size as seen from the origin, pairs have coordinates `x` within
+/// `2^-48 |x| + 2^-64 M`, and an edge function `x y' - y x'` therefore, see [`Long::times`] and [`Long::plus`], within
+/// `2^-44.2 (|x y'| + |y x'|) + 2^-64 M (|x| + |y| + |x'| + |y'|)`. Triples have `2^-62 |x| + 2^-79 M`, and `2^-59` and
+/// `2^-77` in the latter. Weights and `t` follow from that.
 #[inline(always)]
 pub(super) fn look<N: Long>(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> Looked<N> {
     let long = cycle(ray.heading, ray.main);
@@ -153,20 +156,19 @@ pub(super) fn look<N: Long>(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> Looke
     let (a, b, c) = (seen(a), seen(b), seen(c));
     let far = ray.pad * exp2(19);
     let size = high(a.size, high(b.size, c.size));
-    let error = N::EDGE * size * size + N::EDGE_FAR * far * size + exp2(-98);
     // All corners on one side: most triangles that the ray passes by.
     let aside = N::CORNER * size + N::CORNER_FAR * far;
     let (x, y) = ((a.x.hi(), b.x.hi(), c.x.hi()), (a.y.hi(), b.y.hi(), c.y.hi()));
     let below = high(x.0, high(x.1, x.2)) < -aside || high(y.0, high(y.1, y.2)) < -aside;
     let above = low(x.0, low(x.1, x.2)) > aside || low(y.0, low(y.1, y.2)) > aside;
-    let (u, v, w) = (Edge::new(&c, &b, error), Edge::new(&a, &c, error), Edge::new(&b, &a, error));
+    let (u, v, w) = (Edge::new(&c, &b, far), Edge::new(&a, &c, far), Edge::new(&b, &a, far));
     let negative = u.negative | v.negative | w.negative;
     let positive = u.positive | v.positive | w.positive;
     let sure = u.certain & v.certain & w.certain;
     // On both sides, or in the triangle's plane.
     let missed = below | above | (negative & positive) | (sure & !(negative | positive));
     let whole = whole | !N::WHOLE;
-    Looked { whole, missed: missed & whole, edges: (u, v, w), error, depths: (a.z, b.z, c.z), dz, level }
+    Looked { whole, missed: missed & whole, edges: (u, v, w), depths: (a.z, b.z, c.z), dz, level }
 }
 
 /// [`Looked::level`], of corners, an origin and a direction with the main axis last.
@@ -200,8 +202,8 @@ pub(super) struct Met<N = Pair> {
     weights: (N, N),
     det: N,
     inverse: f32,
-    /// How far weights may be off.
-    off: f32,
+    /// How far weights may be off, as parts of their sum: the second, the third, and what `t`, `u` and `v` are times.
+    off: (f32, f32, f32),
 }
 
 impl<N: Long> Looked<N> {
@@ -210,18 +212,24 @@ impl<N: Long> Looked<N> {
     pub(super) fn meet(&self, ray: &Frame) -> Met<N> {
         let (u, v, w) = (self.edges.0.value, self.edges.1.value, self.edges.2.value);
         let det = u.plus(v).plus(w);
-        let told = self.whole && exponent(det.hi()) >= -70 && abs(det.hi()) >= 64.0 * self.error;
+        let (eu, ev, ew) = (self.edges.0.error, self.edges.1.error, self.edges.2.error);
+        let error = eu + ev + ew;
+        let told = self.whole && exponent(det.hi()) >= -70 && abs(det.hi()) >= 32.0 * error;
         let det = if told { det } else { N::of(Pair { hi: 1.0, lo: 0.0 }) };
         let unit = exp2(-exponent(det.hi()));
         let (det, u, v, w) = (det.by_power(unit), u.by_power(unit), v.by_power(unit), w.by_power(unit));
         let inverse = div(1.0, det.hi());
-        let off = abs(self.error * unit);
+        // A weight that is off, and a sum that is: a 32nd of it at most.
+        let part = 1.25 * abs(unit * inverse);
+        let off = (part * ev, part * ew, part * error);
         let (a, b, c) = self.depths;
         let depth = u.times(N::of(a)).plus(v.times(N::of(b))).plus(w.times(N::of(c)));
         let along = component(ray.inverse, ray.main);
         let t = depth.over(det, inverse).over(N::of(Pair { hi: self.dz, lo: 0.0 }), along).pair();
         let deep = high(abs(a.hi), high(abs(b.hi), abs(c.hi)));
-        let (mut near, mut later) = rounded(t, deep * (16.0 * off + N::DEPTH));
+        // `t` hangs on weights by how far the corners' depths are apart.
+        let spread = high(a.hi, high(b.hi, c.hi)) - low(a.hi, low(b.hi, c.hi)) + exp2(-22) * deep;
+        let (mut near, mut later) = rounded(t, off.2 * spread + N::DEPTH * deep);
         // A triangle across an axis is met where that says.
         let (distance, way) = self.level;
         if way != 0.0 {
@@ -266,8 +274,8 @@ fn by<N: Long>(ray: &Frame, id: u32, corners: (Vec3, Vec3, Vec3), best: &Best) -
     let (weight_v, weight_w) = met.weights;
     let u = weight_v.over(met.det, met.inverse).pair();
     let v = weight_w.over(met.det, met.inverse).pair();
-    let (u_near, u_later) = rounded(u, 8.0 * met.off + N::WEIGHT * u.hi);
-    let (v_near, v_later) = rounded(v, 8.0 * met.off + N::WEIGHT * v.hi);
+    let (u_near, u_later) = rounded(u, met.off.0 + (met.off.2 + N::WEIGHT) * u.hi);
+    let (v_near, v_later) = rounded(v, met.off.1 + (met.off.2 + N::WEIGHT) * v.hi);
     // An exact 0 has no digits to be uncertain of.
     let (u_zero, v_zero) = (weight_v.hi() == 0.0, weight_w.hi() == 0.0);
     let (u_edge, v_edge, w_edge) = looked.edges;
@@ -281,6 +289,34 @@ fn by<N: Long>(ray: &Frame, id: u32, corners: (Vec3, Vec3, Vec3), best: &Best) -
         t: near,
         u: if u_zero { 0.0 } else { u_near },
         v: if v_zero { 0.0 } else { v_near },
+    }
+}
+
+impl Exact {
+    /// What floats tell.
+    #[inline(always)]
+    pub fn glance(self, ray: &Frame, (a, b, c): (Vec4, Vec4, Vec4)) -> Glance {
+        bounds(ray, (a.truncate(), b.truncate(), c.truncate()))
+    }
+
+    /// [`Exact::test`] without that look.
+    #[inline(always)]
+    pub fn settle(self, ray: &Frame, id: u32, (a, b, c): (Vec4, Vec4, Vec4), best: &mut Best) -> bool {
+        let (a, b, c) = (a.truncate(), b.truncate(), c.truncate());
+        let mut found = by::<Pair>(ray, id, (a, b, c), best);
+        let mut whole = true;
+        if !found.certain {
+            found = by::<Triple>(ray, id, (a, b, c), best);
+        }
+        if !found.certain {
+            let answer = integers::cross(ray.origin, ray.heading, a, b, c);
+            found = Verdict { certain: true, hit: answer.hit, t: answer.t, u: answer.u, v: answer.v };
+            whole = answer.whole;
+        }
+        if found.hit {
+            best.offer(ray, Best { t: found.t, triangle: id, u: found.u, v: found.v, det: 1.0 });
+        }
+        whole
     }
 }
 
@@ -311,27 +347,107 @@ impl Intersector for Exact {
 
     #[inline(always)]
     fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool {
-        let (a, b, c) = (a.truncate(), b.truncate(), c.truncate());
         // The triangle that a ray starts on, most of all, and one that it has met in another leaf.
-        let (near, later) = bounds(ray, (a, b, c));
-        if later < ray.t_min || near > best.t || near > ray.t_max || id == best.triangle {
-            return true;
-        }
-        let mut found = by::<Pair>(ray, id, (a, b, c), best);
-        let mut whole = true;
-        if !found.certain {
-            found = by::<Triple>(ray, id, (a, b, c), best);
-        }
-        if !found.certain {
-            let answer = integers::cross(ray.origin, ray.heading, a, b, c);
-            found = Verdict { certain: true, hit: answer.hit, t: answer.t, u: answer.u, v: answer.v };
-            whole = answer.whole;
-        }
-        if found.hit {
-            best.offer(ray, Best { t: found.t, triangle: id, u: found.u, v: found.v, det: 1.0 });
-        }
-        whole
+        let Glance { near, later, .. } = self.glance(ray, (a, b, c));
+        let passed = later < ray.t_min || near > best.t || near > ray.t_max || id == best.triangle;
+        passed || self.settle(ray, id, (a, b, c), best)
     }
 }
 
 test!(EXACT, brute_exact::BRUTE_EXACT = Exact);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable as _;
+    use raykd_shared::{Ray, TreeHeader};
+
+    /// Random bits of a seed, Marsaglia's xorshift.
+    struct Bits(u64);
+
+    impl Bits {
+        fn below(&mut self, n: u64) -> u64 {
+            self.0 ^= self.0 << 13;
+            self.0 ^= self.0 >> 7;
+            self.0 ^= self.0 << 17;
+            (self.0 >> 16) % n
+        }
+
+        /// From -1 to 1.
+        fn unit(&mut self) -> f32 {
+            self.below(1 << 24) as f32 / (1 << 23) as f32 - 1.0
+        }
+    }
+
+    /// A triangle that a ray meets: of any size from the scene's to a millionth of it, blunt or thin, square to the ray
+    /// or grazed, near the ray's origin or far off, some at an edge.
+    fn met(bits: &mut Bits) -> (Ray, [Vec3; 3]) {
+        let mut vector = || Vec3::new(bits.unit(), bits.unit(), bits.unit());
+        let (origin, at, one, two) = (vector(), vector(), vector(), vector());
+        let mut power = |most: u64| exp2(-(bits.below(most) as i32));
+        let (size, thin, near, graze) = (power(20), power(14), power(24), power(14));
+        let at = origin + (at - origin) * near;
+        let way = at - origin;
+        let two = if bits.below(2) == 0 { two } else { way * (1.0 / size) + two * graze };
+        let (u, v) = (bits.unit().abs(), bits.unit().abs());
+        let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+        let u = if bits.below(8) == 0 { 0.0 } else { u };
+        let (one, two) = (one * size, two * (size * thin));
+        let a = at - one * u - two * v;
+        (Ray::new(origin.to_array(), way.to_array()), [a, a + one, a + two])
+    }
+
+    /// What is certain by floats, pairs or triples is what integers find.
+    fn compare(seed: u64, count: u32) -> [u32; 4] {
+        let header = TreeHeader { lo: [-2.0; 3], hi: [2.0; 3], scale: 1.0, ..TreeHeader::zeroed() };
+        let mut bits = Bits(seed);
+        let mut told = [0; 4];
+        for _ in 0..count {
+            let (ray, [a, b, c]) = met(&mut bits);
+            let frame = Frame::of(&ray, &header).whole();
+            if !frame.valid {
+                continue;
+            }
+            let right = integers::cross(frame.origin, frame.heading, a, b, c);
+            let in_range = right.hit && right.t >= frame.t_min;
+            let seen = bounds(&frame, (a, b, c));
+            if right.hit {
+                assert!(seen.near <= right.t && right.t <= seen.later, "{ray:?} {a} {b} {c}");
+            }
+            if seen.sure {
+                assert!(right.hit, "{ray:?} {a} {b} {c}");
+                told[0] += 1;
+            }
+            for (i, found) in [
+                by::<Pair>(&frame, 0, (a, b, c), &Best::NOTHING),
+                by::<Triple>(&frame, 0, (a, b, c), &Best::NOTHING),
+            ]
+            .iter()
+            .enumerate()
+            {
+                if found.certain {
+                    told[1 + i] += 1;
+                    assert_eq!(found.hit, in_range, "{ray:?} {a} {b} {c}");
+                    if found.hit {
+                        told[3] += u32::from(i == 0);
+                        assert_eq!(
+                            [found.t, found.u, found.v],
+                            [right.t, right.u, right.v],
+                            "{ray:?} {a} {b} {c}"
+                        );
+                    }
+                }
+            }
+        }
+        told
+    }
+
+    #[test]
+    fn what_is_certain_is_what_integers_find() {
+        let [sure, pairs, triples, hits] = compare(0x5EED, 200_000);
+        assert!(
+            sure > 30_000 && pairs > 100_000 && triples > 150_000 && hits > 80_000,
+            "{sure} {pairs} {triples} {hits}"
+        );
+    }
+}

@@ -79,6 +79,17 @@ impl Best {
     }
 }
 
+/// What floats tell of a triangle that the ray's line may pass through.
+#[derive(Clone, Copy, Debug)]
+pub struct Glance {
+    /// The lowest number that `t` may be, as it is rounded.
+    pub near: f32,
+    /// The highest.
+    pub later: f32,
+    /// Whether the line surely passes through it.
+    pub sure: bool,
+}
+
 /// A triangle test. Triangles come as leaves keep them: what [`Intersector::lay_out`] made of them, `w` of
 /// the first vector not counted.
 pub trait Intersector: Copy {

@@ -9,7 +9,8 @@ pub trait Long: Copy + Default {
     const CORNER: f32;
     /// See [`Long::CORNER`].
     const CORNER_FAR: f32;
-    /// Twice what edge functions may be off by: a part of the corners' size squared, and one of that times the scene's.
+    /// What edge functions may be off by: a part of the sum of their products, and one of the corners' coordinates times
+    /// the scene's size.
     const EDGE: f32;
     /// See [`Long::EDGE`].
     const EDGE_FAR: f32;
@@ -69,8 +70,8 @@ impl Pair {
 impl Long for Pair {
     const CORNER: f32 = exp2(-44);
     const CORNER_FAR: f32 = exp2(-61);
-    const EDGE: f32 = exp2(-42);
-    const EDGE_FAR: f32 = exp2(-59);
+    const EDGE: f32 = exp2(-44);
+    const EDGE_FAR: f32 = exp2(-63);
     const DEPTH: f32 = exp2(-39);
     const WEIGHT: f32 = exp2(-41);
     const WHOLE: bool = false;
@@ -95,7 +96,7 @@ impl Long for Pair {
         Self { hi: self.hi * power, lo: self.lo * power }
     }
 
-    /// Within `2^-46` of its size and `2^-63` of the largest product.
+    /// Within `2^-48` of its size and `2^-65` of the largest product.
     #[inline(always)]
     fn across(p: Pair, q: Pair, r: Pair, s: Pair) -> Self {
         let first = Pair::sum(p.hi, -q.hi);
@@ -113,7 +114,7 @@ impl Long for Pair {
         Self { hi: -self.hi, lo: -self.lo }
     }
 
-    /// The sum, within `2^-45` of the larger number.
+    /// The sum, within `2^-46.4` of both numbers' sizes.
     #[inline(always)]
     fn plus(self, other: Self) -> Self {
         let (s, t) = (Self::sum(self.hi, other.hi), Self::sum(self.lo, other.lo));
@@ -121,7 +122,7 @@ impl Long for Pair {
         Self::sum(first.hi, first.lo + t.lo)
     }
 
-    /// The product, within `2^-44` of its size.
+    /// The product, within `2^-44.9` of its size.
     #[inline(always)]
     fn times(self, other: Self) -> Self {
         let p = Self::product(self.hi, other.hi);

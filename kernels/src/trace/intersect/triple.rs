@@ -63,8 +63,8 @@ impl Triple {
 impl Long for Triple {
     const CORNER: f32 = exp2(-60);
     const CORNER_FAR: f32 = exp2(-77);
-    const EDGE: f32 = exp2(-58);
-    const EDGE_FAR: f32 = exp2(-75);
+    const EDGE: f32 = exp2(-59);
+    const EDGE_FAR: f32 = exp2(-77);
     const DEPTH: f32 = exp2(-58);
     const WEIGHT: f32 = exp2(-60);
     const WHOLE: bool = true;

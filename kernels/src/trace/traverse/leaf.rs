@@ -14,13 +14,13 @@ use raykd_shared::Node;
 
 /// Which hits count, by what a traversal makes of them.
 pub trait Filter {
-    /// Tests triangle `id` by a test; keeps the better of it and `best` if it counts. False as
-    /// [`Intersector::test`] is.
+    /// Tests a triangle, given by its number and the reference that lists it; keeps the better of it and `best` if it
+    /// counts. False as [`Intersector::test`] is.
     fn test<I: Intersector>(
         &mut self,
         by: I,
         ray: &Frame,
-        id: u32,
+        triangle: (u32, u32),
         corners: (Vec4, Vec4, Vec4),
         best: &mut Best,
     ) -> bool;
@@ -28,15 +28,15 @@ pub trait Filter {
 
 /// Which hits of a query count.
 pub trait Choice: Copy {
-    /// As [`Filter::test`]. `aside` is what the walk lays aside in, behind whose words a choice may keep some.
+    /// As [`Filter::test`], with words in which a choice may keep something.
     fn test<I: Intersector>(
         self,
         by: I,
         ray: &Frame,
-        id: u32,
+        triangle: (u32, u32),
         corners: (Vec4, Vec4, Vec4),
         best: &mut Best,
-        aside: &mut impl Slots<u32>,
+        own: &mut impl Slots<u32>,
     ) -> bool;
 }
 
@@ -50,7 +50,7 @@ impl Filter for Every {
         &mut self,
         by: I,
         ray: &Frame,
-        id: u32,
+        (id, _): (u32, u32),
         (a, b, c): (Vec4, Vec4, Vec4),
         best: &mut Best,
     ) -> bool {
@@ -64,10 +64,10 @@ impl Choice for Every {
         self,
         by: I,
         ray: &Frame,
-        id: u32,
+        (id, _): (u32, u32),
         (a, b, c): (Vec4, Vec4, Vec4),
         best: &mut Best,
-        _aside: &mut impl Slots<u32>,
+        _own: &mut impl Slots<u32>,
     ) -> bool {
         by.test(ray, id, a, b, c, best)
     }
@@ -83,10 +83,10 @@ impl Choice for Except {
         self,
         by: I,
         ray: &Frame,
-        id: u32,
+        (id, _): (u32, u32),
         (a, b, c): (Vec4, Vec4, Vec4),
         best: &mut Best,
-        _aside: &mut impl Slots<u32>,
+        _own: &mut impl Slots<u32>,
     ) -> bool {
         id == self.0 || by.test(ray, id, a, b, c, best)
     }
@@ -125,10 +125,10 @@ impl Choice for After {
         self,
         by: I,
         ray: &Frame,
-        id: u32,
+        (id, _): (u32, u32),
         (a, b, c): (Vec4, Vec4, Vec4),
         best: &mut Best,
-        _aside: &mut impl Slots<u32>,
+        _own: &mut impl Slots<u32>,
     ) -> bool {
         let mut hit = *best;
         let whole = by.test(ray, id, a, b, c, &mut hit);
@@ -174,7 +174,7 @@ pub fn visit<I: Intersector, F: Filter>(
         }
         if found {
             let (a, b, c) = corners.three(3 * (r - 1));
-            let done = filter.test(by, ray, a.w.to_bits() & !NORMAL, (a, b, c), best);
+            let done = filter.test(by, ray, (a.w.to_bits() & !NORMAL, r - 1), (a, b, c), best);
             // A test without loops costs nothing here.
             if I::LOOPS {
                 whole &= done;

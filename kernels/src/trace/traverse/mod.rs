@@ -6,16 +6,19 @@ pub mod backtrack;
 pub mod brute;
 pub mod crossing;
 pub mod leaf;
+pub mod narrow;
 pub mod next;
 pub mod pushdown;
+pub mod rest;
 pub mod restart;
 pub mod ropes;
 pub mod sequential;
+pub mod settle;
 pub mod shortstack;
 pub mod stack;
 pub mod trail;
 
-/// The kernels of ways other than `stack`.
+/// The kernels of ways other than `stack`, and those of exact closest hits.
 #[cfg(not(target_arch = "spirv"))]
 pub const KERNELS: &[&crate::Kernel] = &[
     &restart::RESTART,
@@ -28,6 +31,9 @@ pub const KERNELS: &[&crate::Kernel] = &[
     &ropes::ROPES,
     &ropes::optimised_ropes::OPTIMISED_ROPES,
     &sequential::SEQUENTIAL,
+    &narrow::NARROW,
+    &settle::SETTLE,
+    &rest::REST,
 ];
 
 use crate::glam::UVec4;

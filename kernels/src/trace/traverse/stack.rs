@@ -15,7 +15,7 @@ use crate::{
     ON_GPU,
     glam::{UVec4, Vec4},
     math::{ByAxis, high, low},
-    mem::{self, Buf, Slots},
+    mem::{self, Buf, Slots, scratch},
     trace::{
         frame::Frame,
         intersect::{Best, Intersector},
@@ -147,23 +147,24 @@ const V: u32 = 5;
 const DET: u32 = 6;
 
 /// Lays the weights of hits aside.
-struct Apart<'a, C, A> {
+struct Apart<'a, C, A, O> {
     choice: C,
     aside: &'a mut A,
+    own: &'a mut O,
 }
 
-impl<C: Choice, A: Slots<u32>> Filter for Apart<'_, C, A> {
+impl<C: Choice, A: Slots<u32>, O: Slots<u32>> Filter for Apart<'_, C, A, O> {
     #[inline(always)]
     fn test<I: Intersector>(
         &mut self,
         by: I,
         ray: &Frame,
-        id: u32,
+        triangle: (u32, u32),
         corners: (Vec4, Vec4, Vec4),
         best: &mut Best,
     ) -> bool {
         let mut hit = Best { t: best.t, triangle: best.triangle, ..Best::NOTHING };
-        let whole = self.choice.test(by, ray, id, corners, &mut hit, self.aside);
+        let whole = self.choice.test(by, ray, triangle, corners, &mut hit, self.own);
         if hit.triangle != best.triangle {
             best.t = hit.t;
             best.triangle = hit.triangle;
@@ -187,6 +188,22 @@ pub fn walk<I: Intersector, C: Choice, const COUNT: bool>(
     aside: &mut impl Slots<u32>,
     steps: &mut Steps,
 ) -> Best {
+    walk_keeping::<I, C, COUNT>(ray, pairs, corners, choice, any, aside, &mut scratch::<u32, 1>(), steps)
+}
+
+/// [`walk`] with words in which `choice` keeps something.
+#[inline(always)]
+#[allow(clippy::too_many_arguments, reason = "what is kept where differs")]
+pub(in crate::trace) fn walk_keeping<I: Intersector, C: Choice, const COUNT: bool>(
+    ray: &mut Frame,
+    pairs: &Buf<UVec4>,
+    corners: &Buf<Vec4>,
+    choice: C,
+    any: bool,
+    aside: &mut impl Slots<u32>,
+    own: &mut impl Slots<u32>,
+    steps: &mut Steps,
+) -> Best {
     if I::WHOLE {
         *ray = ray.whole();
     }
@@ -196,7 +213,7 @@ pub fn walk<I: Intersector, C: Choice, const COUNT: bool>(
     aside.put(SHEAR_Y, ray.shear_y.to_bits());
     aside.put(T_MIN, ray.t_min.to_bits());
     aside.put(STRETCH, ray.stretch as u32);
-    let mut filter = Apart { choice, aside };
+    let mut filter = Apart { choice, aside, own };
     // A hit as far as the ray goes is taken, and none beyond: the same as if the best one were there.
     let mut best = Best { t: ray.t_max, ..Best::NOTHING };
     let mut running = ray.valid && ray.enter <= ray.exit;

@@ -1,0 +1,159 @@
+//! Closest hits of the exact test on a GPU, first kernel: it walks the tree and tells by floats which triangles may be
+//! the closest, one mostly, a few where a ray passes an edge or a vertex or starts on a surface. The second,
+//! [`settle`](super::settle), tests those alone; the third, [`rest`](super::rest), walks where there are too many. So
+//! lanes do not wait for each other's exact tests, and the first walk has the registers that it needs. The answer is
+//! that of the exact test in a walk of its own, as on a CPU, since that rounds nothing else.
+
+use super::{
+    Steps,
+    leaf::Choice,
+    stack::{ASIDE, walk_keeping},
+};
+#[cfg(not(target_arch = "spirv"))]
+use crate::trace::queries::Query;
+use crate::{
+    Group,
+    glam::{UVec4, Vec4},
+    mem::{Atomics, Buf, Slots, aside, scratch},
+    trace::{
+        frame::Frame,
+        intersect::{Best, Intersector, exact::Exact},
+        job::{JOB_RAYS, OUTCOME_LEFT, OUTCOME_STATUS, loops_are_whole},
+        queries::SHARED,
+    },
+};
+use raykd_shared::{MISS, TreeHeader, status};
+
+/// How many triangles are kept of a ray.
+const MOST: u32 = 8;
+/// How many there are, [`MOST`] and one if there were more.
+const COUNT: u32 = 0;
+/// Of each its number, the reference that lists it, and the lowest number that `t` may be.
+const FIRST: u32 = 1;
+/// Words of a triangle.
+const EACH: u32 = 3;
+const WORDS: usize = (FIRST + MOST * EACH) as usize;
+
+/// Stands for the fourth reference if there are too many.
+pub(super) const TOO_MANY: u32 = MISS - 1;
+/// Stands beside the first reference if more than four are listed.
+pub(super) const LONG: u32 = 0x8000_0000;
+
+/// Keeps the triangles of which one may be the closest hit. `t` of the best is the highest that the closest hit's may
+/// be.
+#[derive(Clone, Copy, Debug)]
+struct Narrow;
+
+impl Narrow {
+    #[inline(always)]
+    fn put(own: &mut impl Slots<u32>, i: u32, (id, at, near): (u32, u32, f32)) {
+        own.put(FIRST + EACH * i, id);
+        own.put(FIRST + EACH * i + 1, at);
+        own.put(FIRST + EACH * i + 2, near.to_bits());
+    }
+
+    /// What lists triangle `i`, [`MISS`] if there is none.
+    #[inline(always)]
+    fn reference(own: &impl Slots<u32>, i: u32) -> u32 {
+        if i < own.at(COUNT) { own.at(FIRST + EACH * i + 1) } else { MISS }
+    }
+
+    /// Forgets the triangles that are surely behind `t`, and adds one if it is not there.
+    #[inline(always)]
+    fn add(own: &mut impl Slots<u32>, triangle: (u32, u32, f32), t: f32) {
+        let count = own.at(COUNT);
+        let mut kept = 0;
+        let mut there = false;
+        let mut i = 0;
+        while i < count {
+            let id = own.at(FIRST + EACH * i);
+            let near = f32::from_bits(own.at(FIRST + EACH * i + 2));
+            if near <= t {
+                let at = own.at(FIRST + EACH * i + 1);
+                Self::put(own, kept, (id, at, near));
+                there |= id == triangle.0;
+                kept += 1;
+            }
+            i += 1;
+        }
+        if !there && kept < MOST {
+            Self::put(own, kept, triangle);
+        }
+        own.put(COUNT, if there { kept } else { kept + 1 });
+    }
+}
+
+impl Choice for Narrow {
+    #[inline(always)]
+    fn test<I: Intersector>(
+        self,
+        _by: I,
+        ray: &Frame,
+        (id, at): (u32, u32),
+        corners: (Vec4, Vec4, Vec4),
+        best: &mut Best,
+        own: &mut impl Slots<u32>,
+    ) -> bool {
+        let seen = Exact.glance(ray, corners);
+        let open = own.at(COUNT) <= MOST;
+        let passed = seen.later < ray.t_min || seen.near > best.t || id == best.triangle;
+        if open && !passed {
+            if seen.sure & (seen.near >= ray.t_min) & (seen.later < best.t) {
+                best.t = seen.later;
+                best.triangle = id;
+            }
+            Self::add(own, (id, at, seen.near), best.t);
+        }
+        true
+    }
+}
+
+/// Writes of every ray of a workgroup which references list the triangles that may be the closest hit: four in place
+/// of the hit, four more apart.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+pub fn narrow(
+    group: Group,
+    shared: &mut [u32; SHARED],
+    job: &Buf<u32>,
+    header: &Buf<TreeHeader>,
+    pairs: &Buf<UVec4>,
+    corners: &Buf<Vec4>,
+    rays: &Buf<Vec4>,
+    hits: &mut Buf<UVec4>,
+    outcome: &mut Buf<u32>,
+    more: &mut Buf<UVec4>,
+) {
+    lanes!(group, |lane| {
+        let i = group.id * group.width + lane;
+        if i < job.at(JOB_RAYS) {
+            let ray = &mut Frame::new(rays.at(2 * i), rays.at(2 * i + 1), &header.at(0));
+            let (aside, own) = (&mut aside::<ASIDE, SHARED>(shared, lane), &mut scratch::<u32, WORDS>());
+            let steps = &mut Steps::default();
+            own.put(COUNT, 0);
+            walk_keeping::<Exact, Narrow, false>(ray, pairs, corners, Narrow, false, aside, own, steps);
+            let count = own.at(COUNT);
+            let long = if count > 4 { LONG } else { 0 };
+            let last = if count > MOST { TOO_MANY } else { Narrow::reference(own, 3) };
+            if count > MOST {
+                outcome.or(OUTCOME_LEFT, 1);
+            }
+            let (x, y, z) = (Narrow::reference(own, 0), Narrow::reference(own, 1), Narrow::reference(own, 2));
+            hits.put(i, UVec4::new(x | long, y, z, last));
+            if count > 4 {
+                let (x, y) = (Narrow::reference(own, 4), Narrow::reference(own, 5));
+                let (z, w) = (Narrow::reference(own, 6), Narrow::reference(own, 7));
+                more.put(i, UVec4::new(x, y, z, w));
+            }
+            if steps.status != 0 || !loops_are_whole(job) {
+                outcome.or(OUTCOME_STATUS, steps.status | status::CUT_SHORT);
+            }
+        }
+    });
+}
+
+of_query! {
+    kernel {
+        /// [`narrow`] over all rays.
+        group NARROW = narrow, threads 64, shared [shared: SHARED], query:
+    } { , { 7 more: write UVec4 } }
+}
