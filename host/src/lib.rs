@@ -81,7 +81,7 @@ pub use rays::Ray64;
 pub use read::usual_max_bytes;
 pub use scene::{
     AllHits, Contact, ContactCount, Contacts, Counted, RaySteps, Resident, Scene, Traced, Tracer, World,
-    WorldHit,
+    WorldHit, WorldTraced,
 };
 #[cfg(feature = "gpu")]
 pub use scene::{Encoded, RayCount, SceneBuffers, WGSL};
