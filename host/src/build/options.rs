@@ -65,7 +65,7 @@ pub struct BuildOptions {
     pub budget: Option<f32>,
     /// Factor on the cost of planes that cut off empty space, from 0 to 1.
     pub empty: f32,
-    /// Deepest level for a leaf, at most [`MAX_DEPTH`].
+    /// Deepest level for a leaf, from 0 to [`MAX_DEPTH`].
     pub max_depth: u32,
     /// How planes are chosen.
     pub builder: Builder,
@@ -97,7 +97,7 @@ impl BuildOptions {
     /// The most that a cost or price may be.
     pub const MOST: f32 = 1e9;
 
-    /// Refuses numbers that costs cannot be weighed by.
+    /// Refuses numbers that costs cannot be weighed by, and leaves deeper than a tree's may be.
     pub(crate) fn check(&self) -> Result<(), Error> {
         let numbers = [
             ("cost_step", self.cost_step, 0.0, Self::MOST),
@@ -105,6 +105,8 @@ impl BuildOptions {
             ("price", self.price, 0.0, Self::MOST),
             ("empty", self.empty, 0.0, 1.0),
             ("budget", self.budget.unwrap_or(1.0), 1.0, f32::INFINITY),
+            // Rounded it is above the limit if it was before.
+            ("max_depth", self.max_depth as f32, 0.0, MAX_DEPTH as f32),
         ];
         match numbers.into_iter().find(|(_, value, least, most)| !(least..=most).contains(&value)) {
             Some((name, value, least, most)) => Err(Error::Options { name, value, least, most }),
