@@ -58,6 +58,7 @@ mod picture;
 #[cfg(feature = "plan")]
 pub mod plan;
 mod query;
+mod quoted;
 pub mod rays;
 mod read;
 mod scene;
@@ -108,9 +109,9 @@ pub mod internals {
     };
     pub use crate::{
         build::LISTED as SWEEP_LISTED,
-        error::{QUOTED, quoted},
         exec::{AnyBuffer, Buffer, Cpu, Groups, Launch, OnDevice, Out, Step, Timing, watch},
         mesh::{ply_vertices, teapot_level_for},
+        quoted::{QUOTED, quoted},
         read::all_of,
         tree::digest_of,
     };
