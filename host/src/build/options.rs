@@ -67,7 +67,7 @@ pub struct BuildOptions {
     /// Whether a reference is dropped where its triangle does not reach, though its box does ("perfect splits",
     /// Wald & Havran 2006, section 4.3).
     pub clip: bool,
-    /// Time every kernel, see [`BuildTimes::kernels`].
+    /// Time every kernel, see [`BuildTimes::kernels`](crate::BuildTimes::kernels).
     pub profile: bool,
 }
 
