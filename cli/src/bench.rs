@@ -1,4 +1,4 @@
-//! `raykd bench`: the talk's two tables, and whether the devices agree.
+//! `raykd bench`: the two tables of Meng Zhou, *Build and Travel KD-Tree with CUDA*, and whether the devices agree.
 
 use crate::{
     amount::{self, Amount},

@@ -58,7 +58,11 @@ pub(super) struct RepairCounts {
     #[serde(skip_serializing_if = "Option::is_none")]
     translation: Option<[f64; 3]>,
     zero_area: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    zero_area_at: Option<u32>,
     duplicates: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    duplicate_at: Option<u32>,
     polygons: u32,
     concave: u32,
     crossed: u32,
@@ -80,13 +84,15 @@ impl From<&Input> for RepairCounts {
     fn from(input: &Input) -> Self {
         let r = input.mesh.repairs();
         let &Repairs { zero_area, duplicates, polygons, concave, crossed, bent, ignored, flushed, .. } = r;
-        let &Repairs { unposed, rounded, largest_change, collapsed, .. } = r;
+        let &Repairs { unposed, rounded, largest_change, collapsed, zero_area_at, duplicate_at, .. } = r;
         let [crossed_at, bent_at] = [&r.crossed_at, &r.bent_at].map(|at| at.as_ref().map(Spot::to_string));
         let translation = Some(input.translation).filter(|by| *by != [0.0; 3]);
         Self {
             translation,
             zero_area,
+            zero_area_at,
             duplicates,
+            duplicate_at,
             polygons,
             concave,
             crossed,
@@ -107,11 +113,18 @@ impl RepairCounts {
     /// In words; nothing if there is nothing to tell.
     pub(super) fn told(&self) -> Option<String> {
         let first = |at: &Option<String>| at.as_ref().map(|at| format!(" (first: {at})")).unwrap_or_default();
+        let number = |at: Option<u32>| first(&at.map(|at| format!("triangle {at}")));
         let rounded =
             format!("coordinates rounded to 32-bit floats, by {} at most", three(self.largest_change));
         let parts = [
-            (self.zero_area, "zero-area triangles kept out of the tree".to_owned()),
-            (self.duplicates, "duplicate triangles (the lowest number wins)".to_owned()),
+            (
+                self.zero_area,
+                format!("zero-area triangles kept out of the tree{}", number(self.zero_area_at)),
+            ),
+            (
+                self.duplicates,
+                format!("duplicate triangles, of which the lowest number wins{}", number(self.duplicate_at)),
+            ),
             (self.polygons, "polygons cut into triangles".to_owned()),
             (self.concave, "of them concave".to_owned()),
             (self.crossed, format!("crossed by their own edges, left as fans{}", first(&self.crossed_at))),

@@ -1,24 +1,7 @@
 //! What can go wrong, and what to do about it.
 
-use crate::Intersector;
-use std::{fmt::Display, path::PathBuf};
-
-/// Most characters of somebody else's text that a message quotes.
-pub const QUOTED: usize = 200;
-
-/// Text of a file or an argument as messages quote it: long text without its middle, and nothing in it that moves a
-/// terminal's cursor.
-pub fn quoted(text: impl Display) -> String {
-    let text: Vec<char> = text
-        .to_string()
-        .chars()
-        .map(|c| if c.is_control() { char::REPLACEMENT_CHARACTER } else { c })
-        .collect();
-    let head = if text.len() > QUOTED { QUOTED * 2 / 3 } else { text.len() };
-    let tail = if text.len() > QUOTED { text.len() - (QUOTED - head - 1) } else { text.len() };
-    let gap = if head < tail { "…" } else { "" };
-    text[..head].iter().copied().chain(gap.chars()).chain(text[tail..].iter().copied()).collect()
-}
+use crate::{Intersector, quoted::quoted};
+use std::path::PathBuf;
 
 /// Everything raykd's library reports.
 #[derive(Debug, thiserror::Error)]
@@ -152,6 +135,9 @@ pub enum Error {
         /// Whether [`Intersector::Exact`] does that too.
         exact: bool,
     },
+    /// Rays on a device were asked for hits that they have not.
+    #[error("these rays have no hits yet; call Resident::trace first, and see that it succeeds")]
+    Untraced,
     /// As many triangles to leave out as rays are needed.
     #[error("{rays} rays with {excluded} triangles to leave out; give one a ray (MISS for none)")]
     Excluded {
@@ -168,17 +154,6 @@ pub enum Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn long_quotes_lose_their_middle() {
-        assert_eq!(quoted("mesh.obj"), "mesh.obj");
-        let whole = "a".repeat(QUOTED);
-        assert_eq!(quoted(&whole), whole);
-        let long = quoted(format!("/first/{}/last", "ä".repeat(1_000_000)));
-        assert_eq!(long.chars().count(), QUOTED);
-        assert!(long.starts_with("/first/") && long.contains('…') && long.ends_with("/last"), "{long}");
-        assert_eq!(quoted("a\nb\u{1b}[2J"), "a\u{fffd}b\u{fffd}[2J");
-    }
 
     #[test]
     fn a_refused_intersector_names_the_real_default() {

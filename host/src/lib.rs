@@ -58,6 +58,7 @@ mod picture;
 #[cfg(feature = "plan")]
 pub mod plan;
 mod query;
+mod quoted;
 pub mod rays;
 mod read;
 mod scene;
@@ -81,7 +82,7 @@ pub use rays::Ray64;
 pub use read::usual_max_bytes;
 pub use scene::{
     AllHits, Contact, ContactCount, Contacts, Counted, RaySteps, Resident, Scene, Traced, Tracer, World,
-    WorldHit,
+    WorldHit, WorldTraced,
 };
 #[cfg(feature = "gpu")]
 pub use scene::{Encoded, RayCount, SceneBuffers, WGSL};
@@ -108,9 +109,9 @@ pub mod internals {
     };
     pub use crate::{
         build::LISTED as SWEEP_LISTED,
-        error::{QUOTED, quoted},
         exec::{AnyBuffer, Buffer, Cpu, Groups, Launch, OnDevice, Out, Step, Timing, watch},
         mesh::{ply_vertices, teapot_level_for},
+        quoted::{QUOTED, quoted},
         read::all_of,
         tree::digest_of,
     };

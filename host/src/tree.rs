@@ -1,6 +1,6 @@
 //! A kd-tree in memory and on disk.
 
-use crate::{Error, Mesh, error::quoted};
+use crate::{Error, Mesh, quoted::quoted};
 use raykd_shared::{LAYOUT_VERSION, Node, Report, TreeHeader, TreeView};
 use sha2::{Digest, Sha256};
 use std::{io::Write, path::Path};

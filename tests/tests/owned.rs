@@ -1,6 +1,8 @@
 //! Devices, scenes and rays at home in other people's programs: in structs, statics and threads.
 
-use raykd::{BuildOptions, Device, Hit, KdTree, Mesh, Query, Ray, Resident, Scene, Traversal, World, rays};
+use raykd::{
+    BuildOptions, Device, Error, Hit, KdTree, Mesh, Query, Ray, Resident, Scene, Traversal, World, rays,
+};
 use raykd_tests::{devices, same};
 use std::{sync::OnceLock, thread};
 
@@ -66,7 +68,7 @@ fn a_scene_lives_beside_its_device_and_outlives_it() {
 fn one_scene_is_traced_by_many_threads() {
     let expected = &expected();
     for named in devices() {
-        let App { scene, rays, .. } = &app(&named.device);
+        let scene = &app(&named.device).scene;
         thread::scope(|scope| {
             for number in 0..4 {
                 scope.spawn(move || {
@@ -82,6 +84,16 @@ fn one_scene_is_traced_by_many_threads() {
                 });
             }
         });
-        assert_eq!(rays.invalid().unwrap(), 0);
+    }
+}
+
+#[test]
+fn rays_have_no_hits_before_they_are_traced() {
+    for named in devices() {
+        let mut rays = app(&named.device).rays;
+        assert!(matches!(rays.hits(), Err(Error::Untraced)), "{}", named.name);
+        assert!(matches!(rays.invalid(), Err(Error::Untraced)), "{}", named.name);
+        rays.trace(Query::Any).unwrap();
+        assert_eq!((rays.hits().unwrap().len(), rays.invalid().unwrap()), (2000, 0));
     }
 }

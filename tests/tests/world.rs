@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use raykd::{
-    BuildOptions, Device, Error, Hit, Intersector, Mesh, Ray, Scene, World, WorldHit,
+    BuildOptions, Device, Error, Hit, Intersector, Mesh, Query, Ray, Scene, World, WorldHit,
     rays::{Random, Ray64, random},
 };
 use raykd_tests::{Failure, cases, cpu, devices, gpu, same};
@@ -251,6 +251,36 @@ fn worlds_of_nothing_and_rays_that_are_none() -> Result<(), Failure> {
             let expected = scene.closest(&ray)?[0];
             let found = teapot.closest(&ray)?[0];
             assert_eq!((found.triangle, found.t), (expected.triangle, expected.t), "{ray:?}");
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn rays_that_are_none_in_a_world_are_counted_once() -> Result<(), Failure> {
+    let ray = Ray::new([0.0, 0.0, 50.0], [0.0, 0.0, -1.0]);
+    let everywhere = [
+        Ray { t_min: f32::NAN, ..ray },
+        Ray::new([f32::INFINITY, 0.0, 0.0], [1.0; 3]),
+        Ray::new([0.0, 0.0, 50.0], [0.0, -0.0, 0.0]),
+    ];
+    let rays = [&[ray][..], &everywhere, &[ray]].concat();
+    let mesh = Mesh::teapot(2);
+    let small = IDENTITY.map(|row| row.map(|x| x * 2f32.powi(-60)));
+    for named in devices() {
+        for query in [Query::Closest, Query::Any] {
+            let asked = |instances: &[(&Mesh, Rows)]| {
+                let traced = world(&named.device, instances, Intersector::Strict)?.trace(query, &rays)?;
+                assert!(traced.hits[1..4].iter().all(|hit| !hit.is_hit()), "{}", named.name);
+                Ok::<_, Error>((traced.hits[0].is_hit(), traced.invalid))
+            };
+            assert_eq!(asked(&[])?, (false, 3), "{}", named.name);
+            let usual = (&mesh, IDENTITY);
+            assert_eq!(asked(&[usual, usual, usual])?, (true, 3), "{}", named.name);
+            // Beside this one all origins are too far away.
+            assert_eq!(asked(&[(&mesh, small), (&mesh, small)])?, (false, 5), "{}", named.name);
+            let both = if query == Query::Any { 3 } else { 5 };
+            assert_eq!(asked(&[usual, (&mesh, small)])?, (true, both), "{}", named.name);
         }
     }
     Ok(())

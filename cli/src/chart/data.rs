@@ -1,6 +1,5 @@
 //! What charts are drawn from: measured numbers, and how they are measured.
 
-use super::touched::{self, Share};
 use crate::report::count;
 use crate::{
     args::ReadArgs,
@@ -86,7 +85,6 @@ pub(super) struct Data {
     pub threads: Vec<Sample>,
     pub accuracy: Vec<Accuracy>,
     pub calibrations: Vec<Calibration>,
-    pub lazy: Vec<Share>,
     /// Those that were used last.
     last_rays: Option<(Key, Rays)>,
 }
@@ -189,23 +187,6 @@ fn trees<'a>(
         }
     }
     jobs
-}
-
-/// How much of the building few rays need, on the CPU.
-pub(super) fn lazy<'a>(inputs: &'a [Input], machines: &'a Machines) -> Vec<Job<'a>> {
-    let job = |(input, device): (&'a Input, &'a Device)| -> Job<'a> {
-        let what = format!("{}: what rays touch", input.name);
-        (
-            what,
-            Box::new(move |data| {
-                let exact = Choice::named("exact").expect("a choice").options();
-                let scene = Scene::build(device, &input.mesh, &exact)?;
-                data.lazy.extend(touched::shares(&input.name, &input.mesh, &scene)?);
-                Ok(())
-            }),
-        )
-    };
-    machines.cpu.iter().flat_map(|device| inputs.iter().map(move |input| (input, device))).map(job).collect()
 }
 
 /// Growing teapots, and growing numbers of threads.

@@ -5,13 +5,11 @@ mod data;
 mod draw;
 mod figure;
 mod growth;
-mod lazy;
 mod page;
 mod peers;
 mod scale;
 mod talk;
 mod totals;
-mod touched;
 mod trees;
 mod verdict;
 
@@ -102,7 +100,6 @@ fn run(args: &ChartArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
     let effort = Effort { quick: args.quick, rays: args.rays.unwrap_or(0) as usize };
     let mut jobs = data::scenes(&inputs, &machines, effort);
     jobs.extend(data::accuracy(&inputs[0], &machines, effort));
-    jobs.extend(data::lazy(&inputs, &machines));
     jobs.extend(data::growth(&machines, effort));
     jobs.extend(data::calibrations(&machines, effort));
     let data = data::run(jobs, &notes)?;
@@ -159,7 +156,6 @@ fn figures(data: &Data, inputs: &[Input], peers: &[peers::Peer]) -> Vec<Figure> 
     all.extend(growth::threads(data));
     all.extend(talk::figures(data, &scenes));
     all.extend(peers::figures(peers));
-    all.extend(lazy::figure(data));
     all.extend(verdict::auto(&verdict::verdicts(data, &meshes(inputs))));
     all.sort_by_key(|figure| figure.file.as_bytes()[0]);
     all

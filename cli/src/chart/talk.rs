@@ -1,4 +1,4 @@
-//! Figure 6: the talk's two tables, then and now.
+//! Figure 6: the two tables of Meng Zhou, *Build and Travel KD-Tree with CUDA*, then and now.
 
 use super::{
     data::{Data, Sample},
@@ -6,11 +6,11 @@ use super::{
 };
 use crate::report::three;
 
-/// The talk's scene.
+/// The scene of that talk.
 const SCENE: &str = "dragon";
-/// The talk's figures for it, quoted: build and 50,000 rays, in milliseconds.
+/// Its figures, quoted: build and 50,000 rays, in milliseconds.
 const THEN: [(&str, f64, f64); 2] = [("CPU, then", 38_315.0, 3_297.0), ("GTX 780 Ti, then", 8_063.0, 344.0)];
-/// Rays of the talk.
+/// Its rays.
 const RAYS: f64 = 50_000.0;
 
 /// Who, the build and the rays, in milliseconds.
@@ -50,14 +50,17 @@ pub(super) fn figures(data: &Data, scenes: &[&str]) -> Vec<Figure> {
                     let old = number(&(String::new(), build, rays));
                     format!(
                         "The quickest now takes {} ms, the {name} took {}: {} times; other hardware, so the \
-                         ratio is of years and algorithms together. The talk's rays were random ones, these are \
-                         a picture's and bounces.",
+                         ratio is of years and algorithms together. The rays of that talk were random ones, these \
+                         are a picture's and bounces.",
                         three(best),
                         three(old),
                         three(old / best)
                     )
                 }
-                None => format!("The talk had the {SCENE}; `raykd chart {SCENE}` puts its figures beside."),
+                None => format!(
+                    "Meng Zhou, Build and Travel KD-Tree with CUDA, has the {SCENE}; `raykd chart {SCENE}` puts that \
+                     talk's figures beside."
+                ),
             };
             Figure {
                 file: file.to_owned(),

@@ -202,7 +202,6 @@ fn a_page_and_its_figures() {
         "6-talk-rays",
         "7-peers-teapot",
         "8-auto",
-        "9-lazy",
     ] {
         assert!(names.contains(&name), "{name} is not among {names:?}");
     }

@@ -92,6 +92,31 @@ fn closed_and_open_meshes_are_told_apart() {
     assert!(text(&missing.stderr).contains("none.obj"));
 }
 
+/// Triangles are numbered as the hits are, from 0.
+#[test]
+fn the_first_triangle_of_each_repair_is_told() {
+    let folder = folder();
+    let closed = fs::read_to_string(folder.path().join("closed.obj")).unwrap();
+    let again = "f 1 1 2\nf 1 3 2\nf 1 3 2\nf 2 2 2\n";
+    fs::write(folder.path().join("again.obj"), closed + again).unwrap();
+    let told = raykd(&folder, "check again.obj");
+    let told = text(&told.stdout);
+    for part in [
+        "2 zero-area triangles kept out of the tree (first: triangle 4)",
+        "2 duplicate triangles, of which the lowest number wins (first: triangle 5)",
+    ] {
+        assert!(told.contains(part), "{told}");
+    }
+    let json = |mesh| {
+        let output = raykd(&folder, &format!("check {mesh} --json"));
+        serde_json::from_slice::<Value>(&output.stdout).unwrap()["repairs"].clone()
+    };
+    let told = json("again.obj");
+    assert_eq!((&told["zero_area_at"], &told["duplicate_at"]), (&4.into(), &5.into()));
+    let told = json("closed.obj");
+    assert_eq!((told.get("zero_area_at"), told.get("duplicate_at")), (None, None));
+}
+
 /// A closed mesh may meet itself: that is told, and is no reason for another exit code.
 #[test]
 fn meshes_that_meet_themselves_are_told() {

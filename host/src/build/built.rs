@@ -1,6 +1,6 @@
 //! Meshes and trees on a device.
 
-use super::{options::BuildTimes, room::Arena};
+use super::{room::Arena, times::BuildTimes};
 use crate::{
     Error,
     clock::Instant,

@@ -3,10 +3,11 @@
 use super::{
     built::{Given, Grown, KeptIn, Laid, MeshBuffers},
     header,
-    options::{BuildOptions, BuildTimes},
+    options::BuildOptions,
     retry::Stop,
     room::{Arena, Room, growth, usual_levels},
     survey::{Root, Survey},
+    times::BuildTimes,
 };
 use crate::{
     Error,

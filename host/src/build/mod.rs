@@ -10,12 +10,14 @@ mod retry;
 mod room;
 mod survey;
 mod sweep;
+mod times;
 mod with;
 
 pub(crate) use built::{Built, Given, Kept, Laid, MeshBuffers, upload};
-pub use options::{BuildOptions, BuildTimes, Builder, KernelTimes};
+pub use options::{BuildOptions, Builder};
 pub(crate) use survey::{Copies, Survey, Surveyed};
 pub use sweep::LISTED;
+pub use times::{BuildTimes, KernelTimes};
 
 use crate::{Error, clock::Instant, exec::Device};
 use built::{Facts, Grown, KeptIn};

@@ -1,16 +1,11 @@
-//! What a build may be told, and what it tells.
+//! What a build may be told.
 
 use super::built::Facts;
-use crate::{
-    Error,
-    choices::choices,
-    exec::{Step, Timing},
-};
+use crate::{Error, choices::choices};
 use raykd_shared::{
     limits::{MAX_DEPTH, TREELET},
     rule,
 };
-use std::time::Duration;
 
 choices! {
     /// How the planes of a tree are chosen; the cheapest first.
@@ -65,14 +60,14 @@ pub struct BuildOptions {
     pub budget: Option<f32>,
     /// Factor on the cost of planes that cut off empty space, from 0 to 1.
     pub empty: f32,
-    /// Deepest level for a leaf, at most [`MAX_DEPTH`].
+    /// Deepest level for a leaf, from 0 to [`MAX_DEPTH`].
     pub max_depth: u32,
     /// How planes are chosen.
     pub builder: Builder,
     /// Whether a reference is dropped where its triangle does not reach, though its box does ("perfect splits",
     /// Wald & Havran 2006, section 4.3).
     pub clip: bool,
-    /// Time every kernel, see [`BuildTimes::kernels`].
+    /// Time every kernel, see [`BuildTimes::kernels`](crate::BuildTimes::kernels).
     pub profile: bool,
 }
 
@@ -97,7 +92,7 @@ impl BuildOptions {
     /// The most that a cost or price may be.
     pub const MOST: f32 = 1e9;
 
-    /// Refuses numbers that costs cannot be weighed by.
+    /// Refuses numbers that costs cannot be weighed by, and leaves deeper than a tree's may be.
     pub(crate) fn check(&self) -> Result<(), Error> {
         let numbers = [
             ("cost_step", self.cost_step, 0.0, Self::MOST),
@@ -105,6 +100,8 @@ impl BuildOptions {
             ("price", self.price, 0.0, Self::MOST),
             ("empty", self.empty, 0.0, 1.0),
             ("budget", self.budget.unwrap_or(1.0), 1.0, f32::INFINITY),
+            // Rounded it is above the limit if it was before.
+            ("max_depth", self.max_depth as f32, 0.0, MAX_DEPTH as f32),
         ];
         match numbers.into_iter().find(|(_, value, least, most)| !(least..=most).contains(&value)) {
             Some((name, value, least, most)) => Err(Error::Options { name, value, least, most }),
@@ -123,62 +120,5 @@ impl BuildOptions {
     /// What [`Self::price`] shares among the triangles, for each unit of half the root's area.
     pub(super) fn price_of_area(&self) -> f32 {
         self.price * self.cost_test
-    }
-}
-
-/// How long a build took and what it needed.
-#[derive(Clone, Debug, Default)]
-#[non_exhaustive]
-pub struct BuildTimes {
-    /// Mesh to device.
-    pub upload: Duration,
-    /// All kernels, on the device's clock.
-    pub build: Duration,
-    /// Laying the leaves' triangles out for tracing, on the device's clock. Zero where `build` includes it: see
-    /// `Device::recycling`.
-    pub layout: Duration,
-    /// Most bytes of buffers held at once, the mesh included.
-    pub peak_bytes: u64,
-    /// How often the build was repeated, with more room, a higher price or by the host; the other times are
-    /// those of the last try.
-    pub retries: u32,
-    /// What the tries before the last took in all, by the clock on the wall.
-    pub failed: Duration,
-    /// Whether the host built the tree because the device had not the room to.
-    pub by_host: bool,
-    /// With profiling: what each kernel took, in order of first use.
-    pub kernels: Vec<KernelTimes>,
-}
-
-/// What all dispatches of a kernel took.
-#[derive(Clone, Copy, Debug)]
-#[non_exhaustive]
-pub struct KernelTimes {
-    /// Its name.
-    pub name: &'static str,
-    /// How often it was dispatched.
-    pub dispatches: u32,
-    /// On the device's clock.
-    pub time: Duration,
-    /// Bytes read and written in buffers: on the CPU, with the feature `traffic`.
-    pub bytes: Option<u64>,
-}
-
-impl BuildTimes {
-    /// Adds the times of steps, summed by kernel in order of first use.
-    pub(super) fn add(&mut self, steps: &[Step<'_>], timing: &Timing) {
-        self.build += timing.total;
-        for (i, (step, &time)) in steps.iter().zip(&timing.steps).enumerate() {
-            let name = step.kernel.name();
-            let bytes = timing.moved.get(i).copied();
-            match self.kernels.iter_mut().find(|kernel| kernel.name == name) {
-                Some(kernel) => {
-                    kernel.dispatches += 1;
-                    kernel.time += time;
-                    kernel.bytes = kernel.bytes.zip(bytes).map(|(sum, more)| sum + more);
-                }
-                None => self.kernels.push(KernelTimes { name, dispatches: 1, time, bytes }),
-            }
-        }
     }
 }

@@ -8,9 +8,7 @@ use super::{
 };
 use crate::Error;
 use raykd_shared::{
-    BuildParams,
-    limits::MAX_DEPTH,
-    rule,
+    BuildParams, rule,
     status::{CAPACITY, describe},
 };
 
@@ -76,8 +74,16 @@ impl Setting {
             Way::Levels => Room::of_levels(references, options.builder.small()),
             _ => Room::of_sweep(references),
         };
-        let max_depth = options.max_depth.min(MAX_DEPTH);
-        Self { facts, host, options: options.clone(), first_way: way, way, room, max_depth, before: u32::MAX }
+        Self {
+            facts,
+            host,
+            options: options.clone(),
+            first_way: way,
+            way,
+            room,
+            max_depth: options.max_depth,
+            before: u32::MAX,
+        }
     }
 
     /// The same where a build before had so much room in the end.
@@ -88,7 +94,7 @@ impl Setting {
 
     /// Whether more room was of no use, and the tree got fewer levels.
     pub(super) fn is_lowered(&self) -> bool {
-        self.max_depth < self.options.max_depth.min(MAX_DEPTH)
+        self.max_depth < self.options.max_depth
     }
 
     pub(super) fn params(&self) -> BuildParams {

@@ -1,6 +1,6 @@
 //! What can be wrong with a mesh, where it is, and what to do about it.
 
-use crate::error::{QUOTED, quoted};
+use crate::quoted::{QUOTED, quoted};
 use std::fmt;
 use std::path::{Path, PathBuf};
 

@@ -152,7 +152,8 @@ impl Mesh {
     ) -> Result<Self, MeshError> {
         let repair::Survey { kept, bounds, scale, dust } = repair::survey(&positions, &triangles)?;
         repairs.zero_area = (triangles.len() - kept.len()) as u32;
-        repairs.duplicates = repair::count_duplicates(&positions, &triangles, &kept);
+        repairs.zero_area_at = repair::first_left_out(triangles.len(), &kept);
+        (repairs.duplicates, repairs.duplicate_at) = repair::duplicates(&positions, &triangles, &kept);
         let flushed =
             positions.as_flattened().iter().filter(|&&x| x != 0.0 && repair::settle(x, dust) == 0.0);
         repairs.flushed = flushed.count().try_into().unwrap_or(u32::MAX);

@@ -13,9 +13,13 @@ use robust::{Coord, orient2d};
 pub struct Repairs {
     /// Triangles without area: kept out of the tree, but they keep their number.
     pub zero_area: u32,
+    /// The number of the first of them.
+    pub zero_area_at: Option<u32>,
     /// Triangles with the same three positions in the same order as one of a lower number: they stay in the
     /// tree, where the lowest number wins.
     pub duplicates: u32,
+    /// The number of the first of them.
+    pub duplicate_at: Option<u32>,
     /// Faces with more than three corners, cut into triangles.
     pub polygons: u32,
     /// Of these, concave ones that the fan from their first corner does not cover: cut otherwise.
@@ -192,8 +196,13 @@ fn scale_for(extent: f64) -> Result<f32, MeshError> {
     Ok(scale as f32)
 }
 
-/// Counts the triangles of `kept` that repeat one of a lower number: same positions, same order.
-pub(super) fn count_duplicates(positions: &[[f32; 3]], triangles: &[[u32; 3]], kept: &[u32]) -> u32 {
+/// The first of all triangles that is not among the `kept` ones.
+pub(super) fn first_left_out(triangles: usize, kept: &[u32]) -> Option<u32> {
+    (0..triangles as u32).find(|&t| kept.get(t as usize) != Some(&t))
+}
+
+/// How many triangles of `kept` repeat one of a lower number, same positions, same order; and the first of them.
+pub(super) fn duplicates(positions: &[[f32; 3]], triangles: &[[u32; 3]], kept: &[u32]) -> (u32, Option<u32>) {
     let key = |t: u32| triangles[t as usize].map(|v| positions[v as usize].map(|x| (x + 0.0).to_bits()));
     // Equal triangles have equal hashes, so only triangles whose hash occurs twice need a closer look.
     let hashes: Vec<u64> = kept.par_iter().map(|&t| hash(key(t))).collect();
@@ -201,17 +210,18 @@ pub(super) fn count_duplicates(positions: &[[f32; 3]], triangles: &[[u32; 3]], k
     sorted.par_sort_unstable();
     let mut twice: Vec<u64> = sorted.windows(2).filter(|w| w[0] == w[1]).map(|w| w[0]).collect();
     if twice.is_empty() {
-        return 0;
+        return (0, None);
     }
     twice.dedup();
     let mut suspects: Vec<_> = kept
         .par_iter()
         .zip(&hashes)
         .filter(|(_, hash)| twice.binary_search(hash).is_ok())
-        .map(|(&t, _)| key(t))
+        .map(|(&t, _)| (key(t), t))
         .collect();
     suspects.par_sort_unstable();
-    suspects.windows(2).filter(|w| w[0] == w[1]).count() as u32
+    let again = || suspects.windows(2).filter(|w| w[0].0 == w[1].0).map(|w| w[1].1);
+    (again().count() as u32, again().min())
 }
 
 /// A 64-bit hash of nine words: multiply, rotate, and a final mix.

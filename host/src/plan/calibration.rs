@@ -1,15 +1,15 @@
 //! What choices cost on one device, measured on meshes of several sizes, kept in a file.
 
 use super::{
-    CHOICES, Choice, Cost, Seen,
-    cost::{self, Moving},
-    look::{LOOKS, Looking},
+    choice::{CHOICES, Choice},
+    cost::{self, Cost, Moving},
+    look::{LOOKS, Looking, Seen},
 };
 use crate::{
     BuildOptions, Device, Error, Mesh, Scene, Traversal,
-    error::quoted,
     mesh::{of_user, teapot_level_for},
     output,
+    quoted::quoted,
 };
 use std::{
     io::{Read as _, Write as _},
@@ -68,7 +68,7 @@ impl Calibration {
         for (at, &size) in sizes.iter().enumerate() {
             let mesh = leaning(teapot_level_for(size));
             let usual = Scene::build(device, &mesh, &BuildOptions::default())?;
-            let rays = super::cost::usual_rays(&mesh, rays_for(device), |rays| usual.closest(rays))?;
+            let rays = cost::usual_rays(&mesh, rays_for(device), |rays| usual.closest(rays))?;
             let slow = usual.times().build.as_secs_f64() * 1e3 > SLOW;
             let moving = Moving::measure(&usual, &rays)?;
             drop(usual);

@@ -1,6 +1,6 @@
 //! What a choice costs: measured once, on one mesh and device.
 
-use super::Choice;
+use super::choice::Choice;
 use crate::{
     Device, Error, Hit, Mesh, Query, Ray, Scene,
     clock::Instant,

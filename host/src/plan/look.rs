@@ -1,6 +1,6 @@
 //! A quick look at a mesh: how many steps a ray of the usual kind takes there, in a coarse copy of it.
 
-use super::{cost::usual_rays, grid::Grid};
+use super::{choice::HALFWAY, cost::usual_rays, grid::Grid};
 use crate::{BuildOptions, Builder, Device, Error, Hit, Mesh, Ray, Scene, rays::Camera};
 use raykd_kernels::{
     glam::Vec3,
@@ -33,8 +33,6 @@ pub(super) const LOOKS: [Look; 2] = [
 
 /// Rays.
 const RAYS: usize = 1024;
-/// Depth of the trees that a grid stands for.
-pub(super) const HALFWAY: u32 = 12;
 
 /// What a look shows of a usual ray.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]

@@ -16,89 +16,18 @@
 //! ```
 
 pub(crate) mod calibration;
+mod choice;
 pub(crate) mod cost;
 mod grid;
 mod look;
 
 pub use calibration::{Calibration, cache, place};
+pub use choice::{CHOICES, Choice};
 pub use cost::Cost;
 pub use look::Seen;
 
-use crate::{BuildOptions, Builder, Mesh, Traversal};
+use crate::Mesh;
 use look::{LOOKS, Looking};
-
-/// A kind of tree, or none, and a way through it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[non_exhaustive]
-pub struct Choice {
-    /// What it is called.
-    pub name: &'static str,
-    builder: Builder,
-    price: Option<f32>,
-    long: Option<u32>,
-    depth: Option<u32>,
-}
-
-const fn choice(name: &'static str, builder: Builder) -> Choice {
-    Choice { name, builder, price: None, long: None, depth: None }
-}
-
-/// Triangles that `stack` tests in one leaf.
-const LONG_LEAF: usize = 1 << 15;
-
-/// What there is to choose from: no tree, shallow ones, and those of all builders; small ones too.
-pub const CHOICES: [Choice; 9] = [
-    Choice { depth: Some(0), ..choice("none", Builder::Median) },
-    Choice { depth: Some(6), ..choice("shallow", Builder::Median) },
-    Choice { depth: Some(look::HALFWAY), ..choice("halfway", Builder::Median) },
-    choice("median", Builder::Median),
-    choice("zhou", Builder::Zhou),
-    choice("binned", Builder::Binned),
-    Choice { price: Some(40.0), long: Some(64), ..choice("binned-small", Builder::Binned) },
-    choice("exact", Builder::Exact),
-    Choice { price: Some(40.0), long: Some(64), ..choice("exact-small", Builder::Exact) },
-];
-
-impl Choice {
-    /// The choice of this name.
-    pub fn named(name: &str) -> Option<Self> {
-        CHOICES.into_iter().find(|choice| choice.name == name)
-    }
-
-    /// For charts: a builder and the price of a reference.
-    #[doc(hidden)]
-    pub const fn of(name: &'static str, builder: Builder, price: f32) -> Self {
-        Self { price: Some(price), ..choice(name, builder) }
-    }
-
-    /// How its tree is built.
-    pub fn options(&self) -> BuildOptions {
-        let usual = BuildOptions::default();
-        BuildOptions {
-            builder: self.builder,
-            price: self.price.unwrap_or(usual.price),
-            long: self.long.unwrap_or(usual.long),
-            max_depth: self.depth.unwrap_or(usual.max_depth),
-            ..usual
-        }
-    }
-
-    /// Whether there is more than one leaf.
-    pub(crate) const fn has_tree(&self) -> bool {
-        !matches!(self.depth, Some(0))
-    }
-
-    /// Whether the tree ends with long leaves halfway down.
-    fn ends_halfway(&self) -> bool {
-        self.depth == Some(look::HALFWAY)
-    }
-
-    /// How rays are traced: `stack` was the fastest way through a tree everywhere, and through a
-    /// single leaf too, but software drivers end its loop if that is long.
-    pub const fn traversal(&self, triangles: usize) -> Traversal {
-        if self.has_tree() || triangles <= LONG_LEAF { Traversal::Stack } else { Traversal::Brute }
-    }
-}
 
 /// What [`choose`] chose.
 #[derive(Clone, Debug, PartialEq)]

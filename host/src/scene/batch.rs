@@ -22,7 +22,7 @@ impl Scene {
     /// # Errors
     /// They do not fit the device, or it failed.
     pub fn resident(&self, rays: &[impl AnyRay]) -> Result<Resident, Error> {
-        Ok(Resident { scene: self.clone(), batch: Batch::new(self, rays)? })
+        Ok(Resident { scene: self.clone(), batch: Batch::new(self, rays)?, invalid: None })
     }
 }
 
@@ -42,6 +42,8 @@ impl Scene {
 pub struct Resident {
     scene: Scene,
     batch: Batch,
+    /// How many rays were none, once they have been traced: the buffers hold no hits before.
+    invalid: Option<u32>,
 }
 
 impl Resident {
@@ -50,24 +52,28 @@ impl Resident {
     /// # Errors
     /// The device failed.
     pub fn trace(&mut self, query: Query) -> Result<Duration, Error> {
-        self.scene.run(&self.batch, self.scene.traversal, query, To::Room(&mut [])).map(|(time, _)| time)
+        // A trace that fails leaves some hits of this one and some of the one before.
+        self.invalid = None;
+        let (time, invalid) = self.scene.run(&self.batch, self.scene.traversal, query, To::Room(&mut []))?;
+        self.invalid = Some(invalid);
+        Ok(time)
     }
 
     /// The hits of the last trace.
     ///
     /// # Errors
-    /// The device failed.
+    /// There was none, or it failed; or the device failed.
     pub fn hits(&self) -> Result<Vec<Hit>, Error> {
-        self.batch.outcome(&self.scene.device)?;
+        self.invalid()?;
         self.batch.hits(&self.scene.device)
     }
 
     /// How many rays of the last trace were none, see [`Traced::invalid`](super::Traced::invalid).
     ///
     /// # Errors
-    /// The device failed.
+    /// There was none, or it failed.
     pub fn invalid(&self) -> Result<u32, Error> {
-        self.batch.outcome(&self.scene.device)
+        self.invalid.ok_or(Error::Untraced)
     }
 }
 
@@ -138,25 +144,13 @@ impl Batch {
         Ok((time, invalid(words)?))
     }
 
-    /// Checks the status the kernel left and returns how many rays were none.
-    pub(super) fn outcome(&self, device: &Device) -> Result<u32, Error> {
-        outcome(device, &self.outcome)
-    }
-
     pub(super) fn hits(&self, device: &Device) -> Result<Vec<Hit>, Error> {
         device.read(&self.hits.view(), 0, self.count as usize)
     }
 }
 
-/// Checks the status a kernel left and returns how many rays were none.
-pub(super) fn outcome(device: &Device, outcome: &Buffer<u32>) -> Result<u32, Error> {
-    let mut words = [0; OUTCOME_WORDS as usize];
-    device.read_into(outcome, 0, &mut words)?;
-    invalid(words)
-}
-
-/// How many rays were none, if the status is good.
-fn invalid(words: [u32; OUTCOME_WORDS as usize]) -> Result<u32, Error> {
+/// How many rays were none, if the status that a kernel left is good.
+pub(super) fn invalid(words: [u32; OUTCOME_WORDS as usize]) -> Result<u32, Error> {
     match words[OUTCOME_STATUS as usize] {
         0 => Ok(words[OUTCOME_INVALID as usize]),
         bits => Err(Error::Kernel(status::describe(bits))),

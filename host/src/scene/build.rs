@@ -159,6 +159,18 @@ fn lay_out(
 mod tests {
     use super::*;
     use crate::Builder;
+    use raykd_shared::limits::MAX_DEPTH;
+
+    #[test]
+    fn leaves_are_no_deeper_than_a_tree_may_be() {
+        let (device, mesh) = (Device::cpu(), Mesh::teapot(1));
+        let build = |depth| Scene::build(&device, &mesh, &BuildOptions::default().with_max_depth(depth));
+        assert!(build(MAX_DEPTH).is_ok());
+        for depth in [MAX_DEPTH + 1, u32::MAX] {
+            let error = build(depth).unwrap_err().to_string();
+            assert!(error.contains("max_depth") && error.contains("from 0 to 48"), "{error}");
+        }
+    }
 
     /// A tree that such costs are written into is no valid one.
     #[test]

@@ -84,7 +84,9 @@ impl Encoded {
     /// # Errors
     /// The kernel stopped, or the device failed.
     pub fn invalid(&self) -> Result<u32, Error> {
-        super::batch::outcome(&self.device, &self.outcome)
+        let mut words = [0; OUTCOME_WORDS as usize];
+        self.device.read_into(&self.outcome, 0, &mut words)?;
+        super::batch::invalid(words)
     }
 }
 

@@ -5,6 +5,7 @@ use crate::{
     Error, Hit, Query, Ray,
     rays::{AnyRay, Ray64},
 };
+use raykd_kernels::trace::frame::Frame;
 use raykd_shared::MISS;
 use rayon::prelude::*;
 use robust::{Coord3D, orient3d};
@@ -74,6 +75,17 @@ impl WorldHit {
     }
 }
 
+/// Hits in a world: see [`World::trace`].
+#[derive(Clone, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub struct WorldTraced {
+    /// One hit a ray.
+    pub hits: Vec<WorldHit>,
+    /// Rays that were none, as in [`Traced::invalid`](super::Traced::invalid), in the world or in an instance that was
+    /// asked for them, where they hit nothing. Each counts once.
+    pub invalid: u32,
+}
+
 impl World {
     /// A world without instances, in which nothing is hit.
     pub fn new() -> Self {
@@ -117,7 +129,7 @@ impl World {
     /// # Errors
     /// A device failed.
     pub fn closest(&self, rays: &[impl AnyRay]) -> Result<Vec<WorldHit>, Error> {
-        self.trace(Query::Closest, rays)
+        Ok(self.trace(Query::Closest, rays)?.hits)
     }
 
     /// Some hit of every ray that has one.
@@ -125,17 +137,31 @@ impl World {
     /// # Errors
     /// A device failed.
     pub fn any(&self, rays: &[impl AnyRay]) -> Result<Vec<WorldHit>, Error> {
-        self.trace(Query::Any, rays)
+        Ok(self.trace(Query::Any, rays)?.hits)
     }
 
-    fn trace(&self, query: Query, rays: &[impl AnyRay]) -> Result<Vec<WorldHit>, Error> {
-        let mut all = Vec::with_capacity(rays.len());
+    /// The closest or any hit of every ray, and how many rays were none. An instance is not asked for any hit of a ray
+    /// that has one.
+    ///
+    /// # Errors
+    /// A device failed.
+    pub fn trace(&self, query: Query, rays: &[impl AnyRay]) -> Result<WorldTraced, Error> {
+        let mut all = WorldTraced { hits: Vec::with_capacity(rays.len()), invalid: 0 };
         for rays in rays.chunks(BATCH) {
             let mut best = vec![WorldHit::NONE; rays.len()];
+            let mut none: Vec<bool> = rays.par_iter().map(|ray| is_none(&ray.wide())).collect();
             for (number, instance) in (0..).zip(&self.instances) {
                 let open = |best: &WorldHit| query == Query::Closest || !best.is_hit();
-                let pairs = rays.par_iter().zip(&best).enumerate().filter(|(_, (_, best))| open(best));
-                let met = pairs.filter_map(|(i, (ray, best))| Some((i, instance.take(ray, best)?)));
+                let pairs = rays.par_iter().zip(&best).zip(&mut none).enumerate();
+                let met =
+                    pairs.filter(|(_, ((_, best), _))| open(best)).filter_map(|(i, ((ray, best), none))| {
+                        match instance.take(ray, best) {
+                            Part::None => *none = true,
+                            Part::Beside => {}
+                            Part::Asked(ray) => return Some((i, ray)),
+                        }
+                        None
+                    });
                 let (which, local): (Vec<usize>, Vec<Ray64>) = met.collect::<Vec<_>>().into_iter().unzip();
                 for (i, hit) in which.into_iter().zip(instance.scene.trace(query, &local)?.hits) {
                     if hit.is_hit() && (!best[i].is_hit() || hit.t < best[i].t) {
@@ -144,7 +170,8 @@ impl World {
                     }
                 }
             }
-            all.extend(best);
+            all.hits.extend(best);
+            all.invalid += none.into_iter().filter(|&none| none).count() as u32;
         }
         Ok(all)
     }
@@ -159,9 +186,18 @@ struct Instance {
     shift: [f64; 3],
 }
 
+/// What an instance makes of a ray.
+enum Part {
+    /// In the space of the mesh it is none.
+    None,
+    /// It does not meet the box of the mesh.
+    Beside,
+    /// Its part that could be better than a hit, in the space of the mesh.
+    Asked(Ray64),
+}
+
 impl Instance {
-    /// The part of a ray that could be better than a hit, in the space of the mesh, if it meets its box.
-    fn take(&self, ray: &impl AnyRay, best: &WorldHit) -> Option<Ray64> {
+    fn take(&self, ray: &impl AnyRay, best: &WorldHit) -> Part {
         let ray = ray.wide();
         let to_mesh = |v: [f64; 3]| self.inverse.map(|[x, y, z]| x * v[0] + y * v[1] + z * v[2]);
         let local = Ray64 {
@@ -173,8 +209,21 @@ impl Instance {
         let header = self.scene.header();
         let scaled = |corner: [f32; 3]| corner.map(|x| f64::from(x) / f64::from(header.scale));
         let bounds = (scaled(header.lo), scaled(header.hi));
-        may_meet(&local.alone(self.scene.translation), bounds).then_some(local)
+        let rounded = local.alone(self.scene.translation);
+        if !Frame::of(&rounded, header).valid {
+            Part::None
+        } else if may_meet(&rounded, bounds) {
+            Part::Asked(local)
+        } else {
+            Part::Beside
+        }
     }
+}
+
+/// Whether a ray is none wherever instances are.
+fn is_none(ray: &Ray64) -> bool {
+    let numbers = ray.origin.iter().chain(&ray.direction).all(|x| x.is_finite());
+    !numbers || ray.direction == [0.0; 3] || ray.t_min.is_nan() || ray.t_max.is_nan()
 }
 
 /// Whether a ray could hit something in a box, by any test: at the `t` of a hit it is within 2^-24 * 21 of the box,

@@ -27,7 +27,7 @@ fn zero_area_triangles_keep_their_number() {
     assert_eq!(mesh.kept(), [1, 4]);
     assert_eq!(mesh.triangles().len(), 5);
     let mut repairs = Repairs::default();
-    repairs.zero_area = 3;
+    (repairs.zero_area, repairs.zero_area_at) = (3, Some(0));
     assert_eq!(*mesh.repairs(), repairs);
     // Far away without area: no part of the box.
     let far = [[9e30, 9e30, 9e30]; 3];
@@ -53,8 +53,8 @@ fn duplicates_are_counted_by_position_and_order() {
     let mesh =
         soup(&[UNIT, [b, c, a], minus, [a, c, b], UNIT, times(1.0), [b, c, a], [a; 3], [a; 3]]).unwrap();
     // `minus` and the second UNIT repeat the first, [b, c, a] repeats itself; zero-area ones do not count.
-    assert_eq!(mesh.repairs().duplicates, 3);
-    assert_eq!(mesh.repairs().zero_area, 2);
+    assert_eq!((mesh.repairs().duplicates, mesh.repairs().duplicate_at), (3, Some(2)));
+    assert_eq!((mesh.repairs().zero_area, mesh.repairs().zero_area_at), (2, Some(7)));
     assert_eq!(mesh.kept(), [0, 1, 2, 3, 4, 5, 6]);
     assert_eq!(mesh.repairs().flushed, 0);
 }
@@ -216,8 +216,11 @@ proptest! {
     )) {
         let mesh = soup(&corners).unwrap();
         let kept: Vec<_> = mesh.kept().iter().map(|&t| corners[t as usize]).collect();
-        let slow = (0..kept.len()).filter(|&i| kept[..i].contains(&kept[i])).count();
-        prop_assert_eq!(mesh.repairs().duplicates as usize, slow);
+        let slow: Vec<_> = (0..kept.len()).filter(|&i| kept[..i].contains(&kept[i])).collect();
+        prop_assert_eq!(mesh.repairs().duplicates as usize, slow.len());
+        prop_assert_eq!(mesh.repairs().duplicate_at, slow.first().map(|&i| mesh.kept()[i]));
+        let flat = (0..corners.len() as u32).find(|t| !mesh.kept().contains(t));
+        prop_assert_eq!(mesh.repairs().zero_area_at, flat);
     }
 
     /// Times a power of two, a mesh gives the kernels the same digits.

@@ -11,9 +11,9 @@ use super::{
 use crate::{
     build::{
         built::Grown,
-        options::BuildTimes,
         retry::Stop,
         room::{Arena, growth, most_of_sweep},
+        times::BuildTimes,
     },
     clock::Instant,
     exec::cpu::has_usual_instructions,

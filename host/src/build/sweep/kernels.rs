@@ -4,9 +4,9 @@ use crate::{
     Error,
     build::{
         built::{Given, Grown, KeptIn, Laid, MeshBuffers},
-        options::BuildTimes,
         retry::Stop,
         room::{Arena, Need, growth},
+        times::BuildTimes,
     },
     clock::Instant,
     exec::{Buffer, Launch, Step},

@@ -22,7 +22,7 @@ pub use crossings::Counted;
 pub use encode::{Encoded, RayCount, SceneBuffers, WGSL};
 pub use trace::{AllHits, RaySteps, Traced};
 pub use tracer::Tracer;
-pub use world::{World, WorldHit};
+pub use world::{World, WorldHit, WorldTraced};
 
 use crate::{
     BuildTimes, Error, Intersector, KdTree, Mesh,

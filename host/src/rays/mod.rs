@@ -117,7 +117,8 @@ fn corners((lo, hi): ([f32; 3], [f32; 3])) -> [[f32; 3]; 8] {
     [0, 1, 2, 3, 4, 5, 6, 7].map(|i| [0, 1, 2].map(|a| if i >> a & 1 == 0 { lo[a] } else { hi[a] }))
 }
 
-/// The rays of the talk's travel table: from the sphere around the box to uniform points of the box.
+/// The rays of the travel table in Meng Zhou, *Build and Travel KD-Tree with CUDA*: from the sphere around the box to
+/// uniform points of the box.
 pub fn random(bounds: ([f32; 3], [f32; 3]), count: usize, seed: u64) -> Vec<Ray> {
     let (centre, radius) = ball_around(bounds);
     let (lo, hi) = (wide(bounds.0), wide(bounds.1));
