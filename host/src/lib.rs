@@ -44,7 +44,8 @@
 //! * `stress`: scenes in which ray tracers fail, and the exact judge of what happens there.
 //! * `traffic`: count the bytes that kernels move on the CPU, for profiles. Slower.
 //!
-//! The minimum supported Rust version is 1.88.
+//! The minimum supported Rust version is 1.88. The crate `wgpu` is part of the interface: its
+//! next major version is a breaking change here.
 
 mod build;
 mod choices;
@@ -77,8 +78,8 @@ pub use mesh::Mesh;
 pub use query::Query;
 pub use raykd_kernels as kernels;
 pub use raykd_shared as shared;
-pub use raykd_shared::{Crossings, Hit, Ray};
-pub use rays::Ray64;
+pub use raykd_shared::{Crossings, Hit, MISS, Ray};
+pub use rays::{AnyPoint, AnyRay, Ray64};
 pub use read::usual_max_bytes;
 pub use scene::{
     AllHits, Contact, ContactCount, Contacts, Counted, RaySteps, Resident, Scene, Traced, Tracer, World,

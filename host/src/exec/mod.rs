@@ -399,7 +399,9 @@ impl Device {
     }
 
     /// The best Vulkan adapter, or the best whose name contains `adapter` (any case). `gpu:1` takes one by its number in
-    /// [`adapters`](crate::adapters), which tells those of one name apart.
+    /// [`adapters`](crate::adapters), which tells those of one name apart. It may be a software driver, which
+    /// [`Device::best`] never takes. With `RAYKD_ALLOW_INEXACT=1` in the environment an adapter that is named is taken
+    /// though it rounds differently: then bytes may differ from the CPU's.
     ///
     /// # Errors
     /// No adapter, or one that does not compute our float operations exactly.

@@ -219,6 +219,9 @@ impl Camera {
 }
 
 /// The unit normal of the triangle hit, on the side that the ray came from.
+///
+/// # Panics
+/// The hit is a miss, or of another mesh.
 pub fn facing_normal(mesh: &Mesh, ray: &Ray, hit: &Hit) -> [f64; 3] {
     let [a, b, c] = mesh.triangles()[hit.triangle as usize].map(|i| wide(mesh.positions()[i as usize]));
     let normal = normalize(cross(sub(b, a), sub(c, a)));
@@ -254,7 +257,7 @@ fn surface(mesh: &Mesh, ray: &Ray, hit: &Hit, lift: f64) -> (V, V) {
     (add(point, mul(normal, lift)), normal)
 }
 
-/// One cosine-distributed bounce from every hit.
+/// One cosine-distributed bounce from every hit; rays that miss have none.
 pub fn bounces(mesh: &Mesh, rays: &[Ray], hits: &[Hit], seed: u64) -> Vec<Ray> {
     let lift = ball_around(mesh.bounds()).1 * 2.0e-5;
     let mut random = Random::new(seed);
@@ -267,7 +270,7 @@ pub fn bounces(mesh: &Mesh, rays: &[Ray], hits: &[Hit], seed: u64) -> Vec<Ray> {
     .collect()
 }
 
-/// A shadow ray from every hit to a random point of a ball, ending just short of it.
+/// A shadow ray from every hit to a random point of a ball, ending just short of it; rays that miss have none.
 pub fn shadows(mesh: &Mesh, rays: &[Ray], hits: &[Hit], light: [f64; 3], radius: f64, seed: u64) -> Vec<Ray> {
     let lift = ball_around(mesh.bounds()).1 * 2.0e-5;
     let mut random = Random::new(seed);

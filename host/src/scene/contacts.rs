@@ -8,6 +8,7 @@ use robust::{Coord, Coord3D, orient2d, orient3d};
 
 /// Where an edge meets something else.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[non_exhaustive]
 pub struct Contact {
     /// Vertices of the edge, the lower number first.
     pub edge: [u32; 2],
@@ -17,6 +18,7 @@ pub struct Contact {
 
 /// Contacts of one kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct ContactCount {
     /// How many there are.
     pub count: u64,
@@ -26,6 +28,7 @@ pub struct ContactCount {
 
 /// Where a mesh meets itself; vertices at one place are one vertex. See [`Scene::contacts`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Contacts {
     /// Vertices of triangles that lie on an edge, between its ends.
     pub t_junctions: ContactCount,

@@ -210,7 +210,7 @@ impl Scene {
 
     /// Opens a scene that [`Scene::save`] wrote, on any machine and device. Everything in it is checked first.
     /// Traversal and triangle test are the default ones. [`Scene::times`] tells only how long this took, as
-    /// [`BuildTimes::upload`].
+    /// [`BuildTimes::upload`]. The file is read whole, however large it is.
     ///
     /// # Errors
     /// The file cannot be read, is no regular file or no scene file, has another version, or is damaged; or the scene
