@@ -42,8 +42,9 @@ fn level(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> (f32, f32) {
     if abs(x.1) > 0.0 { x } else { found }
 }
 
-/// What floats tell of `t`, as it is rounded, if the ray's line may pass through the triangle. A sheared corner is off by at most a quarter of the pad, so edge functions are by an eighth of what their
-/// sum is compared with; `t` hangs on them by how far the corners' depths are apart.
+/// What floats tell of `t`, as it is rounded, if the ray's line may pass through the triangle. A sheared corner is off
+/// by at most a quarter of the pad, so edge functions are by an eighth of what their sum is compared with; `t` hangs on
+/// them by how far the corners' depths are apart.
 #[inline(always)]
 pub(super) fn bounds(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> Glance {
     let s = shear(ray, a, b, c);

@@ -219,7 +219,7 @@ impl<N: Long> Looked<N> {
         let unit = exp2(-exponent(det.hi()));
         let (det, u, v, w) = (det.by_power(unit), u.by_power(unit), v.by_power(unit), w.by_power(unit));
         let inverse = div(1.0, det.hi());
-        // A weight that is off, and a sum that is: a 32nd of it at most.
+        // The quotient of a weight and the sum, both off, the latter by a 32nd at most: 32 / 31, and room for rounding.
         let part = 1.25 * abs(unit * inverse);
         let off = (part * ev, part * ew, part * error);
         let (a, b, c) = self.depths;
