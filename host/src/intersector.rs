@@ -37,7 +37,8 @@ pub(crate) struct Bound<'a, H: Host> {
 }
 
 impl<'a, H: Host> Bound<'a, H> {
-    fn of<B: Bindings<'a, H>>(buffers: B) -> Self {
+    /// One ray a lane.
+    pub(crate) fn of<B: Bindings<'a, H>>(buffers: B) -> Self {
         Self { kernel: B::KERNEL, buffers: buffers.list().collect(), rays: B::KERNEL.threads }
     }
 }

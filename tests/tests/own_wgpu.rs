@@ -1,11 +1,11 @@
 //! raykd on a device of somebody else's, and on its buffers.
 
 use raykd::{
-    BuildOptions, Crossings, Device, Error, Hit, Mesh, Query, Ray, RayCount, Scene, Traversal, hits_digest,
-    rays::random, wgpu,
+    BuildOptions, Crossings, Device, Error, Hit, Intersector, Mesh, Query, Ray, RayCount, Scene, Traversal,
+    hits_digest, rays::random, wgpu,
 };
 use raykd_tests::{Failure, cpu, same};
-use std::sync::LazyLock;
+use std::{collections::BTreeSet, sync::LazyLock};
 use wgpu::{BufferUsages as Use, util::DeviceExt as _};
 
 /// Sizes of buffers after a slice of which the next may start.
@@ -106,6 +106,73 @@ fn hits_in_own_buffers_are_those_of_the_batch() -> Result<(), Failure> {
     same("before the first", &blank[..16], &found[..16])?;
     same("any", &expected(Query::Any, &rays[first..first + 500]), &found[16..516])?;
     same("behind the last", &blank[516..], &found[516..])
+}
+
+/// Six triangles around one vertex, then twelve around another: a ray close to it leaves all of them for the exact test.
+fn fans() -> Mesh {
+    let (mut positions, mut triangles) = (Vec::new(), Vec::new());
+    for (rim, middle) in [(6, -2.0), (12, 2.0)] {
+        let first = positions.len() as u32;
+        positions.push([middle, 0.0, 0.25]);
+        positions.extend((0..rim).map(|i| {
+            let turn = i as f32 / rim as f32 * std::f32::consts::TAU;
+            [middle + turn.cos(), turn.sin(), 0.0]
+        }));
+        triangles.extend((0..rim).map(|i| [first, first + 1 + i, first + 1 + (i + 1) % rim]));
+    }
+    Mesh::new(positions, triangles).expect("a mesh")
+}
+
+/// Closest hits by the exact test, where floats tell them, where they leave some triangles, and where too many.
+#[test]
+fn exact_hits_in_own_buffers_are_those_of_the_batch() -> Result<(), Failure> {
+    let (own, mesh) = (&*OWN, fans());
+    let mut rays = random(mesh.bounds(), 1500, 4);
+    for (i, ray) in rays.iter_mut().enumerate() {
+        // Into one sector after the other.
+        let turn = i as f32;
+        let beside = |middle: f32| [middle + 1e-7 * turn.cos(), 1e-7 * turn.sin(), 0.25];
+        let to = match i {
+            20..800 if i % 3 == 0 => beside(-2.0),
+            1100.. if i % 20 == 0 => beside(2.0),
+            _ => continue,
+        };
+        ray.direction = [0, 1, 2].map(|axis| to[axis] - ray.origin[axis]);
+    }
+    let on = |device| {
+        let mut scene = Scene::build(device, &mesh, &BuildOptions::default())?;
+        scene.intersect_by(Intersector::Exact)?;
+        Ok::<_, Error>(scene)
+    };
+    let (scene, all) = (on(own.scene.device())?, on(cpu())?.closest(&rays)?);
+    let winners: BTreeSet<u32> = all.iter().map(|hit| hit.triangle).collect();
+    assert!(winners.len() >= 18, "{winners:?}");
+    same("the batch", &all, &scene.closest(&rays)?)?;
+    let input = own.buffer(&rays, Use::STORAGE);
+    let blank = vec![Hit { triangle: 7, t: 7.0, u: 7.0, v: 7.0 }; 1500];
+    let number = own.buffer(&[1234u32], Use::STORAGE);
+    for (count, rays) in [
+        (RayCount::Rays(1500), 1500),
+        (RayCount::Rays(1025), 1025),
+        (RayCount::Rays(1), 1),
+        (RayCount::Rays(0), 0),
+        (RayCount::InBuffer(number.slice(..)), 1234),
+    ] {
+        let hits = own.buffer(&blank, Use::STORAGE | Use::COPY_SRC);
+        let mut encoded = None;
+        own.encode(|encoder| {
+            encoded = Some(
+                scene
+                    .encode(encoder, Query::Closest, input.slice(..), hits.slice(..), count)
+                    .expect("encoded"),
+            );
+        });
+        assert_eq!(encoded.expect("it was").invalid()?, 0);
+        let found = own.read::<Hit>(&hits);
+        same(&format!("{rays} rays"), &all[..rays], &found[..rays])?;
+        same(&format!("behind {rays} rays"), &blank[rays..], &found[rays..])?;
+    }
+    Ok(())
 }
 
 /// What is asked of rays and their number go to the device, and the status comes back if it is asked for: as many words

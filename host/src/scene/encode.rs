@@ -7,16 +7,13 @@ use crate::{
     intersector::{Bound, exact_closest},
 };
 use raykd_kernels::{
-    Bindings as _, Host, Kernel,
+    Bindings as _, Host,
     glam::Vec4,
     trace::{
         job::OUTCOME_WORDS,
         prepare::workgroups::{self, WORKGROUPS},
-        queries::{
-            self,
-            quick_crossings::{self, QUICK_CROSSINGS},
-        },
-        undecided::{self, UNDECIDED},
+        queries::{self, quick_crossings},
+        undecided::{self, BLOCK},
     },
 };
 use raykd_shared::{Crossings, Hit, Ray};
@@ -178,9 +175,7 @@ impl Scene {
         } else {
             vec![self.intersector.stack(bound(), query)]
         };
-        for Bound { kernel, buffers, .. } in kernels {
-            self.encode_over(encoder, &job, kernel, &buffers)?;
-        }
+        self.encode_over(encoder, &job, kernels)?;
         Ok(job.encoded)
     }
 
@@ -212,10 +207,9 @@ impl Scene {
         let job = self.job_in::<Crossings>(encoder, ("crossings", crossings), rays, count.into(), 0)?;
         let found = self.device.alloc::<[u32; 4]>("crossings by floats", job.most.into())?;
         let query = || self.bound(&job, &self.corners, rays, found.as_wgpu().as_entire_binding());
-        let quick: Vec<_> = quick_crossings::Buffers { query: query() }.list().collect();
-        self.encode_over(encoder, &job, &QUICK_CROSSINGS, &quick)?;
-        let rest = undecided::Buffers { query: query(), crossings: bind(crossings) };
-        self.encode_over(encoder, &job, &UNDECIDED, &rest.list().collect::<Vec<_>>())?;
+        let quick = Bound::of(quick_crossings::Buffers { query: query() });
+        let rest = Bound::of(undecided::Buffers { query: query(), crossings: bind(crossings) });
+        self.encode_over(encoder, &job, vec![quick, Bound { rays: BLOCK, ..rest }])?;
         Ok(job.encoded)
     }
 
@@ -278,19 +272,26 @@ impl Scene {
         }
     }
 
-    /// Encodes a kernel over all rays of a job.
+    /// Encodes kernels over all rays of a job.
     fn encode_over(
         &self,
         encoder: &mut wgpu::CommandEncoder,
         job: &InBuffers,
-        kernel: &'static Kernel,
-        resources: &[wgpu::BindingResource<'_>],
+        kernels: Vec<Bound<'_, InEncoder>>,
     ) -> Result<(), Error> {
-        match &job.args {
-            Some(args) => self.gpu()?.encode_one(encoder, kernel, resources, Size::Words(args)),
-            None if job.most == 0 => Ok(()),
-            None => self.gpu()?.encode_one(encoder, kernel, resources, Size::Lanes(job.most)),
+        let gpu = self.gpu()?;
+        for Bound { kernel, buffers, rays } in kernels {
+            match &job.args {
+                // The device has counted a workgroup for 64 rays; where a kernel takes more, some have nothing to do.
+                Some(args) => gpu.encode_one(encoder, kernel, &buffers, Size::Words(args))?,
+                None if job.most == 0 => {}
+                None => {
+                    let lanes = job.most.div_ceil(rays) * kernel.threads;
+                    gpu.encode_one(encoder, kernel, &buffers, Size::Lanes(lanes))?;
+                }
+            }
         }
+        Ok(())
     }
 
     /// The scene's buffers, for shaders of one's own.
