@@ -14,7 +14,8 @@ use crate::{
 };
 use clap::Parser;
 use raykd::{
-    Device, Error, Query, Ray, hits_digest,
+    Device, Error, Query, Ray,
+    internals::hits_digest,
     rays::{self, sets::Sets},
 };
 use std::{

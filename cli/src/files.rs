@@ -3,7 +3,7 @@
 use raykd::{
     Error,
     internals::{files_beside, output, quoted},
-    mesh::Scene,
+    mesh::MeshSource,
 };
 use same_file::Handle;
 use std::{
@@ -54,7 +54,7 @@ impl Files {
 
 /// The file of a scene, if it has one.
 fn file_of(scene: &OsStr) -> Option<PathBuf> {
-    Scene::try_from(scene).ok()?.path()
+    MeshSource::try_from(scene).ok()?.path()
 }
 
 /// A regular file, whatever it is called; nothing if it cannot be read, as then it is no input.

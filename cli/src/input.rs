@@ -3,7 +3,7 @@
 use crate::{args::ReadArgs, notes::Notes, report::three};
 use raykd::{
     Mesh,
-    mesh::{Repairs, Scene, Spot},
+    mesh::{MeshSource, Repairs, Spot},
 };
 use std::{
     ffi::OsStr,
@@ -26,7 +26,7 @@ pub(super) struct Input {
 impl Input {
     /// Reads a file, or fetches a scene by its name.
     pub(super) fn load(name: &OsStr, read: ReadArgs, notes: &Notes) -> anyhow::Result<Self> {
-        let scene = Scene::try_from(name)?;
+        let scene = MeshSource::try_from(name)?;
         let name = scene.to_string();
         notes.stage(format_args!("{name}: reading"));
         let start = Instant::now();

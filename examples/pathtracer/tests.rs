@@ -2,7 +2,7 @@
 
 use crate::{gpu, gpu::Gpu, tracer::Tracer};
 use anyhow::Result;
-use raykd::{BuildOptions, Device, Hit, Mesh, Ray, Scene, hits_digest, rays::Camera};
+use raykd::{BuildOptions, Device, Hit, Mesh, Ray, Scene, internals::hits_digest, rays::Camera};
 
 const SIZE: [u32; 2] = [60, 40];
 const SAMPLES: u32 = 2;

@@ -9,17 +9,14 @@ fn main() {
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
-    use raykd::{
-        Ray,
-        kernels::{
-            glam::Vec3,
-            math::div,
-            trace::{
-                frame::Frame,
-                intersect::{Best, strict},
-            },
+    use raykd::{Ray, shared::TreeHeader};
+    use raykd_kernels::{
+        glam::Vec3,
+        math::div,
+        trace::{
+            frame::Frame,
+            intersect::{Best, strict},
         },
-        shared::TreeHeader,
     };
 
     /// Whether a ray hits a triangle of a scene in this box, by the function that the GPU runs too.

@@ -49,6 +49,7 @@ fn threads_agree() -> Result<(), Error> {
     let scene = Scene::build(&Device::cpu(), &mesh, &BuildOptions::default())?;
     let (rays, tracer) = (raykd::rays::random(mesh.bounds(), 1000, 1), scene.tracer()?);
     let alone: Vec<_> = rays.iter().map(|ray| tracer.closest(ray).unwrap_or(raykd::Hit::NONE)).collect();
-    assert_eq!(raykd::hits_digest(&alone), raykd::hits_digest(&scene.closest(&rays)?));
+    let batch = scene.closest(&rays)?;
+    assert_eq!(bytemuck::cast_slice::<_, u8>(&alone), bytemuck::cast_slice::<_, u8>(&batch));
     Ok(())
 }

@@ -28,7 +28,8 @@
 //! * [`Scene::crossings`] and [`Scene::winding`]: how often rays cross the mesh, and which points are inside;
 //!   [`Mesh::edges`] tells whether it is closed, [`Scene::contacts`] where it meets itself.
 //! * [`Traversal`] and [`Intersector`]: ways through the tree, and triangle tests.
-//! * [`KdTree`]: the tree as data, to save and to load.
+//! * [`KdTree`]: the tree as data, to save and to load. [`single`] walks through one on any CPU, or in a shader by
+//!   rust-gpu.
 //! * [`Scene::save`], [`Scene::open`] and [`Scene::open_mapped`]: a whole scene in a file, which processes may share.
 //!
 //! # What is promised
@@ -76,7 +77,7 @@ pub use exec::{Device, Limit};
 pub use intersector::Intersector;
 pub use mesh::Mesh;
 pub use query::Query;
-pub use raykd_kernels as kernels;
+pub use raykd_kernels::trace::single;
 pub use raykd_shared as shared;
 pub use raykd_shared::{Crossings, Hit, MISS, Ray};
 pub use rays::{AnyPoint, AnyRay, Ray64};
@@ -88,7 +89,7 @@ pub use scene::{
 #[cfg(feature = "gpu")]
 pub use scene::{Encoded, RayCount, SceneBuffers, WGSL};
 pub use traversal::Traversal;
-pub use tree::{KdTree, hits_digest};
+pub use tree::KdTree;
 #[cfg(feature = "gpu")]
 pub use wgpu;
 
@@ -114,8 +115,9 @@ pub mod internals {
         mesh::{ply_vertices, teapot_level_for},
         quoted::{QUOTED, quoted},
         read::all_of,
-        tree::digest_of,
+        tree::{digest_of, hits_digest},
     };
+    pub use raykd_kernels as kernels;
 
     #[cfg(feature = "gltf")]
     pub use crate::mesh::files_beside;

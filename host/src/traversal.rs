@@ -71,6 +71,7 @@ pub(crate) struct Extras {
 
 impl Traversal {
     /// Bytes that a ray keeps between two leaves, beside the best hit.
+    #[doc(hidden)]
     pub const fn state_bytes(self) -> u32 {
         match self {
             // Sixteen bytes an entry, and how many there are.

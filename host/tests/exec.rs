@@ -3,13 +3,13 @@
 use raykd::{
     Device, Error, Verdict, adapters,
     internals::{AnyBuffer, Buffer, Gpu, Groups, Launch as _, OnDevice, Step, Timing},
-    kernels::{
-        Kernel,
-        build::boxes,
-        glam::Vec4,
-        probe::{self, PROBE, RESULTS},
-    },
     shared::{BuildParams, limits::GROUPS_X},
+};
+use raykd_kernels::{
+    Kernel,
+    build::boxes,
+    glam::Vec4,
+    probe::{self, PROBE, RESULTS},
 };
 use std::{
     panic::{self, AssertUnwindSafe},

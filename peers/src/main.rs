@@ -7,7 +7,7 @@ mod peers;
 use anyhow::{Context as _, bail};
 use judge::{Verdict, judge};
 use peers::Answer;
-use raykd::{BuildOptions, Device, Mesh, Ray, Scene, mesh::scene, rays::sets::Sets};
+use raykd::{BuildOptions, Device, Mesh, Ray, Scene, mesh::MeshSource, rays::sets::Sets};
 use std::{io::Write as _, time::Duration};
 
 /// One crate on one scene.
@@ -83,7 +83,7 @@ fn main() -> anyhow::Result<()> {
 
 fn bench(name: &str, rounds: usize) -> anyhow::Result<Vec<Row>> {
     let device = Device::cpu_with_threads(1)?;
-    let mesh = scene(name)?.into_local();
+    let mesh = name.parse::<MeshSource>()?.load()?.into_local();
     let built = Scene::build(&device, &mesh, &BuildOptions::default())?;
     let sets = Sets::new(name, &mesh, |rays| built.closest(rays))?;
     drop(built);

@@ -7,7 +7,7 @@ use crate::{
 };
 use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
 use pyo3::{prelude::*, types::PyDict};
-use raykd::Error;
+use raykd::{Error, mesh::MeshSource};
 use std::{path::PathBuf, sync::Arc};
 
 /// A checked triangle mesh.
@@ -49,7 +49,7 @@ impl Mesh {
     #[staticmethod]
     fn scene(py: Python<'_>, name: &str) -> PyResult<Self> {
         same_process()?;
-        Self::of(py.detach(|| raykd::mesh::scene(name)))
+        Self::of(py.detach(|| name.parse::<MeshSource>()?.load()))
     }
 
     fn vertices<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {

@@ -360,5 +360,5 @@ fn build_options(given: &Bound<'_, PyDict>) -> PyResult<BuildOptions> {
 /// SHA-256 of hits, as the program `raykd` prints it.
 #[pyfunction]
 pub(crate) fn digest(words: PyReadonlyArray1<'_, u32>) -> PyResult<String> {
-    Ok(raykd::hits_digest(&hits(words.as_slice()?)?))
+    Ok(raykd::internals::hits_digest(&hits(words.as_slice()?)?))
 }

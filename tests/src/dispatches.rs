@@ -3,8 +3,11 @@
 use crate::{Failure, built_from, rays::rays, same};
 use raykd::{
     BuildOptions, Builder, Device, Error, Intersector, Mesh, Query, Ray, Scene, Traversal,
-    internals::{Buffer, Launch as _, Step, watch::watching},
-    kernels::{Access, trace::prepare::workgroups},
+    internals::{
+        Buffer, Launch as _, Step,
+        kernels::{Access, trace::prepare::workgroups},
+        watch::watching,
+    },
     rays::Random,
 };
 use std::{cell::RefCell, rc::Rc};

@@ -10,7 +10,10 @@ pub mod rays;
 pub mod trees;
 
 use proptest::prelude::*;
-use raykd::{BuildOptions, Builder, Device, Error, Scene, internals::Cpu, kernels::Order};
+use raykd::{
+    BuildOptions, Builder, Device, Error, Scene,
+    internals::{Cpu, kernels::Order},
+};
 use std::{fmt, sync::LazyLock};
 
 /// A device and what it is called in messages.

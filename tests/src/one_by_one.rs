@@ -2,7 +2,7 @@
 
 use raykd::{
     Hit, Intersector, Mesh, Ray,
-    kernels::{
+    internals::kernels::{
         glam::Vec3,
         math::{div, ldexp},
         trace::{

@@ -2,7 +2,7 @@
 
 use raykd::{
     Mesh, Ray,
-    kernels::math::{exponent, ldexp},
+    internals::kernels::math::{exponent, ldexp},
     rays::Random,
     shared::{Content, TreeView},
 };

@@ -4,17 +4,20 @@ use num_traits::Zero as _;
 use proptest::prelude::*;
 use raykd::{
     BuildOptions, BuildTimes, Builder, Device, Error, Hit, KdTree, Mesh, Scene, Traversal,
-    internals::Gpu,
-    kernels::{
-        build::{
-            State,
-            survey::{Found, area::has_area},
+    internals::{
+        Gpu,
+        kernels::{
+            build::{
+                State,
+                survey::{Found, area::has_area},
+            },
+            glam::UVec3,
         },
-        glam::UVec3,
-        trace::single::LeafTriangle,
     },
+    mesh::MeshSource,
     rays::{Random, random},
     shared::{Node, TreeHeader},
+    single::LeafTriangle,
     stress::cases::CASES,
     wgpu,
 };
@@ -743,7 +746,7 @@ fn median(mut times: Vec<Duration>) -> f64 {
 fn times_of_build_on() -> Result<(), Failure> {
     const ROUNDS: usize = 41;
     let name = std::env::var("RAYKD_SCENE").unwrap_or_else(|_| "dragon".to_owned());
-    let mesh = raykd::mesh::scene(&name).map_err(Error::from)?;
+    let mesh = name.parse::<MeshSource>().and_then(|source| source.load()).map_err(Error::from)?;
     let device = alone()?;
     let (theirs, _) = device.wgpu().expect("a GPU");
     let (buffer, end, next) = own(theirs, &arrays(&mesh));

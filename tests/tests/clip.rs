@@ -3,7 +3,7 @@
 use num_rational::BigRational;
 use proptest::prelude::*;
 use raykd::{
-    kernels::{
+    internals::kernels::{
         build::clip::{Bounds, clip_plane},
         glam::Vec3,
     },

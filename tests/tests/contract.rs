@@ -2,7 +2,7 @@
 
 use raykd::{
     BuildOptions, Hit, Intersector, KdTree, Mesh, Query, Ray, Scene,
-    kernels::math::ldexp,
+    internals::kernels::math::ldexp,
     rays::Random,
     shared::{Content, MISS},
 };

@@ -4,6 +4,7 @@
 use proptest::prelude::*;
 use raykd::{
     BuildOptions, Builder, Crossings, Mesh, Ray, Scene,
+    mesh::MeshSource,
     rays::{Random, Ray64},
     stress::shapes::{Point, Welded, cubes, icosphere, loose},
 };
@@ -230,7 +231,7 @@ fn points_of_meshes_far_off_and_points_that_are_none() {
 #[ignore = "measures, on fetched scenes"]
 fn speed_of_winding_numbers() {
     for name in ["dragon_res3", "dragon", "sponza"] {
-        let mesh = raykd::mesh::scene(name).unwrap();
+        let mesh = name.parse::<MeshSource>().unwrap().load().unwrap();
         let scene = Scene::build(raykd_tests::gpu(), &mesh, &BuildOptions::default()).unwrap();
         let (lo, hi) = mesh.bounds();
         let mut random = Random::new(1);
@@ -270,7 +271,7 @@ fn no_point_of_a_hundred_million_is_inside_by_one_direction_alone() {
     let mut random = Random::new(1);
     let lattice = loose(&closed(0, &mut random));
     let sphere = loose(&outward(&icosphere(4)));
-    let dragon = raykd::mesh::scene("dragon_res3").unwrap();
+    let dragon = "dragon_res3".parse::<MeshSource>().unwrap().load().unwrap();
     let meshes = [("dragon_res3", dragon), ("sphere", sphere), ("cubes", lattice)];
     for (name, mesh) in &meshes {
         assert!(mesh.edges().are_closed());

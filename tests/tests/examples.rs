@@ -2,9 +2,9 @@
 
 use raykd::{
     BuildOptions, Hit, Mesh, Scene,
-    kernels::trace::single::LeafTriangle,
     rays::random,
     shared::{Content, LAYOUT_VERSION},
+    single::LeafTriangle,
 };
 use raykd_tests::{cpu, same};
 use std::{

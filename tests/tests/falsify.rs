@@ -2,11 +2,13 @@
 
 use raykd::{
     BuildOptions, Builder, Device, Hit, KdTree, Mesh, Ray, Scene,
-    internals::{Cpu, Groups, Step},
-    kernels::{
-        Access, Group, Kernel, Order, RawBuf, Slot, lanes,
-        math::{product_difference, quotient},
-        mem::{Buf, Slots as _},
+    internals::{
+        Cpu, Groups, Step,
+        kernels::{
+            Access, Group, Kernel, Order, RawBuf, Slot, lanes,
+            math::{product_difference, quotient},
+            mem::{Buf, Slots as _},
+        },
     },
     rays::Random,
 };

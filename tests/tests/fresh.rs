@@ -8,12 +8,12 @@ fn the_committed_module_is_compiled_from_these_sources() {
     // The error says what to do: run `cargo xtask kernels`.
     let manifest = xtask::verify(&root).unwrap_or_else(|e| panic!("{e:#}"));
     let module: Vec<_> = manifest.entry_points.iter().map(|e| (e.name.as_str(), e.workgroup)).collect();
-    assert_eq!(module.len(), raykd::kernels::KERNELS.len());
-    for kernel in raykd::kernels::KERNELS {
+    assert_eq!(module.len(), raykd::internals::kernels::KERNELS.len());
+    for kernel in raykd::internals::kernels::KERNELS {
         assert!(module.contains(&(kernel.entry_point(), [kernel.threads, 1, 1])), "{}", kernel.name());
     }
     assert_eq!(
-        xtask::sha256(raykd::kernels::SPIRV),
+        xtask::sha256(raykd::internals::kernels::SPIRV),
         manifest.module_sha256,
         "this test was built with another"
     );

@@ -1,7 +1,9 @@
 //! The whole trace: the same bytes on every device, and what brute force finds.
 
 use proptest::prelude::*;
-use raykd::{BuildOptions, Builder, Hit, Mesh, Query, Ray, Scene, kernels::math::ldexp};
+use raykd::{
+    BuildOptions, Builder, Hit, Mesh, Query, Ray, Scene, internals::kernels::math::ldexp, mesh::MeshSource,
+};
 use raykd_tests::{
     Failure, cases, cpu, devices, gpu,
     meshes::{Family, Recipe, traceable_mesh},
@@ -181,7 +183,7 @@ fn a_driver_that_ends_loops_early_gives_an_error_and_no_wrong_hit() {
 fn times_of_few_rays() {
     const ROUNDS: usize = 41;
     let name = std::env::var("RAYKD_SCENE").unwrap_or_else(|_| "dragon".to_owned());
-    let mesh = raykd::mesh::scene(&name).unwrap();
+    let mesh = name.parse::<MeshSource>().unwrap().load().unwrap();
     let scene = Scene::build(gpu(), &mesh, &BuildOptions::default()).unwrap();
     println!("{name}, {}; random rays, medians of {ROUNDS}", gpu().name());
     for count in [1, 1000, 30_000, 300_000] {

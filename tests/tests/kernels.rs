@@ -3,11 +3,13 @@
 use proptest::prelude::*;
 use raykd::{
     BuildOptions, Builder, Device, KdTree, Scene,
-    internals::Cpu,
-    kernels::{
-        KERNELS, Order,
-        build::tally::BLOCK,
-        math::{div, ldexp, product_difference, product_difference_wide, quotient, whole},
+    internals::{
+        Cpu,
+        kernels::{
+            KERNELS, Order,
+            build::tally::BLOCK,
+            math::{div, ldexp, product_difference, product_difference_wide, quotient, whole},
+        },
     },
     rays::Random,
     shared::{Content, limits::CHUNK},

@@ -99,7 +99,7 @@ fn starts(mesh: &Mesh, rounds: usize) -> Vec<Start> {
     let hits = scene.closest(&seen).unwrap();
     let mut starts = Vec::new();
     for (i, (ray, hit)) in seen.iter().zip(&hits).enumerate().filter(|(_, (_, hit))| hit.is_hit()) {
-        let normal = facing_normal(mesh, ray, hit);
+        let normal = facing_normal(mesh, ray, hit).unwrap().map(f64::from);
         let corner = mesh.positions()[mesh.triangles()[hit.triangle as usize][0] as usize];
         let outward = (0..3).map(|i| normal[i] * f64::from(corner[i] - centre[i])).sum::<f64>() > 0.0;
         // Rays from inside see the mesh from there.

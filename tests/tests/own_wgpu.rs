@@ -2,7 +2,7 @@
 
 use raykd::{
     BuildOptions, Crossings, Device, Error, Hit, Intersector, Mesh, Query, Ray, RayCount, Scene, Traversal,
-    hits_digest, rays::random, wgpu,
+    internals::hits_digest, rays::random, wgpu,
 };
 use raykd_tests::{Failure, cpu, same};
 use std::{collections::BTreeSet, sync::LazyLock};
@@ -341,8 +341,8 @@ fn buffers_hold_the_tree() -> Result<(), Failure> {
     same("nodes", tree.nodes, &nodes[..tree.nodes.len()])?;
     let refs = own.read::<u32>(buffers.refs);
     same("refs", tree.refs, &refs[..tree.refs.len()])?;
-    let leaves = own.read::<raykd::kernels::trace::single::LeafTriangle>(buffers.corners);
-    let walker = raykd::kernels::trace::single::Tree::new(tree, &leaves[..tree.refs.len()]).expect("a tree");
+    let leaves = own.read::<raykd::single::LeafTriangle>(buffers.corners);
+    let walker = raykd::single::Tree::new(tree, &leaves[..tree.refs.len()]).expect("a tree");
     let rays = random(own.mesh.bounds(), 100, 4);
     let found: Vec<Hit> = rays.iter().map(|ray| walker.closest(ray).unwrap_or(Hit::NONE)).collect();
     assert_eq!(hits_digest(&found), hits_digest(&expected(Query::Closest, &rays)));

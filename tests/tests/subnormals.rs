@@ -3,7 +3,7 @@
 
 use raykd::{
     BuildOptions, Intersector, Mesh, Ray, Scene,
-    kernels::{
+    internals::kernels::{
         glam::{Vec3, Vec4},
         math::div,
         trace::{

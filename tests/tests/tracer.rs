@@ -3,9 +3,9 @@
 use proptest::prelude::*;
 use raykd::{
     BuildOptions, Device, Hit, Intersector, Mesh, Query, Ray, Scene, Tracer,
-    kernels::trace::single::{LeafTriangle, Tree, lay_out},
     rays::{Random, Ray64},
     shared::MISS,
+    single::{LeafTriangle, Tree, lay_out},
 };
 use raykd_tests::{Failure, cases, cpu, devices, gpu, meshes::traceable_mesh, rays::rays, same};
 use std::{

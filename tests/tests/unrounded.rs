@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use raykd::{
     BuildOptions, Hit, Intersector, Mesh, Query, Ray, Scene,
-    kernels::math::{exponent, ldexp},
+    internals::kernels::math::{exponent, ldexp},
     rays::Random,
     stress::{is_ray, settled},
 };

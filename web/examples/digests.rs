@@ -1,7 +1,9 @@
 //! Prints, as JSON, the digests that WebAssembly must give: `digests RAYS SCENE...`, for web/test.
 
 use raykd::{
-    BuildOptions, Builder, Device, Intersector, Scene, Traversal, hits_digest, internals::digest_of, mesh,
+    BuildOptions, Builder, Device, Intersector, Scene, Traversal,
+    internals::{digest_of, hits_digest},
+    mesh::MeshSource,
     rays::random,
 };
 use serde_json::{Map, Value, json};
@@ -17,7 +19,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut arguments = env::args().skip(1);
     let count: usize = arguments.next().ok_or("how many rays?")?.parse()?;
     for name in arguments {
-        let mesh = mesh::scene(&name)?.into_local();
+        let mesh = name.parse::<MeshSource>()?.load()?.into_local();
         let rays = random(mesh.bounds(), count, SEED);
         let (mut trees, mut hits) = (Map::new(), Map::new());
         for builder in Builder::ALL {

@@ -6,7 +6,7 @@ use crate::{
 };
 use raykd::{
     KdTree, Ray, Traversal,
-    kernels::trace::frame::PAD,
+    internals::kernels::trace::frame::PAD,
     shared::{Content, Node},
 };
 use serde::Serialize;

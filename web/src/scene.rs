@@ -285,7 +285,7 @@ pub fn hits_digest(triangle: &[u32], t: &[f32], u: &[f32], v: &[f32]) -> Result<
     }
     let all: Vec<Hit> =
         (0..t.len()).map(|i| Hit { triangle: triangle[i], t: t[i], u: u[i], v: v[i] }).collect();
-    Ok(raykd::hits_digest(&all))
+    Ok(raykd::internals::hits_digest(&all))
 }
 
 /// The colour of a share of a heat map's scale: red, green and blue.

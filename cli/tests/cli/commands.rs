@@ -3,7 +3,8 @@
 
 use crate::picture;
 use raykd::{
-    BuildOptions, Device, Hit, Intersector, Mesh, Ray, Scene, Traversal, hits_digest,
+    BuildOptions, Device, Hit, Intersector, Mesh, Ray, Scene, Traversal,
+    internals::hits_digest,
     rays::{self, Camera},
 };
 use serde_json::Value;

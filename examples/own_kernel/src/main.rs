@@ -5,7 +5,7 @@
 mod gpu;
 
 use ambient::{CUT_SHORT, RAYS, Seen, look};
-use raykd::kernels::trace::single::{LeafTriangle, Tree, lay_out};
+use raykd::single::{LeafTriangle, Tree, lay_out};
 use raykd::wgpu::{BufferUsages, util::BufferInitDescriptor, util::DeviceExt as _};
 use raykd::{BuildOptions, Device, Mesh, Ray, Scene, rays::Camera};
 use std::{env, error::Error, fs, time::Instant};

@@ -279,7 +279,7 @@ pub struct Step<'a> {
 /// Makes a dispatch of a kernel's buffers.
 ///
 /// ```
-/// # use raykd::{Device, internals::Launch, kernels::probe::Buffers};
+/// # use raykd::{Device, internals::{Launch, kernels::probe::Buffers}};
 /// # let device = Device::cpu();
 /// # let (inputs, results) = (device.alloc("inputs", 1)?, device.alloc("results", 8)?);
 /// let count = device.alloc("count", 1)?;
@@ -290,7 +290,7 @@ pub struct Step<'a> {
 /// A buffer of another type does not compile, nor does one that is missing, or written without saying so:
 ///
 /// ```compile_fail,E0271
-/// # use raykd::{Device, internals::Launch, kernels::probe::Buffers};
+/// # use raykd::{Device, internals::{Launch, kernels::probe::Buffers}};
 /// # let device = Device::cpu();
 /// # let (inputs, results) = (device.alloc("inputs", 1)?, device.alloc("results", 8)?);
 /// let count = device.alloc::<f32>("count", 1)?;

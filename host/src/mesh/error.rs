@@ -227,7 +227,7 @@ pub enum MeshError {
         name: String,
         /// The file looked for.
         file: String,
-        /// Where it was looked for, see [`scenes_folders`](super::scenes_folders).
+        /// Where it was looked for, see [`MeshSource::Fetched`](super::MeshSource::Fetched).
         folders: Vec<PathBuf>,
     },
     /// Neither a scene's name nor a file.

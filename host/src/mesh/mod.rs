@@ -73,9 +73,9 @@ pub use error::{MeshError, Place, Spot};
 pub use ply::ply_vertices;
 pub(crate) use repair::Measure;
 pub use repair::Repairs;
+pub use scenes::MeshSource;
 #[cfg(feature = "plan")]
 pub(crate) use scenes::of_user;
-pub use scenes::{Scene, folders as scenes_folders, scene};
 #[doc(hidden)]
 pub use teapot::teapot_level_for;
 
@@ -264,7 +264,9 @@ impl Mesh {
         self.scale
     }
 
-    /// The box the kernels see: that of [`Mesh::bounds`], less [`Mesh::translation`], times [`Mesh::scale`].
+    /// The box the kernels see: that of [`Mesh::bounds`], less [`Mesh::translation`], times [`Mesh::scale`]: `lo` and
+    /// `hi` of its trees' headers.
+    #[doc(hidden)]
     pub fn scaled_bounds(&self) -> ([f32; 3], [f32; 3]) {
         let scaled = |corner: [f32; 3]| corner.map(|x| self.scaled(x));
         (scaled(self.bounds.0), scaled(self.bounds.1))

@@ -18,27 +18,37 @@ const FETCHED: [(&str, &str); 5] = [
 /// The level of the scene `teapot`: 992 triangles with area.
 const DEFAULT_LEVEL: u32 = 4;
 
-/// Something to build a tree of, as the command line names it.
+/// Where a mesh comes from, by name: a file, or one of the scenes that raykd is tested with.
 ///
 /// `teapot`, `teapot:LEVEL`, `dragon`, `dragon_res2`, `dragon_res3`, `dragon_res4`, `sponza`, or the path of a
 /// file. A scene's name comes first; write `./dragon` for a file of that name.
+///
+/// ```
+/// use raykd::mesh::MeshSource;
+///
+/// let source: MeshSource = "teapot:2".parse()?;
+/// assert_eq!(source.load()?.triangles().len(), 256);
+/// # Ok::<_, raykd::mesh::MeshError>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
-pub enum Scene {
+pub enum MeshSource {
     /// The Utah teapot with each of its patches cut into so many by so many quads.
     Teapot(u32),
-    /// A mesh that `cargo xtask scenes` fetches.
+    /// A mesh that `cargo xtask scenes` fetches. It is looked for in the folder that `RAYKD_SCENES` names; else in
+    /// `scenes` here and in the folders above, as in a checkout of raykd, then in `raykd/scenes` of the user's data
+    /// folder.
     Fetched {
         /// Its name.
         name: &'static str,
-        /// Its file in one of [`folders`].
+        /// Its file in one of these folders.
         file: &'static str,
     },
     /// A mesh file.
     File(PathBuf),
 }
 
-impl FromStr for Scene {
+impl FromStr for MeshSource {
     type Err = MeshError;
 
     fn from_str(text: &str) -> Result<Self, MeshError> {
@@ -57,7 +67,7 @@ impl FromStr for Scene {
     }
 }
 
-impl TryFrom<&OsStr> for Scene {
+impl TryFrom<&OsStr> for MeshSource {
     type Error = MeshError;
 
     /// As [`str::parse`] does; a path need not be UTF-8.
@@ -66,7 +76,7 @@ impl TryFrom<&OsStr> for Scene {
     }
 }
 
-impl fmt::Display for Scene {
+impl fmt::Display for MeshSource {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Teapot(DEFAULT_LEVEL) => f.write_str("teapot"),
@@ -77,7 +87,7 @@ impl fmt::Display for Scene {
     }
 }
 
-impl Scene {
+impl MeshSource {
     /// Something that looks like a path gets the system's own words if it cannot be read.
     fn file(path: &Path) -> Result<Self, MeshError> {
         if path.exists() || path.extension().is_some() || path.components().count() > 1 {
@@ -86,7 +96,7 @@ impl Scene {
         Err(MeshError::UnknownScene { name: quoted_bytes(path.as_os_str().as_encoded_bytes()) })
     }
 
-    /// Its file, if it has one, and if it is one that is fetched, was.
+    /// Its file. None if it has none, or is a scene that was not fetched.
     pub fn path(&self) -> Option<PathBuf> {
         match self {
             Self::Teapot(_) => None,
@@ -103,7 +113,7 @@ impl Scene {
         self.load_by(Mesh::load)
     }
 
-    /// Like [`Scene::load`], with a limit of bytes as [`Mesh::load_up_to`] has it.
+    /// Like [`MeshSource::load`], with a limit of bytes as [`Mesh::load_up_to`] has it.
     ///
     /// # Errors
     /// If its file is missing or unusable, or larger.
@@ -127,17 +137,8 @@ impl Scene {
     }
 }
 
-/// The mesh of a scene given by name or path.
-///
-/// # Errors
-/// If there is no such scene or file, or it is unusable.
-pub fn scene(name: &str) -> Result<Mesh, MeshError> {
-    name.parse::<Scene>()?.load()
-}
-
-/// Where fetched scenes are looked for: in the folder that `RAYKD_SCENES` names; else in `scenes` here and in the
-/// folders above, as in a checkout of raykd, then in `raykd/scenes` of the user's data folder.
-pub fn folders() -> Vec<PathBuf> {
+/// Where fetched scenes are looked for, see [`MeshSource::Fetched`].
+fn folders() -> Vec<PathBuf> {
     if let Some(folder) = std::env::var_os("RAYKD_SCENES").filter(|f| !f.is_empty()) {
         return vec![folder.into()];
     }

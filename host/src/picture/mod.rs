@@ -6,7 +6,7 @@ mod legend;
 use crate::{
     Error, Hit, Mesh, Ray, Scene,
     choices::choices,
-    rays::{Camera, Random, bounces, facing_normal},
+    rays::{Camera, Random, bounces, facing},
 };
 pub use colour::{Rgb, encode, heat};
 use colour::{add, mix, scale};
@@ -232,7 +232,7 @@ impl<'a> Artist<'a> {
 
     /// A clay surface under a warm lamp at the upper left, a cool sky and a little light from the camera.
     fn surface(&self, ray: &Ray, hit: &Hit) -> Rgb {
-        let normal = facing_normal(self.mesh, ray, hit);
+        let normal = facing(self.mesh, ray, hit).expect("a hit of this mesh");
         let [right, up, forward] = self.frame;
         let toward = |r: f64, u: f64, f: f64| {
             let length = (r * r + u * u + f * f).sqrt();

@@ -80,6 +80,7 @@ fn seen(looking: &Looking<'_>, at: usize) -> Option<(usize, Seen)> {
 }
 
 /// What every choice would cost on a device, after a look at the mesh.
+#[doc(hidden)]
 pub fn costs(mesh: &Mesh, calibration: &Calibration) -> Vec<Cost> {
     let triangles = mesh.kept().len() as u32;
     let seen = seen(&Looking::at(mesh), LOOKS.len() - 1);

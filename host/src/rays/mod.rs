@@ -14,7 +14,9 @@ pub use wide::{AnyPoint, AnyRay, Ray64};
 use crate::{Hit, Mesh, Ray};
 use std::ops::Range;
 
-/// A small random number generator (SplitMix64, Steele, Lea & Flood 2014): the same numbers everywhere.
+/// A small random number generator (SplitMix64, Steele, Lea & Flood 2014): the same numbers everywhere. For
+/// raykd's own scenes and tests.
+#[doc(hidden)]
 #[derive(Clone, Debug)]
 pub struct Random(u64);
 
@@ -218,14 +220,18 @@ impl Camera {
     }
 }
 
-/// The unit normal of the triangle hit, on the side that the ray came from.
-///
-/// # Panics
-/// The hit is a miss, or of another mesh.
-pub fn facing_normal(mesh: &Mesh, ray: &Ray, hit: &Hit) -> [f64; 3] {
-    let [a, b, c] = mesh.triangles()[hit.triangle as usize].map(|i| wide(mesh.positions()[i as usize]));
+/// The unit normal of the triangle hit, on the side that the ray came from: to shade, and for [`offset_origin`]. None if
+/// the hit is a miss, or of a triangle that the mesh does not have.
+pub fn facing_normal(mesh: &Mesh, ray: &Ray, hit: &Hit) -> Option<[f32; 3]> {
+    facing(mesh, ray, hit).map(narrow)
+}
+
+/// The same before it is rounded.
+pub(crate) fn facing(mesh: &Mesh, ray: &Ray, hit: &Hit) -> Option<V> {
+    let triangle = mesh.triangles().get(hit.triangle as usize)?;
+    let [a, b, c] = triangle.map(|i| wide(mesh.positions()[i as usize]));
     let normal = normalize(cross(sub(b, a), sub(c, a)));
-    if dot(normal, wide(ray.direction)) > 0.0 { mul(normal, -1.0) } else { normal }
+    Some(if dot(normal, wide(ray.direction)) > 0.0 { mul(normal, -1.0) } else { normal })
 }
 
 /// The origin for a ray that leaves a surface: the point moved to the side that the unit normal points to, far
@@ -252,15 +258,20 @@ pub fn offset_origin(point: [f32; 3], normal: [f32; 3]) -> [f32; 3] {
 
 /// Where a ray met the mesh, lifted off the surface towards the ray's origin, and the facing normal.
 fn surface(mesh: &Mesh, ray: &Ray, hit: &Hit, lift: f64) -> (V, V) {
-    let normal = facing_normal(mesh, ray, hit);
+    let normal = facing(mesh, ray, hit).expect("a hit of this mesh");
     let point = add(wide(ray.origin), mul(wide(ray.direction), f64::from(hit.t)));
     (add(point, mul(normal, lift)), normal)
 }
 
-/// One cosine-distributed bounce from every hit; rays that miss have none.
+/// One cosine-distributed bounce from every hit, always the same ones for a seed: to measure with, not to make pictures.
+/// Rays that miss have none, so there may be fewer than `rays`; they come in the same order.
+///
+/// # Panics
+/// There are not as many hits as rays, or a hit is of another mesh.
 pub fn bounces(mesh: &Mesh, rays: &[Ray], hits: &[Hit], seed: u64) -> Vec<Ray> {
     let lift = ball_around(mesh.bounds()).1 * 2.0e-5;
     let mut random = Random::new(seed);
+    assert_eq!(rays.len(), hits.len(), "one hit a ray");
     let seen = rays.iter().zip(hits).filter(|(_, hit)| hit.is_hit());
     seen.map(|(ray, hit)| {
         let (point, normal) = surface(mesh, ray, hit, lift);
@@ -270,10 +281,15 @@ pub fn bounces(mesh: &Mesh, rays: &[Ray], hits: &[Hit], seed: u64) -> Vec<Ray> {
     .collect()
 }
 
-/// A shadow ray from every hit to a random point of a ball, ending just short of it; rays that miss have none.
+/// A shadow ray from every hit to a random point of a ball around `light`, ending just short of it, always the same
+/// ones for a seed. Rays that miss have none, so there may be fewer than `rays`; they come in the same order.
+///
+/// # Panics
+/// There are not as many hits as rays, or a hit is of another mesh.
 pub fn shadows(mesh: &Mesh, rays: &[Ray], hits: &[Hit], light: [f64; 3], radius: f64, seed: u64) -> Vec<Ray> {
     let lift = ball_around(mesh.bounds()).1 * 2.0e-5;
     let mut random = Random::new(seed);
+    assert_eq!(rays.len(), hits.len(), "one hit a ray");
     let seen = rays.iter().zip(hits).filter(|(_, hit)| hit.is_hit());
     seen.map(|(ray, hit)| {
         let (point, _) = surface(mesh, ray, hit, lift);
@@ -284,6 +300,7 @@ pub fn shadows(mesh: &Mesh, rays: &[Ray], hits: &[Hit], light: [f64; 3], radius:
 }
 
 /// A light above and in front of a box: its centre and radius.
+#[doc(hidden)]
 pub fn light(bounds: ([f32; 3], [f32; 3])) -> ([f64; 3], f64) {
     let (centre, radius) = ball_around(bounds);
     (add(centre, mul(normalize([-0.45, 0.75, 0.5]), 2.0 * radius)), radius * 0.15)

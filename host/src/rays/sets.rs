@@ -1,7 +1,7 @@
 //! The rays by which raykd is compared with other ray tracers.
 
 use super::{Camera, ball_around, bounces, light, random, shadows};
-use crate::{Hit, Mesh, Ray, mesh::Scene};
+use crate::{Hit, Mesh, Ray, mesh::MeshSource};
 
 /// Random rays in set a.
 const RANDOM: usize = 50_000;
@@ -52,13 +52,13 @@ impl Sets {
 fn view(name: &str, mesh: &Mesh) -> (Camera, ([f64; 3], f64)) {
     let camera = |eye, target, fov| Camera { eye, target, up: [0.0, 1.0, 0.0], fov };
     match name.parse() {
-        Ok(Scene::Teapot(_)) => {
+        Ok(MeshSource::Teapot(_)) => {
             (camera([14.501, 10.358, 41.431], [0.0; 3], 40.0), ([-22.608, 37.681, 26.376], 3.075))
         }
-        Ok(Scene::Fetched { name: "sponza", .. }) => {
+        Ok(MeshSource::Fetched { name: "sponza", .. }) => {
             (camera([-11.5, 2.2, -0.6], [5.0, 2.6, 0.3], 70.0), ([0.0, 11.0, 0.0], 0.6))
         }
-        Ok(Scene::Fetched { .. }) => (
+        Ok(MeshSource::Fetched { .. }) => (
             camera([0.08852, 0.19238, 0.26510], [-0.00588, 0.12495, -0.00460], 40.0),
             ([-0.15305, 0.37024, 0.16710], 0.02),
         ),

@@ -60,7 +60,7 @@ pub struct SceneBuffers<'a> {
     pub nodes: &'a wgpu::Buffer,
     /// Triangle numbers that the leaves list, 4 bytes each.
     pub refs: &'a wgpu::Buffer,
-    /// The same triangles' corners, 48 bytes each: see [`LeafTriangle`](crate::kernels::trace::single::LeafTriangle).
+    /// The same triangles' corners, 48 bytes each: see [`LeafTriangle`](crate::single::LeafTriangle).
     pub corners: &'a wgpu::Buffer,
     /// Three `f32` a vertex.
     pub positions: &'a wgpu::Buffer,

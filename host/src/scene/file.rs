@@ -158,7 +158,7 @@ impl Parts<'_> {
 ///
 /// Behind it come the sections: the tree's nodes, 8 bytes each; its references, 4 bytes each; the triangles of the
 /// references, as leaves keep them, 48 bytes each
-/// ([`LeafTriangle`](crate::kernels::trace::single::LeafTriangle)); vertices, three `f32` each
+/// ([`LeafTriangle`](crate::single::LeafTriangle)); vertices, three `f32` each
 /// ([`Mesh::scaled_positions`](crate::Mesh::scaled_positions)); triangles, three `u32` each; and the numbers of the
 /// triangles that take part, rising, a `u32` each. The first section begins at byte 4096, each other one at the next
 /// multiple of 4096 behind the section before it, which has one byte at least; zeros lie between.

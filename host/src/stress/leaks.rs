@@ -4,7 +4,7 @@
 //! vertex it is aimed at cover, seen along the ray, a disc so large that no rounding reaches beyond it.
 
 use super::{SLACK, shapes};
-use crate::{Error, Hit, Mesh, Ray, mesh::scene, rays::Random};
+use crate::{Error, Hit, Mesh, Ray, mesh::MeshSource, rays::Random};
 use rayon::prelude::*;
 use std::{collections::HashMap, sync::mpsc::sync_channel, thread};
 
@@ -70,7 +70,8 @@ impl Surface {
             Self::new("sphere", sphere, None),
             Self::new("teapot", Mesh::teapot(16), None),
         ];
-        all.extend(scene("dragon_res4").ok().map(|mesh| Self::new("dragon_res4", mesh, None)));
+        let dragon = "dragon_res4".parse::<MeshSource>().and_then(|dragon| dragon.load());
+        all.extend(dragon.ok().map(|mesh| Self::new("dragon_res4", mesh, None)));
         all
     }
 

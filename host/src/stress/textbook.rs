@@ -5,15 +5,15 @@
 
 use crate::{
     Hit, Mesh, Ray,
-    kernels::{
-        glam::Vec3,
-        math::{div, exponent, ldexp},
-        trace::{
-            frame::Frame,
-            intersect::{Best, strict::test},
-        },
-    },
     shared::{Content, MISS, TreeView},
+};
+use raykd_kernels::{
+    glam::Vec3,
+    math::{div, exponent, ldexp},
+    trace::{
+        frame::Frame,
+        intersect::{Best, strict::test},
+    },
 };
 
 /// A published form.

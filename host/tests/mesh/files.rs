@@ -579,7 +579,7 @@ fn names_need_not_be_utf8() {
         let bytes = if name.ends_with(b"gz") { gzip(QUAD_OBJ.as_bytes()) } else { QUAD_OBJ.into() };
         std::fs::write(&path, bytes).unwrap();
         is_the_quad(&Mesh::load(&path).unwrap());
-        let scene = raykd::mesh::Scene::try_from(path.as_os_str()).unwrap();
+        let scene = raykd::mesh::MeshSource::try_from(path.as_os_str()).unwrap();
         is_the_quad(&scene.load().unwrap());
     }
 }

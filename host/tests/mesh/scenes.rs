@@ -1,36 +1,40 @@
 //! Scenes by name, and the teapot.
 
-use raykd::mesh::{Mesh, MeshError, Scene, scene, teapot_level_for};
+use raykd::mesh::{Mesh, MeshError, MeshSource, teapot_level_for};
 use std::collections::HashMap;
+
+fn load(name: &str) -> Result<Mesh, MeshError> {
+    name.parse::<MeshSource>()?.load()
+}
 
 #[test]
 fn names_and_paths() {
     for (text, scene) in [
-        ("teapot", Scene::Teapot(4)),
-        ("teapot:100", Scene::Teapot(100)),
-        ("sponza", Scene::Fetched { name: "sponza", file: "sponza.obj" }),
-        ("./sponza", Scene::File("./sponza".into())),
-        ("mesh.ply", Scene::File("mesh.ply".into())),
+        ("teapot", MeshSource::Teapot(4)),
+        ("teapot:100", MeshSource::Teapot(100)),
+        ("sponza", MeshSource::Fetched { name: "sponza", file: "sponza.obj" }),
+        ("./sponza", MeshSource::File("./sponza".into())),
+        ("mesh.ply", MeshSource::File("mesh.ply".into())),
     ] {
-        let parsed: Scene = text.parse().unwrap();
+        let parsed: MeshSource = text.parse().unwrap();
         assert_eq!(parsed, scene);
         assert_eq!(parsed.to_string(), text);
     }
-    assert_eq!("teapot:4".parse::<Scene>().unwrap().to_string(), "teapot");
+    assert_eq!("teapot:4".parse::<MeshSource>().unwrap().to_string(), "teapot");
     for text in ["kettle", "teapot:0", "teapot:1001", "teapot:many", ""] {
-        let message = text.parse::<Scene>().unwrap_err().to_string();
+        let message = text.parse::<MeshSource>().unwrap_err().to_string();
         assert!(
             message.starts_with(&format!("'{text}' is neither a file nor a scene; the scenes are teapot,")),
             "{message}"
         );
         assert!(message.ends_with("dragon, dragon_res2, dragon_res3, dragon_res4, sponza"), "{message}");
     }
-    assert!(matches!(scene("no/such.obj"), Err(MeshError::Read { .. })));
+    assert!(matches!(load("no/such.obj"), Err(MeshError::Read { .. })));
 }
 
 #[test]
 fn a_missing_scene_says_what_to_do() {
-    let scene = Scene::Fetched { name: "dragon", file: "never-fetched.ply.gz" };
+    let scene = MeshSource::Fetched { name: "dragon", file: "never-fetched.ply.gz" };
     let message = scene.load().unwrap_err().to_string();
     assert!(
         message.starts_with("scene 'dragon' is not here: there is no never-fetched.ply.gz in "),
@@ -49,7 +53,7 @@ fn fetched_scenes() {
         ("dragon_res4", 11_102, 11_102, 39, 0, 0),
         ("sponza", 66_450, 66_444, 0, 26_239, 193),
     ] {
-        let mesh = match scene(name) {
+        let mesh = match load(name) {
             Err(error @ MeshError::MissingScene { .. }) => {
                 eprintln!("{error}");
                 continue;
@@ -66,7 +70,7 @@ fn fetched_scenes() {
 
 #[test]
 fn the_default_teapot() {
-    let mesh = scene("teapot").unwrap();
+    let mesh = load("teapot").unwrap();
     assert_eq!((mesh.triangles().len(), mesh.kept().len()), (1024, 992));
     assert_eq!(mesh.bounds(), ([-16.070_313, -7.875, -10.0], [16.070_313, 7.875, 10.0]));
     assert_eq!((mesh.repairs().duplicates, mesh.repairs().flushed, mesh.scale()), (0, 0, 1.0));

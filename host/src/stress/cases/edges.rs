@@ -67,7 +67,7 @@ pub(super) fn leaving_offset(r: &mut Random, n: usize) -> Vec<Part> {
             let hit = Hit { triangle, t: 0.0, u: 0.0, v: 0.0 };
             // The side that the ray leaves by is where it would have come from.
             let back = Ray { direction: ray.direction.map(|d| -d), ..*ray };
-            let normal = facing_normal(mesh, &back, &hit).map(|x| x as f32);
+            let normal = facing_normal(mesh, &back, &hit).expect("a triangle of this mesh");
             ray.origin = offset_origin(ray.origin, normal);
         }
     }
