@@ -64,7 +64,7 @@ pub(super) fn compare(
     let mut sets = None;
     let mut rows = Vec::new();
     for device in machines.iter() {
-        for builder in Builder::ALL {
+        for &builder in Builder::ALL {
             notes.stage(format_args!(
                 "{}: {} on the {}",
                 input.name,

@@ -132,7 +132,7 @@ fn compare(
         *sets = Some(Sets { primary, diffuse, shadow });
     }
     let sets = sets.as_ref().expect("made above");
-    let traversals = Traversal::ALL.into_iter().filter(|&way| how.brute || way != Traversal::Brute);
+    let traversals = Traversal::ALL.iter().copied().filter(|&way| how.brute || way != Traversal::Brute);
     traversals
         .map(|traversal| {
             notes.stage(format_args!("{}: {traversal} on the {}", input.name, device.kind().to_uppercase()));

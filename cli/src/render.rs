@@ -50,7 +50,7 @@ pub(crate) struct RenderArgs {
     pub size: [u32; 2],
     /// What colours show
     #[arg(long, default_value_t)]
-    #[arg(value_parser = one_of(&Shading::ALL, Shading::name, Shading::about))]
+    #[arg(value_parser = one_of(Shading::ALL, Shading::name, Shading::about))]
     pub shading: Shading,
     #[command(flatten)]
     pub walk: WalkArgs,

@@ -16,7 +16,7 @@ use raykd::{
     internals::quoted,
     rays,
     rays::Camera,
-    stress::{Case, Method, Outcome, Trial, Way, cases::CASES, leaks::Surface},
+    stress::{CASES, Case, Method, Outcome, Trial, Way, leaks::Surface},
 };
 use std::{
     collections::BTreeMap,
@@ -182,7 +182,7 @@ fn run(args: &StressArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> 
 
 fn list(out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
     writeln!(out, "Scenes:")?;
-    for case in &CASES {
+    for case in CASES {
         writeln!(out, "  {:16} {}", case.name, case.about)?;
     }
     writeln!(out, "  {LEAKS:16} rays at edges and vertices of surfaces without gaps, as many as you like")?;

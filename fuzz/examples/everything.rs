@@ -25,7 +25,7 @@ fn main() {
     for mesh in [&Mesh::teapot(5), &Mesh::teapot(1)] {
         let rays = &rays::random(mesh.bounds(), 1000, 1);
         let mut expected = None;
-        for builder in Builder::ALL {
+        for &builder in Builder::ALL {
             let options = BuildOptions::default().with_builder(builder);
             let mut scene = Scene::build(device, mesh, &options).expect("it builds");
             let tree = scene.tree().expect("it is read");
@@ -35,7 +35,7 @@ fn main() {
                 assert_eq!(kernels.tree().expect("it is read"), tree);
             }
             let expected = &*expected.get_or_insert_with(|| scene.brute(rays).expect("it traces"));
-            for traversal in Traversal::ALL {
+            for &traversal in Traversal::ALL {
                 scene.traverse_by(traversal).expect("it fits");
                 same(traversal.name(), &scene.closest(rays).expect("it traces"), expected);
             }
@@ -43,7 +43,7 @@ fn main() {
             scene.steps(rays).expect("it traces");
             scene.all(rays, 3).expect("it traces");
             scene.trace_except(Query::Any, rays, &vec![3; rays.len()]).expect("it traces");
-            for intersector in Intersector::ALL {
+            for &intersector in Intersector::ALL {
                 scene.intersect_by(intersector).expect("it fits");
                 same(
                     intersector.name(),

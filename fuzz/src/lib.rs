@@ -92,7 +92,7 @@ pub fn tree(bytes: &[u8]) {
     let Ok(tree) = KdTree::from_bytes(&file) else { return };
     // Wrong trees may lose hits; they must not do harm.
     if let Ok(mut scene) = Scene::with_tree(&CPU, &TEAPOT, &tree) {
-        for traversal in Traversal::ALL {
+        for &traversal in Traversal::ALL {
             scene.traverse_by(traversal).expect("a CPU does it");
             scene.closest(&around(&TEAPOT)).expect("a CPU does it");
         }

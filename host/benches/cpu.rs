@@ -8,7 +8,7 @@ fn builds(criterion: &mut Criterion) {
     let (device, mesh) = (Device::cpu(), Mesh::teapot(16));
     let mut group = criterion.benchmark_group("build");
     group.throughput(Throughput::Elements(mesh.triangles().len() as u64));
-    for builder in Builder::ALL {
+    for &builder in Builder::ALL {
         let options = BuildOptions::default().with_builder(builder);
         group.bench_function(builder.name(), |bench| {
             bench.iter(|| Scene::build(&device, &mesh, &options).expect("a small build"));
@@ -23,7 +23,7 @@ fn traces(criterion: &mut Criterion) {
     let rays = usual_rays(&mesh, 1 << 14, |rays| scene.closest(rays)).expect("a small picture");
     let mut group = criterion.benchmark_group("trace");
     group.throughput(Throughput::Elements(rays.len() as u64));
-    for traversal in Traversal::ALL.into_iter().filter(|&traversal| traversal != Traversal::Brute) {
+    for traversal in Traversal::ALL.iter().copied().filter(|&traversal| traversal != Traversal::Brute) {
         scene.traverse_by(traversal).expect("a small tree");
         let mut resident = scene.resident(&rays).expect("few rays");
         group.bench_function(BenchmarkId::new("closest", traversal), |bench| {

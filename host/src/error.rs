@@ -108,6 +108,16 @@ pub enum Error {
         /// What is wrong with it.
         why: &'static str,
     },
+    /// No builder, traversal or triangle test has this name.
+    #[error("no {what} is named '{}'; there are {}", quoted(name), names.join(", "))]
+    UnknownName {
+        /// What was named.
+        what: &'static str,
+        /// The name given.
+        name: String,
+        /// The names there are.
+        names: &'static [&'static str],
+    },
     /// An option of a build is out of its range.
     #[error("{name} is {value}, and must be from {least} to {most}")]
     Options {
@@ -157,7 +167,7 @@ mod tests {
 
     #[test]
     fn a_refused_intersector_names_the_real_default() {
-        for test in Intersector::ALL {
+        for &test in Intersector::ALL {
             let asked = "traversal ropes".to_owned();
             let error = Error::Intersector { name: test.name(), asked, exact: false }.to_string();
             assert!(error.ends_with(&format!("the default, {}", Intersector::default().name())), "{error}");

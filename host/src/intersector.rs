@@ -61,6 +61,7 @@ choices! {
         Baldwin = "baldwin",
     }
     default = Strict;
+    called = "triangle test";
 }
 
 impl Intersector {
@@ -73,7 +74,7 @@ impl Intersector {
     ///
     /// # Errors
     /// Another test with a traversal other than `stack` and `brute`.
-    pub fn check(self, traversal: Traversal) -> Result<(), Error> {
+    pub fn goes_with(self, traversal: Traversal) -> Result<(), Error> {
         match (self, traversal) {
             (Self::Strict, _) | (_, Traversal::Stack | Traversal::Brute) => Ok(()),
             _ => {

@@ -50,6 +50,7 @@ choices! {
         Brute = "brute",
     }
     default = Stack;
+    called = "traversal";
 }
 
 /// What a traversal needs on the device beside the tree.

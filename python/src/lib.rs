@@ -40,19 +40,6 @@ fn error(error: Error) -> PyErr {
     }
 }
 
-/// What has that name.
-fn named<T: Copy, const N: usize>(
-    what: &str,
-    name: &str,
-    all: [T; N],
-    name_of: impl Fn(T) -> &'static str,
-) -> PyResult<T> {
-    all.into_iter().find(|&it| name_of(it) == name).ok_or_else(|| {
-        let names = all.map(name_of).join(", ");
-        PyValueError::new_err(format!("{what} {name:?} is none of {names}"))
-    })
-}
-
 #[pymodule(gil_used = true)]
 mod _raykd {
     #[pymodule_export]
@@ -66,13 +53,17 @@ mod _raykd {
     use pyo3::prelude::*;
     use raykd::{Builder, Intersector, Traversal, internals::picture::Shading};
 
+    fn names<T: Copy>(all: &[T], name: fn(T) -> &'static str) -> Vec<&'static str> {
+        all.iter().copied().map(name).collect()
+    }
+
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
         module.add("MISS", raykd::shared::MISS)?;
-        module.add("BUILDERS", Builder::ALL.map(Builder::name).to_vec())?;
-        module.add("TRAVERSALS", Traversal::ALL.map(Traversal::name).to_vec())?;
-        module.add("TESTS", Intersector::ALL.map(Intersector::name).to_vec())?;
-        module.add("SHADINGS", Shading::ALL.map(Shading::name).to_vec())
+        module.add("BUILDERS", names(Builder::ALL, Builder::name))?;
+        module.add("TRAVERSALS", names(Traversal::ALL, Traversal::name))?;
+        module.add("TESTS", names(Intersector::ALL, Intersector::name))?;
+        module.add("SHADINGS", names(Shading::ALL, Shading::name))
     }
 }

@@ -68,7 +68,7 @@ pub(crate) fn render<'py>(
     samples: Option<u32>,
 ) -> PyResult<Bound<'py, PyArray3<u8>>> {
     same_process()?;
-    let shading = crate::named("shading", shading, Shading::ALL, Shading::name)?;
+    let shading: Shading = shading.parse().map_err(error)?;
     let samples = samples.unwrap_or_else(|| picture::samples_of(shading));
     within("samples", samples, 1, MOST_SAMPLES)?;
     let mesh = scene.shared_mesh(py)?;

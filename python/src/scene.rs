@@ -5,7 +5,6 @@ use crate::{
     device::{device, same_process},
     error,
     mesh::Mesh,
-    named,
     plan::plan,
 };
 use numpy::{PyArray1, PyReadonlyArray1};
@@ -14,7 +13,7 @@ use pyo3::{
     prelude::*,
     types::{PyBytes, PyDict},
 };
-use raykd::{BuildOptions, Builder, Error, Hit, Intersector, KdTree, Query, Traversal, plan::Plan};
+use raykd::{BuildOptions, Error, Hit, Intersector, KdTree, Query, Traversal, plan::Plan};
 use std::{
     ops::Range,
     path::PathBuf,
@@ -94,9 +93,9 @@ impl Scene {
     /// The same scene with another traversal and triangle test; both share all memory.
     fn using(&self, traversal: &str, test: &str) -> PyResult<Self> {
         same_process()?;
-        let traversal = named("traversal", traversal, Traversal::ALL, Traversal::name)?;
-        let test = named("test", test, Intersector::ALL, Intersector::name)?;
-        test.check(traversal).map_err(error)?;
+        let traversal: Traversal = traversal.parse().map_err(error)?;
+        let test: Intersector = test.parse().map_err(error)?;
+        test.goes_with(traversal).map_err(error)?;
         let mut scene = self.scene.clone();
         scene.traverse_by(traversal).map_err(error)?;
         scene.intersect_by(test).map_err(error)?;
@@ -341,7 +340,7 @@ fn build_options(given: &Bound<'_, PyDict>) -> PyResult<BuildOptions> {
         let key: String = key.extract()?;
         match key.as_str() {
             "builder" => {
-                options.builder = named("builder", &value.extract::<String>()?, Builder::ALL, Builder::name)?;
+                options.builder = value.extract::<String>()?.parse().map_err(error)?;
             }
             "cost_step" => options.cost_step = value.extract()?,
             "cost_test" => options.cost_test = value.extract()?,

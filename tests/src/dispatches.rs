@@ -116,7 +116,7 @@ impl Job<'_> {
             Ray::new(from, [0, 1, 2].map(|i| to[i] - from[i]))
         };
         let easy: Vec<Ray> = (0..rays.len()).map(|_| easy()).collect();
-        for intersector in Intersector::ALL {
+        for &intersector in Intersector::ALL {
             let rays = match intersector {
                 Intersector::Exact if small => &easy,
                 Intersector::Exact => continue,
@@ -132,7 +132,7 @@ impl Job<'_> {
         scene.intersect_by(Intersector::Strict)?;
         if small {
             scene.all(&rays, 3)?;
-            for traversal in Traversal::ALL {
+            for &traversal in Traversal::ALL {
                 scene.traverse_by(traversal)?;
                 scene.closest(&rays)?;
             }

@@ -18,7 +18,7 @@ use raykd::{
     rays::{Random, random},
     shared::{Node, TreeHeader},
     single::LeafTriangle,
-    stress::cases::CASES,
+    stress::CASES,
     wgpu,
 };
 use raykd_tests::{
@@ -271,7 +271,7 @@ fn all_queries_find_the_same() -> Result<(), Failure> {
     let expected = Scene::build(cpu(), &mesh, &BuildOptions::default())?;
     for device in [cpu(), gpu()] {
         let mut scene = built_from(device, &arrays, &BuildOptions::default())?;
-        for traversal in Traversal::ALL {
+        for &traversal in Traversal::ALL {
             scene.traverse_by(traversal)?;
             same(traversal.name(), &expected.closest(&rays)?, &scene.closest(&rays)?)?;
         }
@@ -624,7 +624,7 @@ fn rebuilding_allocates_nothing() -> Result<(), Failure> {
     let (theirs, _) = alone.wgpu().expect("a GPU");
     let gpu = alone.as_gpu().expect("a GPU");
     let mesh = Mesh::teapot(8);
-    for builder in Builder::ALL {
+    for &builder in Builder::ALL {
         let (device, options) = (alone.recycling(), BuildOptions::default().with_builder(builder));
         builds_in_place(&format!("{builder} on the device"), gpu, |frame| {
             // It moves, and so do planes.

@@ -34,7 +34,7 @@ proptest! {
         for named in devices() {
             scenes.push((named.name, Scene::build(&named.device, &mesh, &BuildOptions::default())?));
         }
-        for intersector in Intersector::ALL {
+        for &intersector in Intersector::ALL {
             let mut expected = None;
             for (name, scene) in &mut scenes {
                 scene.intersect_by(intersector)?;
@@ -164,7 +164,7 @@ fn small_triangles_vanish_for_moeller_alone() {
     let [inside, _] = aimed(&mesh, 1);
     for factor in [2f32.powi(-20), 2f32.powi(20)] {
         let (mesh, rays) = scaled(&mesh, &inside, factor);
-        for intersector in Intersector::ALL {
+        for &intersector in Intersector::ALL {
             let hits = scene(cpu(), &mesh, intersector).closest(&rays).unwrap();
             let vanish = intersector == Intersector::Moeller && factor < 1.0;
             assert!(hits.iter().all(|hit| hit.is_hit() != vanish), "{intersector} at {factor:e}");
@@ -181,7 +181,7 @@ fn scale_changes_no_digit_but_for_moeller() {
         let usual = |x: f32| x == 0.0 || x.is_infinite() || (1e-15..1e15).contains(&x.abs());
         let plain = |ray: &Ray| ray.origin.into_iter().chain([ray.t_min, ray.t_max]).all(usual);
         let rays: Vec<Ray> = rays(&mesh, tree.view(), 1000, 6).into_iter().filter(plain).collect();
-        for intersector in Intersector::ALL {
+        for &intersector in Intersector::ALL {
             if intersector == Intersector::Moeller {
                 continue;
             }
@@ -210,7 +210,7 @@ fn only_what_keeps_the_contract_loses_nothing_to_the_tree() {
             let mut scene = scene(cpu(), &mesh, Intersector::Strict);
             let rays = rays(&mesh, scene.tree().unwrap().view(), 2000, seed);
             asked += rays.len();
-            for (lost, intersector) in lost.iter_mut().zip(Intersector::ALL) {
+            for (lost, &intersector) in lost.iter_mut().zip(Intersector::ALL) {
                 scene.intersect_by(intersector).unwrap();
                 let [closest, _, brute] = trace(&scene, &rays).unwrap();
                 *lost += closest.iter().zip(&brute).filter(|(a, b)| a != b).count();
@@ -244,7 +244,7 @@ fn the_contracts_rules_hold_for_all() {
         Ray { direction: [0.0; 3], ..ray },
         Ray { direction: [f32::NAN, 0.0, 1.0], ..ray },
     ];
-    for intersector in Intersector::ALL {
+    for &intersector in Intersector::ALL {
         for device in [cpu(), gpu()] {
             let scene = scene(device, &mesh, intersector);
             let ids = |rays: &[Ray]| {
@@ -287,7 +287,8 @@ fn tests_that_do_not_go_together_with_a_query_are_refused() {
 fn a_test_taken_for_another_is_found() {
     let mesh = icosphere(2);
     let [_, seams] = aimed(&mesh, 10);
-    let all = Intersector::ALL.map(|intersector| scene(gpu(), &mesh, intersector).closest(&seams).unwrap());
+    let on_gpu = |&intersector: &Intersector| scene(gpu(), &mesh, intersector).closest(&seams).unwrap();
+    let all: Vec<_> = Intersector::ALL.iter().map(on_gpu).collect();
     for (i, a) in all.iter().enumerate() {
         for b in &all[..i] {
             same("hits", a, b).unwrap_err();

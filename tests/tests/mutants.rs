@@ -97,7 +97,7 @@ impl Case {
             return Ok(());
         };
         let mut same = true;
-        for traversal in Traversal::ALL {
+        for &traversal in Traversal::ALL {
             scene.traverse_by(traversal)?;
             same &= bytemuck::cast_slice::<_, u32>(&scene.closest(&self.rays)?)
                 == bytemuck::cast_slice::<_, u32>(&self.hits);
@@ -123,7 +123,7 @@ fn a_tree_with_one_word_changed_is_refused_or_harmless() {
     let start = Instant::now();
     let cpu = || Device::from(Cpu::with_threads(1).unwrap());
     let device = cpu();
-    for builder in Builder::ALL {
+    for &builder in Builder::ALL {
         for mesh in [recipe(Family::Soup, 24), recipe(Family::Lattice, 40), Mesh::teapot(1)] {
             let case = &Case::new(&device, mesh, builder);
             let changes: Vec<(usize, u32)> = (0..case.words.len())

@@ -90,8 +90,8 @@ fn answers(scene: &Scene, rays: &[Ray]) -> Result<Vec<(String, Vec<u8>)>, Failur
     let tracer = scene.tracer()?;
     let single: Vec<_> = rays.iter().map(|ray| tracer.closest(ray).unwrap_or(raykd::Hit::NONE)).collect();
     add("hits one by one".to_owned(), bytes(&single));
-    let ways = Traversal::ALL.map(|traversal| (traversal, Intersector::default()));
-    let tests = Intersector::ALL.map(|test| (Traversal::default(), test));
+    let ways = Traversal::ALL.iter().copied().map(|traversal| (traversal, Intersector::default()));
+    let tests = Intersector::ALL.iter().copied().map(|test| (Traversal::default(), test));
     for (traversal, test) in ways.into_iter().chain(tests) {
         let mut own = scene.clone();
         own.traverse_by(traversal)?;
@@ -116,7 +116,7 @@ fn meshes() -> Vec<Mesh> {
 #[test]
 fn what_is_opened_is_what_was_saved() {
     for (number, mesh) in meshes().iter().enumerate() {
-        for builder in Builder::ALL {
+        for &builder in Builder::ALL {
             let mut first: Option<Vec<u8>> = None;
             for named in devices() {
                 let what = format!("mesh {number}, {builder}, {}", named.name);

@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use raykd::{
     BuildOptions, Hit, Mesh, Query, Ray, Scene,
     rays::{Camera, Random, bounces},
-    stress::cases::CASES,
+    stress::CASES,
 };
 use raykd_tests::{
     Failure, cases, cpu,
@@ -114,7 +114,7 @@ fn crowds_begin_in_far_children_where_single_rays_do() -> Result<(), Failure> {
 
 #[test]
 fn crowds_in_stress_scenes_find_what_each_ray_finds() -> Result<(), Failure> {
-    for case in &CASES {
+    for case in CASES {
         for part in case.parts(150) {
             let scene = Scene::build(cpu(), &part.mesh, &BuildOptions::default())?;
             let named = |e: Failure| Failure(format!("{} {}: {e}", case.name, part.name));

@@ -4,7 +4,7 @@ use raykd::{
     BuildOptions, Builder, Hit, Mesh, Ray, RaySteps, Scene,
     rays::{Random, random},
     stress::{
-        cases::CASES,
+        CASES,
         shapes::{Point, loose},
     },
 };

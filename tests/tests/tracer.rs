@@ -103,7 +103,7 @@ fn every_triangle_test_goes_for_single_rays() -> Result<(), Failure> {
     let mesh = Mesh::teapot(4);
     let mut scene = Scene::build(cpu(), &mesh, &BuildOptions::default())?;
     let rays = rays(&mesh, scene.tree()?.view(), 300, 8);
-    for test in Intersector::ALL {
+    for &test in Intersector::ALL {
         scene.intersect_by(test)?;
         let tracer = scene.tracer()?;
         same(test.name(), &scene.closest(&rays)?, &closest(&tracer, &rays))?;

@@ -21,7 +21,7 @@ fn traverse_everywhere(mesh: &Mesh, options: &BuildOptions, seed: u64, count: us
     let rays = rays(mesh, scenes[0].tree()?.view(), count, seed);
     let expected = scenes[0].brute(&rays)?;
     let oracle = OneByOne::new(mesh, scenes[0].header());
-    for traversal in Traversal::ALL {
+    for &traversal in Traversal::ALL {
         let (mut any_hits, mut counts) = (None, None);
         for scene in &mut scenes {
             scene.traverse_by(traversal)?;
@@ -134,7 +134,7 @@ fn no_traversal_visits_a_leaf_twice() {
         let report = tree.validate().unwrap();
         let rays = rays(&mesh, tree.view(), 2000, 10);
         let mut most = 0;
-        for traversal in Traversal::ALL.into_iter().filter(|&t| t != Traversal::Brute) {
+        for traversal in Traversal::ALL.iter().copied().filter(|&t| t != Traversal::Brute) {
             scene.traverse_by(traversal).unwrap();
             let (_, steps) = scene.steps(&rays).unwrap();
             for (ray, steps) in rays.iter().zip(steps) {
@@ -212,7 +212,7 @@ fn a_driver_that_ends_loops_early_gives_an_error_and_no_wrong_hit() {
         let reference = Scene::build(cpu(), &mesh, &BuildOptions::default()).unwrap();
         let rays = rays(&mesh, reference.tree().unwrap().view(), 200, 3_075_607_215_347_662_595);
         let expected = reference.closest(&rays).unwrap();
-        for traversal in Traversal::ALL {
+        for &traversal in Traversal::ALL {
             scene.traverse_by(traversal).unwrap();
             if let Some(found) = unless_cut(scene.closest(&rays)).unwrap() {
                 same(traversal.name(), &expected, &found).unwrap();

@@ -219,7 +219,7 @@ fn the_range_is_that_of_t_as_returned() {
     for n in 1..6u8 {
         rays.extend((7..40u8).map(|d| Ray::new([1.0, 1.0, n.into()], [0.0, 0.0, -f32::from(d)])));
     }
-    for intersector in Intersector::ALL {
+    for &intersector in Intersector::ALL {
         let found = by_all(&mesh, intersector, &rays);
         let mut rounded = [0; 2];
         for (ray, hit) in rays.iter().zip(&found) {
@@ -275,7 +275,7 @@ fn of_hits_whose_t_has_no_room_the_closest_wins() {
     ];
     let rays: Vec<Ray> = cases.iter().map(|(ray, _)| *ray).collect();
     // Seen along so short a direction, all triangles are too small for `moeller`.
-    for intersector in Intersector::ALL.into_iter().filter(|&test| test != Intersector::Moeller) {
+    for intersector in Intersector::ALL.iter().copied().filter(|&test| test != Intersector::Moeller) {
         for ((ray, expected), hit) in cases.iter().zip(by_all(&mesh, intersector, &rays)) {
             let found = hit.is_hit().then_some((hit.triangle, hit.t));
             assert_eq!(&found, expected, "{intersector}: {ray:?}");

@@ -22,7 +22,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let mesh = name.parse::<MeshSource>()?.load()?.into_local();
         let rays = random(mesh.bounds(), count, SEED);
         let (mut trees, mut hits) = (Map::new(), Map::new());
-        for builder in Builder::ALL {
+        for &builder in Builder::ALL {
             let options = BuildOptions::default().with_builder(builder);
             // One thread, as a page's worker has.
             let mut scene = Scene::build(&Device::cpu_with_threads(1)?, &mesh, &options)?;
@@ -30,8 +30,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             for intersector in [Intersector::Strict, Intersector::Exact] {
                 scene.traverse_by(Traversal::Stack)?;
                 scene.intersect_by(intersector)?;
-                let goes = |it| intersector.check(it).is_ok() && (it != Traversal::Brute || count <= FEW);
-                for traversal in Traversal::ALL.into_iter().filter(|&it| goes(it)) {
+                let goes = |it| intersector.goes_with(it).is_ok() && (it != Traversal::Brute || count <= FEW);
+                for traversal in Traversal::ALL.iter().copied().filter(|&it| goes(it)) {
                     scene.traverse_by(traversal)?;
                     let found = hits_digest(&scene.closest(&rays)?);
                     hits.insert(format!("{builder} {traversal} {intersector}"), found.into());

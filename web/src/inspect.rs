@@ -2,7 +2,7 @@
 
 use crate::{
     scene::Scene,
-    values::{error, floats, named, object},
+    values::{error, floats, object},
 };
 use raykd::{
     KdTree, Ray, Traversal,
@@ -141,7 +141,7 @@ impl Ways {
     pub fn of(&self, origin: &[f32], direction: &[f32], traversal: &str) -> Result<JsValue, JsError> {
         let rays = crate::values::rays(origin, direction, None, None)?;
         let [ray] = rays.as_slice() else { return Err(error("one ray is wanted")) };
-        let traversal = named("traversal", &Traversal::ALL, traversal)?;
+        let traversal: Traversal = traversal.parse().map_err(error)?;
         let nodes = self.ways.of(ray, traversal).map(|way| way.nodes).unwrap_or_default();
         let pad = pad(ray, self.walker.root());
         let visits: Vec<Visit> = nodes.iter().map(|&node| self.visit(ray, node, pad)).collect();

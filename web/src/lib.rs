@@ -19,9 +19,7 @@ pub use scene::{Scene, heat_colour, hits_digest};
 pub use stress::Trial;
 
 use js_sys::JsString;
-use raykd::{
-    Builder, Intersector, Traversal, internals::picture::Shading, plan::CHOICES, stress::cases::CASES,
-};
+use raykd::{Builder, Intersector, Traversal, internals::picture::Shading, plan::CHOICES, stress::CASES};
 use wasm_bindgen::prelude::*;
 
 /// A panic is an exception that says why.
@@ -40,10 +38,10 @@ pub fn choices() -> Result<JsValue, JsError> {
         all.iter().map(|&one| (name(one), about(one))).collect()
     }
     values::object(&values::Choices {
-        builders: list(&Builder::ALL, Builder::name, Builder::about),
-        traversals: list(&Traversal::ALL, Traversal::name, Traversal::about),
-        intersectors: list(&Intersector::ALL, Intersector::name, Intersector::about),
-        shadings: list(&Shading::ALL, Shading::name, Shading::about),
+        builders: list(Builder::ALL, Builder::name, Builder::about),
+        traversals: list(Traversal::ALL, Traversal::name, Traversal::about),
+        intersectors: list(Intersector::ALL, Intersector::name, Intersector::about),
+        shadings: list(Shading::ALL, Shading::name, Shading::about),
         stress: CASES.iter().map(|case| (case.name, case.about)).collect(),
         trees: CHOICES.iter().map(|choice| choice.name).collect(),
     })

@@ -2,11 +2,11 @@
 
 use crate::{
     mesh::{Mesh, of_rays},
-    values::{Options, error, fields, hits, named, object, rays, read, words},
+    values::{Options, error, fields, hits, object, rays, read, words},
 };
 use js_sys::{Int32Array, Uint8ClampedArray};
 use raykd::{
-    Device, Hit, Intersector, Query, Traversal,
+    Device, Hit, Query,
     internals::picture::{self, Shading, encode, full_scale, heat, rows},
     rays::Camera,
 };
@@ -108,12 +108,12 @@ impl Scene {
 
     /// Chooses how rays find their way through the tree. All ways give the same hits.
     pub fn traverse(&mut self, traversal: &str) -> Result<(), JsError> {
-        self.scene.traverse_by(named("traversal", &Traversal::ALL, traversal)?).map_err(error)
+        self.scene.traverse_by(traversal.parse().map_err(error)?).map_err(error)
     }
 
     /// Chooses how triangles are tested. All but `strict` and `exact` lose hits.
     pub fn intersect(&mut self, intersector: &str) -> Result<(), JsError> {
-        self.scene.intersect_by(named("intersector", &Intersector::ALL, intersector)?).map_err(error)
+        self.scene.intersect_by(intersector.parse().map_err(error)?).map_err(error)
     }
 
     /// The closest hit of every ray: three numbers each for origins and directions.
@@ -246,7 +246,7 @@ impl Scene {
         #[wasm_bindgen(unchecked_param_type = "Part")] part: JsValue,
     ) -> Result<JsValue, JsError> {
         let part: Part = read("part", &part)?;
-        let shading = named("shading", &Shading::ALL, &part.shading)?;
+        let shading = part.shading.parse::<Shading>().map_err(error)?;
         check("width and height", part.width.max(part.height), MOST_PIXELS)?;
         check("samples", part.samples, MOST_SAMPLES)?;
         if part.first >= part.last || part.last > part.height {

@@ -1,10 +1,10 @@
 //! Rays at scenes in which ray tracers fail, judged by exact arithmetic.
 
-use crate::values::{error, named, object};
+use crate::values::{error, object};
 use raykd::{
-    Builder, Device, Intersector, Traversal,
+    Builder, Device, Traversal,
     internals::quoted,
-    stress::{Case, Method, Way, cases::CASES},
+    stress::{CASES, Case, Method, Way},
 };
 use serde::Serialize;
 use wasm_bindgen::prelude::*;
@@ -48,7 +48,7 @@ impl Trial {
     /// Traces all rays by the default tree and a triangle test, and judges the answers.
     #[wasm_bindgen(unchecked_return_type = "Outcome")]
     pub fn run(&mut self, intersector: &str) -> Result<JsValue, JsError> {
-        let test = named("intersector", &Intersector::ALL, intersector)?;
+        let test = intersector.parse().map_err(error)?;
         let method = Method { test, way: Way::Tree(Builder::default(), Traversal::default()) };
         let start = js_sys::Date::now();
         let outcome = self.0.run(&method, &Device::cpu(), None).map_err(error)?;

@@ -1,7 +1,7 @@
 //! What goes in and out.
 
 use js_sys::{Float32Array, JSON, Object, Reflect, Uint32Array};
-use raykd::{BuildOptions, Builder, Hit, Intersector, Ray, Traversal};
+use raykd::{BuildOptions, Hit, Intersector, Ray, Traversal};
 use serde::{Deserialize, Serialize};
 use std::fmt::Display;
 use wasm_bindgen::prelude::*;
@@ -116,7 +116,7 @@ impl Default for Options {
 impl Options {
     pub(crate) fn build(&self) -> Result<BuildOptions, JsError> {
         Ok(BuildOptions::default()
-            .with_builder(named("builder", &Builder::ALL, &self.builder)?)
+            .with_builder(self.builder.parse().map_err(error)?)
             .with_cost_step(self.cost_step)
             .with_cost_test(self.cost_test)
             .with_price(self.price)
@@ -126,18 +126,6 @@ impl Options {
             .with_max_depth(self.max_depth)
             .with_clip(self.clip))
     }
-}
-
-/// The one of this name.
-pub(crate) fn named<T: Copy + Display>(what: &str, all: &[T], name: &str) -> Result<T, JsError> {
-    all.iter().copied().find(|one| one.to_string() == name).ok_or_else(|| {
-        let names: Vec<String> = all.iter().map(T::to_string).collect();
-        error(format!(
-            "no {what} is named '{}'; there are {}",
-            raykd::internals::quoted(name),
-            names.join(", ")
-        ))
-    })
 }
 
 /// An exception.

@@ -31,7 +31,7 @@ impl HowArgs {
 pub(crate) struct TreeArgs {
     /// How planes are chosen
     #[arg(long, value_name = "NAME", default_value_t)]
-    #[arg(value_parser = one_of(&Builder::ALL, Builder::name, Builder::about))]
+    #[arg(value_parser = one_of(Builder::ALL, Builder::name, Builder::about))]
     pub builder: Builder,
     /// Keep references where only a triangle's box reaches, not the triangle
     #[arg(long)]
@@ -86,11 +86,11 @@ pub(crate) struct AmountArgs {
 pub(crate) struct WalkArgs {
     /// The way through the tree; hits do not depend on it, steps do
     #[arg(long, value_name = "NAME", default_value_t, conflicts_with = "quality")]
-    #[arg(value_parser = one_of(&Traversal::ALL, Traversal::name, Traversal::about))]
+    #[arg(value_parser = one_of(Traversal::ALL, Traversal::name, Traversal::about))]
     pub traversal: Traversal,
     /// How triangles are tested; all but strict and exact lose hits
     #[arg(long, value_name = "NAME", default_value_t)]
-    #[arg(value_parser = one_of(&Intersector::ALL, Intersector::name, Intersector::about))]
+    #[arg(value_parser = one_of(Intersector::ALL, Intersector::name, Intersector::about))]
     pub intersector: Intersector,
 }
 
@@ -99,8 +99,9 @@ impl WalkArgs {
     /// the contract.
     pub(crate) fn check(&self, more: Option<&str>) -> Result<(), String> {
         let test = self.intersector;
-        let done =
-            more.map_or(Ok(()), |asked| test.check_query(asked)).and_then(|()| test.check(self.traversal));
+        let done = more
+            .map_or(Ok(()), |asked| test.check_query(asked))
+            .and_then(|()| test.goes_with(self.traversal));
         done.map_err(|error| error.to_string())
     }
 }

@@ -1,22 +1,22 @@
 //! How values on the command line are written.
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use std::str::FromStr;
 
 /// A parser of names; `--help` says what each is.
-pub(crate) fn one_of<T: Copy + Send + Sync>(
+pub(crate) fn one_of<T: Copy + Send + Sync + FromStr<Err = raykd::Error>>(
     all: &'static [T],
     name: fn(T) -> &'static str,
     about: fn(T) -> &'static str,
 ) -> impl TypedValueParser<Value = T> {
     let offered = all.iter().map(|&one| PossibleValue::new(name(one)).help(about(one)));
-    let named = move |given: String| all.iter().copied().find(|&one| name(one) == given);
-    PossibleValuesParser::new(offered).map(move |given| named(given).expect("it was offered"))
+    PossibleValuesParser::new(offered).try_map(|given| given.parse())
 }
 
 /// A parser of numbers in a range.
 pub(crate) fn within<T>(lo: T, hi: T) -> impl Fn(&str) -> Result<T, String> + Clone
 where
-    T: std::str::FromStr + PartialOrd + std::fmt::Display + Copy,
+    T: FromStr + PartialOrd + std::fmt::Display + Copy,
 {
     move |text| {
         let x: T = text.parse().map_err(|_| "not a number".to_owned())?;

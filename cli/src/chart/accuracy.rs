@@ -21,7 +21,7 @@ pub(super) fn figure(data: &Data, scene: &str) -> Option<Figure> {
             .iter()
             .filter_map(|row| Some(Mark { x: row.per_million(), y: speed(row)?, label: row.method.clone() }));
         let front = front(points);
-        for (kind, test) in Intersector::ALL.into_iter().enumerate() {
+        for (kind, test) in Intersector::ALL.iter().copied().enumerate() {
             let name = format!("{}, {}", device.to_uppercase(), test.name());
             let mut marks = Series::new(name, Look::Marks, kind, device == "gpu");
             for row in all.iter().filter(|row| row.test == test) {

@@ -13,7 +13,7 @@ use raykd::{
     internals::{Moving, measure, teapot_level_for, usual_rays},
     plan::{CHOICES, Calibration, Choice, Cost},
     shared::Report,
-    stress::{Method, Rule, Way, cases::CASES},
+    stress::{CASES, Method, Rule, Way},
 };
 use std::rc::Rc;
 
@@ -160,7 +160,7 @@ pub(super) fn scenes<'a>(inputs: &'a [Input], machines: &'a Machines, effort: Ef
 
 /// Every choice that auto has.
 pub(super) fn choices<'a>(inputs: &'a [Input], machines: &'a Machines, effort: Effort) -> Vec<Job<'a>> {
-    trees(inputs, machines, effort, &CHOICES)
+    trees(inputs, machines, effort, CHOICES)
 }
 
 fn trees<'a>(
@@ -275,7 +275,7 @@ pub(super) fn accuracy<'a>(input: &'a Input, machines: &'a Machines, effort: Eff
             }),
         ));
     }
-    for case in &CASES {
+    for case in CASES {
         let methods = methods.clone();
         jobs.push((
             format!("stress scene {}", case.name),

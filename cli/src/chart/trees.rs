@@ -11,7 +11,7 @@ use raykd::{BuildOptions, Builder};
 fn groups<'a>(data: &'a Data, scene: &str) -> Vec<(String, usize, bool, Vec<&'a Sample>)> {
     let mut groups = Vec::new();
     for device in ["cpu", "gpu"] {
-        for (kind, builder) in Builder::ALL.into_iter().enumerate() {
+        for (kind, builder) in Builder::ALL.iter().copied().enumerate() {
             let of = data.samples.iter().filter(|s| s.scene == scene && s.device == device);
             let mut of: Vec<_> = of
                 .filter(|s| {

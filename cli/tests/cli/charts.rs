@@ -58,7 +58,7 @@ fn whatever_auto_chooses_hits_are_the_same_bytes() {
     let line = ["trace", "teapot", "--rays", &rays, "--hits", &hits, "--threads", "1"];
     assert!(raykd(&line).status.success());
     let expected = fs::read(&hits).unwrap();
-    for choice in CHOICES {
+    for &choice in CHOICES {
         favouring(choice.name).save(costs.as_ref()).unwrap();
         fs::remove_file(&hits).unwrap();
         let output = raykd(&[line.as_slice(), &["--quality", "auto", "--costs", &costs, "--json"]].concat());

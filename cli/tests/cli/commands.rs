@@ -478,7 +478,7 @@ fn every_triangle_test_finds_what_is_easy() {
     let [mesh, rays, hits] = ["two.obj", "rays", "hits"].map(|name| path(&folder, name));
     let (given, expected) = known();
     write_rays(&rays, &given);
-    for intersector in Intersector::ALL {
+    for &intersector in Intersector::ALL {
         let name = intersector.name();
         let line = ["trace", &mesh, "--rays", &rays, "--hits", &hits, "--json", "--intersector", name];
         assert_eq!(json(&line)["intersector"], name);
@@ -494,7 +494,7 @@ fn every_traversal_traces_the_same() {
     let [mesh, rays, hits] = ["two.obj", "rays", "hits"].map(|name| path(&folder, name));
     let (given, expected) = known();
     write_rays(&rays, &given);
-    for traversal in Traversal::ALL {
+    for &traversal in Traversal::ALL {
         let line =
             ["trace", &mesh, "--rays", &rays, "--hits", &hits, "--json", "--traversal", traversal.name()];
         assert_eq!(json(&line)["traversal"], traversal.name());

@@ -22,6 +22,7 @@ choices! {
         Exact = "exact",
     }
     default = Binned;
+    called = "builder";
 }
 
 impl Builder {

@@ -33,6 +33,7 @@ choices! {
         Ao = "ao",
     }
     default = Normal;
+    called = "shading";
 }
 
 /// A picture.

@@ -25,7 +25,7 @@ pub(super) const HALFWAY: u32 = 12;
 const LONG_LEAF: usize = 1 << 15;
 
 /// What there is to choose from: no tree, shallow ones, and those of all builders; small ones too.
-pub const CHOICES: [Choice; 9] = [
+pub const CHOICES: &[Choice] = &[
     Choice { depth: Some(0), ..choice("none", Builder::Median) },
     Choice { depth: Some(6), ..choice("shallow", Builder::Median) },
     Choice { depth: Some(HALFWAY), ..choice("halfway", Builder::Median) },
@@ -40,7 +40,7 @@ pub const CHOICES: [Choice; 9] = [
 impl Choice {
     /// The choice of this name.
     pub fn named(name: &str) -> Option<Self> {
-        CHOICES.into_iter().find(|choice| choice.name == name)
+        CHOICES.iter().find(|choice| choice.name == name).copied()
     }
 
     /// For charts: a builder and the price of a reference.

@@ -98,7 +98,7 @@ fn among(
 ) -> Plan {
     let mut plans = Vec::new();
     for (device, calibration) in calibrations.iter().enumerate() {
-        for choice in CHOICES {
+        for &choice in CHOICES {
             if let Some(cost) = calibration.predict(&choice, triangles, through, seen) {
                 plans.push(Plan { device, choice, cost, rays });
             }

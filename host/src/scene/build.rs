@@ -177,7 +177,7 @@ mod tests {
     fn options_out_of_range_are_refused() {
         let (device, mesh) = (Device::cpu(), Mesh::teapot(1));
         for cost in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -1.0] {
-            for builder in Builder::ALL {
+            for &builder in Builder::ALL {
                 let usual = BuildOptions { builder, ..BuildOptions::default() };
                 for (name, options) in [
                     ("cost_step", BuildOptions { cost_step: cost, ..usual.clone() }),

@@ -12,10 +12,10 @@ impl Scene {
     /// same. Makes what the traversal needs beside the tree, once.
     ///
     /// # Errors
-    /// It does not go with the scene's triangle test, see [`Intersector::check`]; what it needs does not fit
+    /// It does not go with the scene's triangle test, see [`Intersector::goes_with`]; what it needs does not fit
     /// the device, or the device failed.
     pub fn traverse_by(&mut self, traversal: Traversal) -> Result<(), Error> {
-        self.intersector.check(traversal)?;
+        self.intersector.goes_with(traversal)?;
         self.extras.make(traversal, &self.device, (&self.header_buffer, &self.nodes, self.header.nodes))?;
         self.traversal = traversal;
         Ok(())
@@ -26,10 +26,10 @@ impl Scene {
     /// hits.
     ///
     /// # Errors
-    /// It does not go with the scene's traversal, see [`Intersector::check`]; what it needs does not fit the device, or
+    /// It does not go with the scene's traversal, see [`Intersector::goes_with`]; what it needs does not fit the device, or
     /// the device failed.
     pub fn intersect_by(&mut self, intersector: Intersector) -> Result<(), Error> {
-        intersector.check(self.traversal)?;
+        intersector.goes_with(self.traversal)?;
         if intersector == Intersector::Baldwin && self.transforms.is_none() {
             let made = self.device.room("transforms", 3 * u64::from(self.header.refs))?;
             let transforms = transforms::Buffers {

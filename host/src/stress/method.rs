@@ -34,7 +34,8 @@ impl Method {
     pub fn all() -> Vec<Self> {
         let usual = |way| Self { test: Intersector::Strict, way };
         let others = [Builder::Median, Builder::Zhou, Builder::Exact];
-        let ways = Traversal::ALL.into_iter().filter(|t| !matches!(t, Traversal::Stack | Traversal::Brute));
+        let ways =
+            Traversal::ALL.iter().copied().filter(|t| !matches!(t, Traversal::Stack | Traversal::Brute));
         let mut all: Vec<Self> = Intersector::ALL
             .iter()
             .flat_map(|&test| [USUAL, Way::Brute].map(|way| Self { test, way }))
@@ -42,7 +43,7 @@ impl Method {
         all.extend(others.map(|builder| usual(Way::Tree(builder, Traversal::Stack))));
         all.extend(ways.map(|traversal| usual(Way::Tree(Builder::Binned, traversal))));
         all.push(usual(Way::Except));
-        all.extend(Textbook::ALL.map(|textbook| usual(Way::Textbook(textbook))));
+        all.extend(Textbook::ALL.iter().copied().map(|textbook| usual(Way::Textbook(textbook))));
         all
     }
 

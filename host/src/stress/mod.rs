@@ -3,13 +3,14 @@
 //! A [`Case`] makes meshes, rays and rules; a [`Method`] answers the rays; [`Trial`] judges the answers by the exact
 //! [`Oracle`], by brute force with the same triangle test, and by the CPU's bytes.
 
-pub mod cases;
+mod cases;
 pub mod leaks;
 mod method;
 #[doc(hidden)]
 pub mod shapes;
 mod textbook;
 
+pub use cases::CASES;
 pub use method::{Method, Way};
 pub use textbook::Textbook;
 

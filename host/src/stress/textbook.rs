@@ -18,6 +18,7 @@ use raykd_kernels::{
 
 /// A published form.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Textbook {
     /// A stack; near is where the direction comes from (Keller 1998, Wald 2004). `0 * inf`, and `+0` that counts as
     /// upwards, lose children.
@@ -57,8 +58,8 @@ const ENDLESS: u32 = 100_000;
 
 impl Textbook {
     /// All of them.
-    pub const ALL: [Self; 7] =
-        [Self::Sign, Self::Origin, Self::Inside, Self::Restart, Self::Sequential, Self::Ropes, Self::Fused];
+    pub const ALL: &'static [Self] =
+        &[Self::Sign, Self::Origin, Self::Inside, Self::Restart, Self::Sequential, Self::Ropes, Self::Fused];
 
     /// Its name.
     pub const fn name(self) -> &'static str {

@@ -166,7 +166,7 @@ fn all_queries_move_their_rays() {
     assert_eq!(resident.hits().unwrap(), wanted);
     assert_eq!(there.closest(&narrow).unwrap(), here.closest(&narrow_local).unwrap());
     assert!(there.closest(&narrow).unwrap().iter().all(Hit::is_hit));
-    for traversal in Traversal::ALL {
+    for &traversal in Traversal::ALL {
         there.traverse_by(traversal).unwrap();
         here.traverse_by(traversal).unwrap();
         assert_eq!(there.closest(&wide).unwrap(), wanted, "{traversal}");

@@ -30,7 +30,7 @@ const ZEROS: &[&str] = &["textbook/sign", "textbook/restart"];
 
 /// All scenes. Last stand methods, by the start of their name, that are known to fail there; methods of the
 /// textbooks run nowhere else.
-pub const CASES: [Case; 33] = [
+pub const CASES: &[Case] = &[
     case("icosphere-edges", "from inside a sphere at its edges and vertices", CRACKS, edges::icosphere_edges),
     case("fan-hub", "at the vertex that 1000 triangles share", EDGES, edges::fan_hub),
     case("contraction", "the first, for tests with fused operations", FUSED, edges::icosphere_edges),

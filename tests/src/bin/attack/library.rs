@@ -107,7 +107,7 @@ fn options(tally: &mut Tally) {
     let rays = random(mesh.bounds(), 200, 1);
     let usual = BuildOptions::default();
     let mut all = Vec::new();
-    for builder in Builder::ALL {
+    for &builder in Builder::ALL {
         for odd in [0.0, -1.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, f32::MIN_POSITIVE, 1e-45]
         {
             let base = usual.clone().with_builder(builder);
@@ -172,8 +172,8 @@ fn sizes(tally: &mut Tally) {
             });
         }
     }
-    for test in Intersector::ALL {
-        for traversal in Traversal::ALL {
+    for &test in Intersector::ALL {
+        for &traversal in Traversal::ALL {
             tally.attempt(&format!("{test} {traversal}"), || {
                 scene
                     .intersect_by(Intersector::Strict)
@@ -243,7 +243,7 @@ fn odd_rays(tally: &mut Tally) {
     let rays: Vec<Ray> =
         (0..4000).map(|_| bytemuck::cast([(); 8].map(|()| odd[random.below(odd.len())]))).collect();
     let brute = scene.brute(&rays).expect("a CPU traces");
-    for traversal in Traversal::ALL {
+    for &traversal in Traversal::ALL {
         tally.attempt(traversal.name(), || {
             scene.traverse_by(traversal).map_err(|e| e.to_string())?;
             let hits = scene.closest(&rays).map_err(|e| e.to_string())?;

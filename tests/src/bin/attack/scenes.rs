@@ -55,13 +55,13 @@ fn hostile(recipe: Recipe, tally: &mut Tally) {
         rays.iter().zip(&brute).try_for_each(|(ray, hit)| judge(&oracle, count, ray, hit, mesh.scale()))?;
         Ok(Good::Right)
     });
-    for builder in Builder::ALL {
+    for &builder in Builder::ALL {
         tally.attempt(builder.name(), || {
             let scene = build(builder).map_err(|e| e.to_string())?;
             same(scene.closest(&rays).map_err(|e| e.to_string())?)
         });
     }
-    for traversal in Traversal::ALL {
+    for &traversal in Traversal::ALL {
         tally.attempt(traversal.name(), || {
             scene.traverse_by(traversal).map_err(|e| e.to_string())?;
             same(scene.closest(&rays).map_err(|e| e.to_string())?)

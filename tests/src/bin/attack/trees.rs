@@ -60,7 +60,7 @@ impl Base {
     /// Refused, or right by every traversal.
     fn attempt(&self, file: &[u8]) -> Outcome {
         let Ok(tree) = KdTree::from_bytes(file) else { return Ok(Good::Refused) };
-        for traversal in Traversal::ALL {
+        for &traversal in Traversal::ALL {
             let Ok(mut scene) = Scene::with_tree(&self.device, &self.mesh, &tree) else {
                 return Ok(Good::Refused);
             };
