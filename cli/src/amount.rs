@@ -40,7 +40,7 @@ pub(super) fn decide(
         .collect::<Result<_, Error>>()?;
     let plan = choose(mesh, rays, &all.iter().collect::<Vec<_>>());
     let automatic = devices.len() > 1;
-    Ok((Machine::of(devices.swap_remove(plan.device), automatic), Amount::of(plan, mesh)))
+    Ok((Machine::of(devices.swap_remove(plan.calibration), automatic), Amount::of(plan)))
 }
 
 /// The same on a device that is not to be chosen.
@@ -55,12 +55,12 @@ pub(super) fn on(
         return Ok(Amount { options: how.tree.options(), traversal, plan: None });
     }
     let costs = calibrate::costs(device, how.amount.costs.as_deref(), notes)?;
-    Ok(Amount::of(choose(mesh, rays, &[&costs]), mesh))
+    Ok(Amount::of(choose(mesh, rays, &[&costs])))
 }
 
 impl Amount {
-    fn of(plan: Plan, mesh: &Mesh) -> Self {
-        let (options, traversal) = (plan.choice.options(), plan.choice.traversal(mesh.kept().len()));
+    fn of(plan: Plan) -> Self {
+        let (options, traversal) = (plan.choice.options(), plan.traversal());
         Self { options, traversal, plan: Some(plan) }
     }
 }

@@ -242,8 +242,9 @@ fn bench(
     notes: &Notes,
 ) -> Result<Row, Error> {
     let (name, mesh) = (&input.name, &input.mesh);
-    let stage =
-        |what: &str| notes.stage(format_args!("{name}: {what} on the {}", device.kind().to_uppercase()));
+    let stage = |what: &str| {
+        notes.stage(format_args!("{name}: {what} on the {}", device.kind().name().to_uppercase()))
+    };
     stage("building");
     let options = amount.options.clone().with_profile(args.profile);
     let mut built = measure::build(device, mesh, &options)?;
@@ -271,7 +272,7 @@ fn bench(
         auto: amount.plan.as_ref().map(|plan| amount::Told::new(plan, before, Some(moved))),
         scene: name.clone(),
         triangles: mesh.triangles().len(),
-        device: device.kind(),
+        device: device.kind().name(),
         adapter: device.name().to_owned(),
         traversal: amount.traversal.name(),
         intersector: args.walk.intersector.name(),
@@ -286,7 +287,7 @@ fn bench(
         leaves: built.report.leaves,
         depth: header.depth,
         refs_per_triangle: f64::from(header.refs) / mesh.triangles().len() as f64,
-        tree_bytes: built.tree.bytes(),
+        tree_bytes: built.tree.size_in_bytes(),
         peak_bytes: built.scene.times().peak_bytes,
         sah_cost: built.report.sah_cost,
         digest: built.tree.digest(),

@@ -69,7 +69,7 @@ pub(super) fn compare(
                 "{}: {} on the {}",
                 input.name,
                 builder.name(),
-                device.kind().to_uppercase()
+                device.kind().name().to_uppercase()
             ));
             let options = options.clone().with_builder(builder).with_profile(false);
             match row(device, input, &options, &mut sets) {
@@ -128,7 +128,7 @@ fn row(
     let rays = (primary.len() + diffuse.len()) as f64;
     Ok(Row {
         builder: options.builder.name(),
-        device: device.kind(),
+        device: device.kind().name(),
         build_ms: ms(built.build),
         build_ms_per_million: ms(built.build) / triangles * 1e6,
         upload_ms: ms(built.upload),
@@ -141,7 +141,7 @@ fn row(
         empty_leaves: report.empty_leaves,
         depth: header.depth,
         refs_per_triangle: f64::from(header.refs) / triangles,
-        bytes_per_triangle: built.tree.bytes() as f64 / triangles,
+        bytes_per_triangle: built.tree.size_in_bytes() as f64 / triangles,
         peak_bytes: scene.times().peak_bytes,
         mrays_primary,
         mrays_diffuse,
@@ -192,7 +192,7 @@ pub(super) fn scaling(
             notes.stage(format_args!(
                 "{} triangles on the {}",
                 count(number as u64),
-                device.kind().to_uppercase()
+                device.kind().name().to_uppercase()
             ));
             let options = options.clone().with_profile(false);
             let built = match measure::build(device, &mesh, &options) {
@@ -205,7 +205,7 @@ pub(super) fn scaling(
             };
             let (n, time) = (number as f64, ms(built.build));
             sizes.push(Size {
-                device: device.kind(),
+                device: device.kind().name(),
                 triangles: number,
                 build_ms: time,
                 build_ms_per_million: time / n * 1e6,

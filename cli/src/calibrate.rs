@@ -13,7 +13,7 @@ use anyhow::bail;
 use clap::Parser;
 use raykd::{
     Device, Error,
-    plan::{CHOICES, Calibration, place},
+    plan::{CHOICES, Calibration, create_cache_file},
 };
 use std::{
     io::{StdoutLock, Write as _},
@@ -77,7 +77,7 @@ fn run(args: &CalibrateArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
     }
     let mut places = Vec::new();
     for device in machines.iter() {
-        places.push((device, args.output.clone().map_or_else(|| place(device), Ok)?));
+        places.push((device, args.output.clone().map_or_else(|| create_cache_file(device), Ok)?));
     }
     let mut all = Vec::new();
     for (device, path) in places {
@@ -107,10 +107,10 @@ fn run(args: &CalibrateArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
 }
 
 fn measure(device: &Device, notes: &Notes) -> Result<Calibration, Error> {
-    Calibration::of(device, |done| {
+    Calibration::measure(device, |done| {
         notes.stage(format_args!(
             "measuring what trees cost on the {}, {:.0} %",
-            device.kind().to_uppercase(),
+            device.kind().name().to_uppercase(),
             100.0 * done
         ));
     })
@@ -130,12 +130,12 @@ fn kept_or(
     notes: &Notes,
     measure: impl FnOnce() -> Result<Calibration, Error>,
 ) -> Result<Calibration, Error> {
-    match Calibration::kept(device) {
+    match Calibration::from_cache(device) {
         Some(Ok(found)) => return Ok(found),
         Some(Err(error)) => notes.note(error),
         None => {}
     }
-    let place = place(device);
+    let place = create_cache_file(device);
     let once = match &place {
         Ok(_) => "once",
         Err(error) => {
@@ -143,7 +143,10 @@ fn kept_or(
             "for this run"
         }
     };
-    notes.note(format_args!("measuring what trees cost on this {}, {once}", device.kind().to_uppercase()));
+    notes.note(format_args!(
+        "measuring what trees cost on this {}, {once}",
+        device.kind().name().to_uppercase()
+    ));
     let calibration = measure()?;
     if let Err(error) = place.map_or(Ok(()), |path| calibration.save(&path)) {
         notes.note(format_args!("costs could not be kept: {error}"));

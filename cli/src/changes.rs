@@ -48,7 +48,7 @@ struct Change {
 
 /// Rows of `raykd bench --json`; several runs may stand one after the other in one array.
 pub(super) fn read(path: &Path) -> anyhow::Result<Vec<Value>> {
-    let bytes = raykd::internals::all_of(path, raykd::usual_max_bytes())?;
+    let bytes = raykd::internals::all_of(path, raykd::default_max_bytes())?;
     let rows: Vec<Value> = serde_json::from_slice(&bytes)
         .with_context(|| format!("{}: not what raykd bench --json writes", quoted(path.display())))?;
     if rows.iter().any(|row| key(row).is_none()) {

@@ -120,7 +120,7 @@ fn compare(
     notes: &Notes,
 ) -> Result<Vec<Row>, Error> {
     let mesh = &input.mesh;
-    notes.stage(format_args!("{}: building on the {}", input.name, device.kind().to_uppercase()));
+    notes.stage(format_args!("{}: building on the {}", input.name, device.kind().name().to_uppercase()));
     let mut scene = Scene::build(device, mesh, &how.options)?;
     if sets.is_none() {
         let camera = || rays::Camera::framing(mesh.bounds()).rays(PICTURE, PICTURE);
@@ -135,7 +135,11 @@ fn compare(
     let traversals = Traversal::ALL.iter().copied().filter(|&way| how.brute || way != Traversal::Brute);
     traversals
         .map(|traversal| {
-            notes.stage(format_args!("{}: {traversal} on the {}", input.name, device.kind().to_uppercase()));
+            notes.stage(format_args!(
+                "{}: {traversal} on the {}",
+                input.name,
+                device.kind().name().to_uppercase()
+            ));
             row(&mut scene, traversal, sets)
         })
         .collect()
@@ -158,7 +162,7 @@ fn row(scene: &mut Scene, traversal: Traversal, sets: &Sets) -> Result<Row, Erro
     };
     Ok(Row {
         traversal: traversal.name(),
-        device: scene.device().kind(),
+        device: scene.device().kind().name(),
         mrays_primary: rate(Query::Closest, &sets.primary)?,
         mrays_diffuse: rate(Query::Closest, &sets.diffuse)?,
         mrays_shadow: rate(Query::Any, &sets.shadow)?,

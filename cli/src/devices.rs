@@ -94,7 +94,7 @@ fn run(args: &DevicesArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
         _ => true,
     };
     devices.push(Told {
-        device: cpu.kind(),
+        device: cpu.kind().name(),
         adapter: cpu.name().to_owned(),
         probe: "exact",
         default,
@@ -116,12 +116,12 @@ fn run(args: &DevicesArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
 
 #[cfg(feature = "gpu")]
 fn adapters() -> Vec<Told> {
-    use raykd::{AdapterReport, Verdict};
+    use raykd::{AdapterReport, AdapterVerdict};
     let tell = |report: AdapterReport| {
         let (probe, reason, subnormals) = match report.verdict {
-            Verdict::Exact { subnormals } => ("exact", None, Some(subnormals)),
-            Verdict::Inexact(reason) => ("inexact", Some(reason), None),
-            Verdict::Unusable(reason) => ("unusable", Some(reason), None),
+            AdapterVerdict::Exact { subnormals } => ("exact", None, Some(subnormals)),
+            AdapterVerdict::Inexact(reason) => ("inexact", Some(reason), None),
+            AdapterVerdict::Unusable(reason) => ("unusable", Some(reason), None),
             other => ("unknown", Some(format!("{other:?}")), None),
         };
         let vulkan = Vulkan {

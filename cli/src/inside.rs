@@ -113,7 +113,7 @@ fn run(args: &InsideArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
         let scene = Scene::build(device, &input.mesh, &options)?;
         notes.stage(format_args!("{}: {} points", input.name, count(local.len() as u64)));
         let found = scene.winding(&local)?;
-        Ok((found, scene.times().clone(), device.kind(), device.name().to_owned()))
+        Ok((found, scene.times().clone(), device.kind().name(), device.name().to_owned()))
     };
     let (found, times, device, adapter) = machine.run(&notes, work)?;
     let Counted { counts, upload, trace, download, invalid, .. } = found;

@@ -4,7 +4,7 @@ use crate::{
     args::{MachineArgs, One, Which},
     notes::Notes,
 };
-use raykd::{Device, Error};
+use raykd::{Device, DeviceKind, Error};
 use std::io::{self, Write};
 
 /// The device of a command that uses one.
@@ -51,7 +51,7 @@ impl Machine {
         work: impl Fn(&Device) -> Result<T, Error>,
     ) -> Result<T, Error> {
         match work(&self.device) {
-            Err(error) if self.automatic && self.device.kind() == "gpu" && at_fault(&error) => {
+            Err(error) if self.automatic && self.device.kind() == DeviceKind::Gpu && at_fault(&error) => {
                 notes.note(format_args!("{error}; doing it on the CPU"));
                 work(&Device::cpu())
             }
@@ -93,14 +93,14 @@ impl Machines {
 
     /// Whether to go on without a device that failed so: nobody asked for it.
     pub(super) fn can_spare(&self, device: &Device, error: &Error) -> bool {
-        self.automatic && device.kind() == "gpu" && at_fault(error)
+        self.automatic && device.kind() == DeviceKind::Gpu && at_fault(error)
     }
 
     /// Says which they are, a line each.
     pub(super) fn write_names(&self, out: &mut impl Write) -> io::Result<()> {
         for device in self.iter() {
             let software = if is_software(device) { " (software)" } else { "" };
-            writeln!(out, "{}  {}{software}", device.kind().to_uppercase(), device.name())?;
+            writeln!(out, "{}  {}{software}", device.kind().name().to_uppercase(), device.name())?;
         }
         Ok(())
     }
@@ -156,7 +156,7 @@ fn hardware() -> Result<Device, Error> {
 
 /// Whether the device is a GPU that the CPU plays.
 pub(super) fn is_software(device: &Device) -> bool {
-    device.kind() == "gpu" && !device.is_card()
+    device.kind() == DeviceKind::Gpu && !device.is_card()
 }
 
 #[cfg(not(feature = "gpu"))]
@@ -177,7 +177,7 @@ mod tests {
     /// Work that fails on GPUs.
     fn work(device: &Device) -> Result<&'static str, Error> {
         match device.kind() {
-            "cpu" => Ok("done"),
+            DeviceKind::Cpu => Ok("done"),
             _ => {
                 Err(Error::DeviceFailed { adapter: device.name().to_owned(), what: "it was lost".to_owned() })
             }
@@ -224,10 +224,16 @@ mod tests {
         let more =
             |adapter: Option<&str>, threads| MachineArgs { adapter: adapter.map(str::to_owned), threads };
         let notes = Notes::new(true);
-        assert_eq!(Machine::choose(None, &more(Some(""), None), &notes).unwrap().device.kind(), "gpu");
-        assert_eq!(Machine::choose(None, &more(None, Some(1)), &notes).unwrap().device.kind(), "cpu");
+        assert_eq!(
+            Machine::choose(None, &more(Some(""), None), &notes).unwrap().device.kind(),
+            DeviceKind::Gpu
+        );
+        assert_eq!(
+            Machine::choose(None, &more(None, Some(1)), &notes).unwrap().device.kind(),
+            DeviceKind::Cpu
+        );
         let kinds = |wish, more: &MachineArgs| -> Vec<&'static str> {
-            Machines::choose(wish, more, &notes).unwrap().iter().map(Device::kind).collect()
+            Machines::choose(wish, more, &notes).unwrap().iter().map(|it| it.kind().name()).collect()
         };
         assert_eq!(kinds(None, &more(None, None)), ["cpu", "gpu"]);
         assert_eq!(kinds(None, &more(Some(""), None)), ["gpu"]);

@@ -2,8 +2,8 @@
 
 use crate::report::{Table, three};
 use raykd::{
-    AllHits, BuildOptions, BuildTimes, Builder, Device, Error, Hit, KdTree, KernelTimes, Mesh, Query, Ray,
-    Resident, Scene, Traced, internals::SWEEP_LISTED, shared::Report,
+    AllHits, BuildOptions, BuildTimes, Builder, Device, DeviceKind, Error, Hit, KdTree, KernelTimes, Mesh,
+    Query, Ray, ResidentRays, Scene, Traced, internals::SWEEP_LISTED, shared::Report,
 };
 use std::time::{Duration, Instant};
 
@@ -126,7 +126,7 @@ pub(super) fn build(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Res
 fn moved(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Result<Vec<KernelTimes>, Error> {
     let cpu = Device::cpu();
     let counted = match device {
-        _ if device.kind() == "cpu" || !cfg!(feature = "traffic") => return Ok(Vec::new()),
+        _ if device.kind() == DeviceKind::Cpu || !cfg!(feature = "traffic") => return Ok(Vec::new()),
         _ if options.builder == Builder::Exact => Scene::sweep_by_kernels(&cpu, mesh, options, SWEEP_LISTED)?,
         _ => Scene::build(&cpu, mesh, options)?,
     };
@@ -205,7 +205,7 @@ fn room<T>(list: &mut Vec<T>, buffer: &'static str, count: u64) -> Result<(), Er
 /// Median time to trace rays, less often if it takes long: for large pictures.
 pub(super) fn time(scene: &Scene, query: Query, rays: &[Ray]) -> Result<Duration, Error> {
     let parts = rays.chunks(batch(scene)).map(|part| scene.resident(part));
-    let mut parts = parts.collect::<Result<Vec<Resident>, _>>()?;
+    let mut parts = parts.collect::<Result<Vec<ResidentRays>, _>>()?;
     let mut all = || parts.iter_mut().map(|part| part.trace(query)).sum::<Result<_, _>>();
     wake(scene)?;
     let first: Duration = all()?;

@@ -124,7 +124,7 @@ fn run(args: &RenderArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
         let picture = render(&scene, &input.mesh, &camera, args.size, samples, shading)?;
         let times = scene.times();
         let spent = [times.upload + times.build + times.layout, start.elapsed()].map(ms);
-        Ok((picture, format!("{}, {}", device.kind().to_uppercase(), device.name()), spent))
+        Ok((picture, format!("{}, {}", device.kind().name().to_uppercase(), device.name()), spent))
     };
     let (picture, device, [before, shown]) = machine.run(&notes, draw)?;
     notes.stage("writing the picture");

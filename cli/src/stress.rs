@@ -123,7 +123,7 @@ impl Row {
         Self {
             scene: scene.to_owned(),
             method: method.name(),
-            device: device.kind().to_owned(),
+            device: device.kind().to_string(),
             rays: 0,
             failures: 0,
             failures_per_million: 0.0,
@@ -224,7 +224,7 @@ fn trial(wish: &OsStr, rays: u64, read: ReadArgs, notes: &Notes) -> anyhow::Resu
     let mut set = Camera::framing(mesh.bounds()).rays(side, side);
     set.extend(rays::random(mesh.bounds(), rays.div_ceil(2), 1));
     notes.stage(format_args!("{name}: exact answers"));
-    Ok(Trial::of(name.to_owned(), mesh, set)?)
+    Ok(Trial::new(name.to_owned(), mesh, set)?)
 }
 
 fn stress(
@@ -250,7 +250,7 @@ fn stress(
                     "{}: {} on the {}",
                     wish.display(),
                     method.name(),
-                    device.kind().to_uppercase()
+                    device.kind().name().to_uppercase()
                 ));
                 match row(&mut trial, method, device, args.rays, None) {
                     Ok(row) => rows.push(row),
@@ -340,7 +340,7 @@ fn leaks(
                     notes.stage(format_args!(
                         "{name}: {} on the {}, {} of {} rays, {} Mray/s",
                         method.name(),
-                        device.kind().to_uppercase(),
+                        device.kind().name().to_uppercase(),
                         count(done),
                         count(args.rays),
                         three(rate)
@@ -369,7 +369,7 @@ fn leaks(
 
 /// Rows of an earlier run that have a ray to trace again.
 fn read(path: &Path) -> anyhow::Result<Vec<Row>> {
-    let bytes = raykd::internals::all_of(path, raykd::usual_max_bytes())?;
+    let bytes = raykd::internals::all_of(path, raykd::default_max_bytes())?;
     let rows: Vec<Row> = serde_json::from_slice(&bytes)
         .with_context(|| format!("{}: not what raykd stress --json writes", quoted(path.display())))?;
     Ok(rows.into_iter().filter(|row| row.example.is_some()).collect())
@@ -381,7 +381,7 @@ fn replay(failed: &[Row], read: ReadArgs, machines: &Machines, notes: &Notes) ->
     for old in failed {
         let Some(example) = &old.example else { continue };
         let method = methods(std::slice::from_ref(&old.method))?.remove(0);
-        let Some(device) = machines.iter().find(|device| device.kind() == old.device) else {
+        let Some(device) = machines.iter().find(|device| device.kind().name() == old.device) else {
             notes.note(format_args!(
                 "{} failed on a {}; there is none here",
                 quoted(&old.scene),
@@ -407,7 +407,7 @@ fn replay(failed: &[Row], read: ReadArgs, machines: &Machines, notes: &Notes) ->
                     quoted(&old.scene)
                 );
             }
-            if let (Some(cpu), "gpu") = (&machines.cpu, device.kind()) {
+            if let (Some(cpu), "gpu") = (&machines.cpu, device.kind().name()) {
                 trial.run(&method, cpu, Some(at))?;
             }
             row = self::row(&mut trial, &method, device, example.rays, Some(at))?;

@@ -259,7 +259,7 @@ fn trace(
         scene: input.name.clone(),
         triangles: mesh.triangles().len(),
         repairs: input.into(),
-        device: device.kind(),
+        device: device.kind().name(),
         adapter: device.name().to_owned(),
         query: match ask {
             Ask::Closest => "closest",

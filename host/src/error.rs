@@ -146,7 +146,7 @@ pub enum Error {
         exact: bool,
     },
     /// Rays on a device were asked for hits that they have not.
-    #[error("these rays have no hits yet; call Resident::trace first, and see that it succeeds")]
+    #[error("these rays have no hits yet; call ResidentRays::trace first, and see that it succeeds")]
     Untraced,
     /// As many triangles to leave out as rays are needed.
     #[error("{rays} rays with {excluded} triangles to leave out; give one a ray (MISS for none)")]

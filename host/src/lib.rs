@@ -72,8 +72,8 @@ mod tree;
 pub use build::{BuildOptions, BuildTimes, Builder, KernelTimes};
 pub use error::Error;
 #[cfg(feature = "gpu")]
-pub use exec::{AdapterReport, Verdict, adapters, required_features, required_limits};
-pub use exec::{Device, Limit};
+pub use exec::{AdapterReport, AdapterVerdict, adapters, required_features, required_limits};
+pub use exec::{BufferLimit, Device, DeviceKind};
 pub use intersector::Intersector;
 pub use mesh::Mesh;
 pub use query::Query;
@@ -81,9 +81,9 @@ pub use raykd_kernels::trace::single;
 pub use raykd_shared as shared;
 pub use raykd_shared::{Crossings, Hit, MISS, Ray};
 pub use rays::{AnyPoint, AnyRay, Ray64};
-pub use read::usual_max_bytes;
+pub use read::default_max_bytes;
 pub use scene::{
-    AllHits, Contact, ContactCount, Contacts, Counted, RaySteps, Resident, Scene, Traced, Tracer, World,
+    AllHits, Contact, ContactCount, Contacts, Counted, RaySteps, ResidentRays, Scene, Traced, Tracer, World,
     WorldHit, WorldTraced,
 };
 #[cfg(feature = "gpu")]

@@ -11,7 +11,7 @@ use std::{
 /// Bytes that are read of one file, unpacked, unless more are allowed: four times what a mesh of as many triangles as
 /// there can be takes as binary PLY, or a quarter of the memory of this machine (of 8 GiB where that cannot be
 /// told), whichever is less.
-pub fn usual_max_bytes() -> u64 {
+pub fn default_max_bytes() -> u64 {
     // A face takes 13 bytes, a vertex 12, and there are half as many vertices as faces.
     const LARGEST: u64 = MAX_TRIANGLES as u64 * (13 + 12 / 2);
     (4 * LARGEST).min(memory().unwrap_or(8 << 30) / 4)

@@ -38,7 +38,7 @@ impl KdTree {
         let same = header.triangles as usize == triangles
             && (header.lo, header.hi) == mesh.scaled_bounds()
             && header.scale.to_bits() == mesh.scale().to_bits()
-            && header.mesh == mesh.digest();
+            && header.mesh == mesh.tree_key();
         if same {
             return Ok(());
         }
@@ -59,8 +59,8 @@ impl KdTree {
         ]
     }
 
-    /// Bytes of nodes and references.
-    pub fn bytes(&self) -> u64 {
+    /// Bytes of nodes and references in memory; [`KdTree::to_bytes`] gives the bytes of a file.
+    pub fn size_in_bytes(&self) -> u64 {
         (size_of_val(self.nodes.as_slice()) + size_of_val(self.refs.as_slice())) as u64
     }
 
@@ -111,12 +111,12 @@ impl KdTree {
     }
 
     /// Reads a tree that [`KdTree::save`] wrote, and checks every node. No more than
-    /// [`usual_max_bytes`](crate::usual_max_bytes) are read.
+    /// [`default_max_bytes`](crate::default_max_bytes) are read.
     ///
     /// # Errors
     /// The file cannot be read, is larger than that, is no tree file, has another version, or is damaged.
     pub fn load(path: &Path) -> Result<Self, Error> {
-        Self::load_up_to(path, crate::usual_max_bytes())
+        Self::load_up_to(path, crate::default_max_bytes())
     }
 
     /// Like [`KdTree::load`], but so many bytes are read before it is an error.

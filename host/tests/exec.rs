@@ -1,7 +1,7 @@
 //! The two executors against each other: same kernels, same buffers, same bytes.
 
 use raykd::{
-    Device, Error, Verdict, adapters,
+    AdapterVerdict, Device, Error, adapters,
     internals::{AnyBuffer, Buffer, Gpu, Groups, Launch as _, OnDevice, Step, Timing},
     shared::{BuildParams, limits::GROUPS_X},
 };
@@ -314,7 +314,10 @@ fn unknown_adapter_is_an_error_that_helps() {
 fn adapters_are_found_by_part_of_their_name() {
     let reports = adapters();
     assert!(!reports.is_empty());
-    assert!(reports.iter().any(|report| matches!(report.verdict, Verdict::Exact { .. })), "{reports:?}");
+    assert!(
+        reports.iter().any(|report| matches!(report.verdict, AdapterVerdict::Exact { .. })),
+        "{reports:?}"
+    );
     let part = reports[0].name.to_uppercase();
     assert!(Device::gpu(Some(&part)).unwrap().name().starts_with(&reports[0].name));
     assert!(Device::gpu(Some("gpu:0")).unwrap().name().starts_with(&reports[0].name));

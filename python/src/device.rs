@@ -84,8 +84,8 @@ pub(crate) fn devices(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
         about.set_item("kind", "gpu")?;
         about.set_item("name", &adapter.name)?;
         let fault = match adapter.verdict {
-            raykd::Verdict::Exact { .. } => None,
-            raykd::Verdict::Inexact(reason) | raykd::Verdict::Unusable(reason) => Some(reason),
+            raykd::AdapterVerdict::Exact { .. } => None,
+            raykd::AdapterVerdict::Inexact(reason) | raykd::AdapterVerdict::Unusable(reason) => Some(reason),
             _ => Some("not known to this version".to_owned()),
         };
         about.set_item("usable", fault.is_none())?;

@@ -3,8 +3,8 @@
 use crate::{device::device, error};
 use pyo3::{exceptions::PyUserWarning, prelude::*};
 use raykd::{
-    Device, Mesh,
-    plan::{Calibration, Plan, choose, place},
+    Device, DeviceKind, Mesh,
+    plan::{Calibration, Plan, choose, create_cache_file},
 };
 use std::{
     ffi::CString,
@@ -23,7 +23,7 @@ pub(crate) fn plan(
     let costs: Vec<Calibration> =
         devices.iter().map(|device| costs(py, device, file.as_deref())).collect::<PyResult<_>>()?;
     let plan = py.detach(|| choose(mesh, rays, &costs.iter().collect::<Vec<_>>()));
-    Ok((devices.swap_remove(plan.device), plan))
+    Ok((devices.swap_remove(plan.calibration), plan))
 }
 
 /// The device that was asked for; if none was, the CPU and, if there is one, a real GPU.
@@ -32,7 +32,7 @@ fn candidates(py: Python<'_>, wish: (&str, Option<usize>)) -> PyResult<Vec<Devic
         return Ok(vec![device(py, wish.0, wish.1)?]);
     }
     let best = device(py, "auto", None)?;
-    if best.kind() == "cpu" { Ok(vec![best]) } else { Ok(vec![device(py, "cpu", None)?, best]) }
+    if best.kind() == DeviceKind::Cpu { Ok(vec![best]) } else { Ok(vec![device(py, "cpu", None)?, best]) }
 }
 
 /// The costs of a device: from the file given, or the cache, or measured now and kept there.
@@ -40,18 +40,18 @@ fn costs(py: Python<'_>, device: &Device, file: Option<&Path>) -> PyResult<Calib
     if let Some(path) = file {
         return Calibration::load(path, device).map_err(error);
     }
-    match Calibration::kept(device) {
+    match Calibration::from_cache(device) {
         Some(Ok(found)) => return Ok(found),
         Some(Err(error)) => warn(py, &error.to_string())?,
         None => {}
     }
-    let place = place(device);
-    let kind = device.kind().to_uppercase();
+    let place = create_cache_file(device);
+    let kind = device.kind().name().to_uppercase();
     warn(
         py,
         &format!("measuring what trees cost on this {kind}, which takes about a minute; later it is known"),
     )?;
-    let measured = py.detach(|| Calibration::of(device, |_| ())).map_err(error)?;
+    let measured = py.detach(|| Calibration::measure(device, |_| ())).map_err(error)?;
     if let Err(error) = place.and_then(|path| measured.save(&path)) {
         warn(py, &format!("costs could not be kept: {error}"))?;
     }

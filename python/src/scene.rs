@@ -13,7 +13,7 @@ use pyo3::{
     prelude::*,
     types::{PyBytes, PyDict},
 };
-use raykd::{BuildOptions, Error, Hit, Intersector, KdTree, Query, Traversal, plan::Plan};
+use raykd::{BuildOptions, DeviceKind, Error, Hit, Intersector, KdTree, Query, Traversal, plan::Plan};
 use std::{
     ops::Range,
     path::PathBuf,
@@ -68,7 +68,7 @@ impl Scene {
         let mesh = Arc::clone(&mesh.0);
         let (device, plan) = plan(py, &mesh, (&device.0, device.1), rays, costs)?;
         let built = py.detach(|| raykd::Scene::build(&device, &mesh, &plan.choice.options()));
-        let traversal = plan.choice.traversal(mesh.kept().len());
+        let traversal = plan.traversal();
         let scene = Self { scene: built.map_err(error)?, mesh: mesh.into(), plan: Some(plan) };
         scene.using(traversal.name(), test)
     }
@@ -233,7 +233,7 @@ impl Scene {
 
     #[getter]
     fn device(&self) -> (&'static str, &str) {
-        (self.scene.device().kind(), self.scene.device().name())
+        (self.scene.device().kind().name(), self.scene.device().name())
     }
 
     #[getter]
@@ -290,7 +290,7 @@ impl Scene {
     /// Parts of so many rays that a person who wants to stop need not wait.
     fn ranges(&self, rays: usize) -> PyResult<impl Iterator<Item = Range<usize>> + use<>> {
         same_process()?;
-        let most = 1 << if self.scene.device().kind() == "cpu" { 18 } else { 24 };
+        let most = 1 << if self.scene.device().kind() == DeviceKind::Cpu { 18 } else { 24 };
         Ok((0..rays).step_by(most).map(move |start| start..rays.min(start + most)))
     }
 

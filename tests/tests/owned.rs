@@ -1,7 +1,7 @@
 //! Devices, scenes and rays at home in other people's programs: in structs, statics and threads.
 
 use raykd::{
-    BuildOptions, Device, Error, Hit, KdTree, Mesh, Query, Ray, Resident, Scene, Traversal, World, rays,
+    BuildOptions, Device, Error, Hit, KdTree, Mesh, Query, Ray, ResidentRays, Scene, Traversal, World, rays,
 };
 use raykd_tests::{devices, same};
 use std::{sync::OnceLock, thread};
@@ -10,7 +10,7 @@ use std::{sync::OnceLock, thread};
 struct App {
     device: Device,
     scene: Scene,
-    rays: Resident,
+    rays: ResidentRays,
 }
 
 static ANYWHERE: OnceLock<Scene> = OnceLock::new();
@@ -38,7 +38,7 @@ fn everything_may_go_to_other_threads_and_be_seen_by_several() {
     fn check<T: Send + Sync + 'static>() {}
     check::<Device>();
     check::<Scene>();
-    check::<Resident>();
+    check::<ResidentRays>();
     check::<KdTree>();
     check::<Mesh>();
     check::<World>();

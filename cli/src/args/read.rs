@@ -14,6 +14,6 @@ pub(crate) struct ReadArgs {
 impl ReadArgs {
     /// In bytes.
     pub(crate) fn limit(self) -> u64 {
-        self.max_bytes.unwrap_or_else(raykd::usual_max_bytes)
+        self.max_bytes.unwrap_or_else(raykd::default_max_bytes)
     }
 }

@@ -140,7 +140,7 @@ fn sample(name: &str, mesh: &Mesh, device: &Device, choice: Choice, by: &Rays) -
     let Report { sah_cost, .. } = tree.validate()?;
     Ok(Sample {
         scene: name.to_owned(),
-        device: device.kind(),
+        device: device.kind().name(),
         threads: 0,
         choice,
         sah: sah_cost,
@@ -203,7 +203,7 @@ pub(super) fn growth<'a>(machines: &'a Machines, effort: Effort) -> Vec<Job<'a>>
             jobs.push((
                 format!("a teapot of {} triangles", count(size.into())),
                 Box::new(move |data| {
-                    let slow = |s: &Sample| s.device == device.kind() && s.cost.build_ms > LONG;
+                    let slow = |s: &Sample| s.device == device.kind().name() && s.cost.build_ms > LONG;
                     if !data.sizes.iter().any(slow) {
                         let mesh = Mesh::teapot(teapot_level_for(size));
                         let rays = data.rays("teapots", &mesh, device, effort)?;
@@ -261,7 +261,7 @@ pub(super) fn accuracy<'a>(input: &'a Input, machines: &'a Machines, effort: Eff
                         scene.traverse_by(Traversal::Brute)?;
                     }
                     scene.intersect_by(method.test)?;
-                    mrays.push((device.kind(), raykd::internals::speed(&scene, &rays)?));
+                    mrays.push((device.kind().name(), raykd::internals::speed(&scene, &rays)?));
                 }
                 data.accuracy.push(Accuracy {
                     method: name,
@@ -312,13 +312,14 @@ pub(super) fn accuracy<'a>(input: &'a Input, machines: &'a Machines, effort: Eff
 pub(super) fn calibrations<'a>(machines: &'a Machines, effort: Effort) -> Vec<Job<'a>> {
     let job = |device: &'a Device| -> Job<'a> {
         (
-            format!("costs on the {}", device.kind().to_uppercase()),
+            format!("costs on the {}", device.kind().name().to_uppercase()),
             Box::new(move |data| {
-                let cached = raykd::plan::cache(device).and_then(|path| Calibration::load(&path, device));
+                let cached =
+                    raykd::plan::cache_file(device).and_then(|path| Calibration::load(&path, device));
                 let found = match cached {
                     Ok(found) => found,
                     Err(_) if effort.quick => Calibration::small(device)?,
-                    Err(_) => Calibration::of(device, |_| ())?,
+                    Err(_) => Calibration::measure(device, |_| ())?,
                 };
                 data.calibrations.push(found);
                 Ok(())

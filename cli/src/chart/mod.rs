@@ -184,7 +184,7 @@ impl Checked {
         let data = data::run(jobs, notes)?;
         let meshes = meshes(&inputs);
         Ok(Self {
-            traced: machines.iter().map(|device| (device.kind(), effort.rays(device))).collect(),
+            traced: machines.iter().map(|device| (device.kind().name(), effort.rays(device))).collect(),
             cases: verdict::verdicts(&data, &meshes),
             costs: verdict::pairs(&data, &meshes),
         })
@@ -208,7 +208,7 @@ impl Checked {
 fn made(machines: &Machines) -> Vec<String> {
     let mut made: Vec<String> = machines
         .iter()
-        .map(|device| format!("{}: {}", device.kind().to_uppercase(), device.name()))
+        .map(|device| format!("{}: {}", device.kind().name().to_uppercase(), device.name()))
         .collect();
     let now = humantime::format_rfc3339_seconds(SystemTime::now());
     // Of the checkout that this was built in, if it still is one.

@@ -77,7 +77,7 @@ pub(super) fn verdicts(data: &Data, scenes: &[(&str, &Mesh)]) -> Vec<Verdict> {
             for k in ASKED {
                 let rays = 10u64.pow(k as u32);
                 let plan = choose(mesh, rays, set);
-                let device = &set[plan.device].device;
+                let device = &set[plan.calibration].device;
                 let of = || choices(data, scene).filter(|s| set.iter().any(|c| c.device == s.device));
                 // Rays move as fast whatever the mesh; what else the machine did meanwhile is no part of a choice.
                 let total = |s: &Sample| {

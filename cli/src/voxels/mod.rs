@@ -205,7 +205,7 @@ fn fill(
     written?;
     Ok(Done {
         times: scene.times().clone(),
-        device: device.kind(),
+        device: device.kind().name(),
         adapter: device.name().to_owned(),
         inside,
         spent,

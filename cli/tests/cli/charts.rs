@@ -2,7 +2,7 @@
 
 use raykd::{
     Device, Mesh, Ray,
-    plan::{CHOICES, Calibration, Cost, Seen, cache},
+    plan::{CHOICES, Calibration, Cost, Seen, cache_file},
     rays,
 };
 use std::{
@@ -94,7 +94,7 @@ fn auto_tells_what_it_chose_in_words() {
 fn auto_is_checked_against_what_everything_takes() {
     let folder = tempfile::tempdir().unwrap();
     let device = Device::cpu_with_threads(1).unwrap();
-    let name = cache(&device).unwrap();
+    let name = cache_file(&device).unwrap();
     favouring("halfway").save(&folder.path().join(name.file_name().unwrap())).unwrap();
     let check = |more: &[&str]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_raykd"));

@@ -44,11 +44,11 @@ impl Builder {
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct BuildOptions {
-    /// SAH cost of one traversal step, from 0 to [`Self::MOST`].
+    /// SAH cost of one traversal step, from 0 to [`Self::MAX_COST`].
     pub cost_step: f32,
-    /// SAH cost of one triangle test, from 0 to [`Self::MOST`].
+    /// SAH cost of one triangle test, from 0 to [`Self::MAX_COST`].
     pub cost_test: f32,
-    /// Price of a reference, from 0 to [`Self::MOST`]: how many tests a ray through the scene it has to save,
+    /// Price of a reference, from 0 to [`Self::MAX_COST`]: how many tests a ray through the scene it has to save,
     /// times the number of triangles. 0 takes every split that saves anything; more makes trees smaller where
     /// that costs least. It has never to save a ray through its own node more than there is to save, nor in
     /// nodes of more than `long` more than half a test: an object that is small in its scene is split, too.
@@ -91,14 +91,14 @@ impl Default for BuildOptions {
 
 impl BuildOptions {
     /// The most that a cost or price may be.
-    pub const MOST: f32 = 1e9;
+    pub const MAX_COST: f32 = 1e9;
 
     /// Refuses numbers that costs cannot be weighed by, and leaves deeper than a tree's may be.
     pub(crate) fn check(&self) -> Result<(), Error> {
         let numbers = [
-            ("cost_step", self.cost_step, 0.0, Self::MOST),
-            ("cost_test", self.cost_test, 0.0, Self::MOST),
-            ("price", self.price, 0.0, Self::MOST),
+            ("cost_step", self.cost_step, 0.0, Self::MAX_COST),
+            ("cost_test", self.cost_test, 0.0, Self::MAX_COST),
+            ("price", self.price, 0.0, Self::MAX_COST),
             ("empty", self.empty, 0.0, 1.0),
             ("budget", self.budget.unwrap_or(1.0), 1.0, f32::INFINITY),
             // Rounded it is above the limit if it was before.

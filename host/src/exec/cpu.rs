@@ -1,7 +1,7 @@
 //! The CPU executor: workgroups in parallel by rayon, the lanes of each in turn.
 
 use super::{
-    AnyBuffer, Groups, Limit, Step, Timing,
+    AnyBuffer, BufferLimit, Groups, Step, Timing,
     pages::{FileBytes, pages},
 };
 use crate::{Error, clock::Instant};
@@ -63,9 +63,9 @@ impl Cpu {
         &self.name
     }
 
-    pub(super) const fn limit(&self) -> Limit {
+    pub(super) const fn limit(&self) -> BufferLimit {
         // Indices are u32, of elements down to 4 bytes.
-        Limit { bytes: (u32::MAX as u64) * 4, name: "32-bit indices" }
+        BufferLimit { bytes: (u32::MAX as u64) * 4, name: "32-bit indices" }
     }
 
     pub(super) fn alloc(&self, name: &'static str, bytes: u64) -> Result<Memory, Error> {

@@ -13,7 +13,7 @@ pub use cpu::Cpu;
 #[cfg(feature = "gpu")]
 pub(crate) use gpu::Size;
 #[cfg(feature = "gpu")]
-pub use gpu::{AdapterReport, Gpu, Verdict, adapters, required_features, required_limits};
+pub use gpu::{AdapterReport, AdapterVerdict, Gpu, adapters, required_features, required_limits};
 
 use crate::Error;
 use bytemuck::allocation::zeroed_vec;
@@ -22,7 +22,7 @@ use raykd_kernels::{Bindings, Host, Kernel};
 use rayon::prelude::*;
 #[cfg(feature = "gpu")]
 use std::sync::{Mutex, PoisonError};
-use std::{marker::PhantomData, ops::Deref, sync::Arc, time::Duration};
+use std::{fmt, marker::PhantomData, ops::Deref, sync::Arc, time::Duration};
 
 /// A machine that kernels run on: the processor, by rayon, or a Vulkan device, by wgpu. Clones are the same machine.
 #[derive(Clone, Debug)]
@@ -43,6 +43,7 @@ enum Machine {
     Gpu(Box<Gpu>),
 }
 
+#[doc(hidden)]
 impl From<Cpu> for Device {
     fn from(cpu: Cpu) -> Self {
         Self::on(Machine::Cpu(cpu))
@@ -50,9 +51,36 @@ impl From<Cpu> for Device {
 }
 
 #[cfg(feature = "gpu")]
+#[doc(hidden)]
 impl From<Gpu> for Device {
     fn from(gpu: Gpu) -> Self {
         Self::on(Machine::Gpu(Box::new(gpu)))
+    }
+}
+
+/// What runs the kernels: see [`Device::kind`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum DeviceKind {
+    /// The processor.
+    Cpu,
+    /// A Vulkan device.
+    Gpu,
+}
+
+impl DeviceKind {
+    /// `cpu` or `gpu`.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Cpu => "cpu",
+            Self::Gpu => "gpu",
+        }
+    }
+}
+
+impl fmt::Display for DeviceKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
     }
 }
 
@@ -336,7 +364,7 @@ pub struct Timing {
 /// The most that one buffer may hold, and why.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
-pub struct Limit {
+pub struct BufferLimit {
     /// Bytes.
     pub bytes: u64,
     /// Name of the limit, for messages.
@@ -489,12 +517,12 @@ impl Device {
         }
     }
 
-    /// `cpu` or `gpu`.
-    pub fn kind(&self) -> &'static str {
+    /// What runs the kernels. A GPU may be a software driver.
+    pub fn kind(&self) -> DeviceKind {
         match &*self.machine {
-            Machine::Cpu(_) => "cpu",
+            Machine::Cpu(_) => DeviceKind::Cpu,
             #[cfg(feature = "gpu")]
-            Machine::Gpu(_) => "gpu",
+            Machine::Gpu(_) => DeviceKind::Gpu,
         }
     }
 
@@ -508,7 +536,7 @@ impl Device {
     }
 
     /// The most one buffer may hold.
-    pub fn limit(&self) -> Limit {
+    pub fn limit(&self) -> BufferLimit {
         match &*self.machine {
             Machine::Cpu(cpu) => cpu.limit(),
             #[cfg(feature = "gpu")]

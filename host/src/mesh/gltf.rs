@@ -530,7 +530,7 @@ pub fn files_beside(path: &Path) -> Vec<PathBuf> {
     let named = path
         .extension()
         .is_some_and(|end| end.eq_ignore_ascii_case("gltf") || end.eq_ignore_ascii_case("glb"));
-    let bytes = if named { read::file(path, read::usual_max_bytes()) } else { return Vec::new() };
+    let bytes = if named { read::file(path, read::default_max_bytes()) } else { return Vec::new() };
     let Ok(Some(bytes)) = bytes else { return Vec::new() };
     let json =
         if bytes.starts_with(b"glTF") { chunks(&bytes).map(|(json, _)| json) } else { Ok(unmarked(&bytes)) };

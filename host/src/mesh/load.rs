@@ -31,7 +31,7 @@ enum Format {
 
 /// Reads a mesh from a file, of so many bytes at most, or as many as is usual.
 pub(super) fn load(path: &Path, most: Option<u64>) -> Result<Mesh, MeshError> {
-    let limit = most.unwrap_or_else(read::usual_max_bytes);
+    let limit = most.unwrap_or_else(read::default_max_bytes);
     let bytes = read::file(path, limit)
         .map_err(|source| MeshError::Read { path: path.to_owned(), source })?
         .ok_or_else(|| MeshError::TooLong { at: Place::default(), limit }.in_file(path))?;
@@ -64,7 +64,7 @@ fn parse(path: &Path, bytes: Vec<u8>, folder: Option<&Path>, most: Option<u64>) 
         Some(Format::Ply) => ply::parse(&bytes)?,
         Some(Format::Stl) => stl::parse(&bytes)?,
         #[cfg(feature = "gltf")]
-        Some(Format::Gltf) => gltf::parse(&bytes, folder, most.unwrap_or_else(read::usual_max_bytes))?,
+        Some(Format::Gltf) => gltf::parse(&bytes, folder, most.unwrap_or_else(read::default_max_bytes))?,
         #[cfg(not(feature = "gltf"))]
         Some(Format::Gltf) => {
             let _ = (folder, most);
@@ -80,7 +80,7 @@ fn parse(path: &Path, bytes: Vec<u8>, folder: Option<&Path>, most: Option<u64>) 
 /// Undoes gzip, all members.
 fn unpack(packed: &[u8], most: Option<u64>) -> Result<Vec<u8>, MeshError> {
     // Meshes pack to a fifth or a tenth; what unpacks to a hundred times its size and is not small, is none.
-    let usual = || read::usual_max_bytes().min((packed.len() as u64 * 100).max(256 << 20));
+    let usual = || read::default_max_bytes().min((packed.len() as u64 * 100).max(256 << 20));
     let limit = most.unwrap_or_else(usual);
     read::up_to(MultiGzDecoder::new(packed), limit, 0)
         .map_err(|e| MeshError::Gzip { at: Place::default(), reason: e.to_string() })?

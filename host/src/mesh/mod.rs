@@ -164,7 +164,7 @@ impl Mesh {
     /// `.ply`, `.stl`, `.gltf`, `.glb`, each also with `.gz`), or else by the first bytes. Buffers of a glTF file may
     /// be files beside it.
     ///
-    /// No more than [`usual_max_bytes`](crate::usual_max_bytes) are read, after unpacking too; of a gzipped file
+    /// No more than [`default_max_bytes`](crate::default_max_bytes) are read, after unpacking too; of a gzipped file
     /// no more than a hundred times its size, or 256 MiB if that is more.
     ///
     /// # Errors
@@ -283,7 +283,7 @@ impl Mesh {
 
     /// Two words that differ for meshes whose trees do, but for one case in 2^64: see
     /// [`TreeHeader::mesh`](raykd_shared::TreeHeader::mesh).
-    pub fn digest(&self) -> [u32; 2] {
+    pub fn tree_key(&self) -> [u32; 2] {
         digest(&self.scaled_positions(), &self.triangles, &self.kept)
     }
 

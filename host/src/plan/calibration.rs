@@ -44,11 +44,11 @@ pub fn rays_for(device: &Device) -> usize {
 }
 
 impl Calibration {
-    /// Measures a device; `told` hears which share is done.
+    /// Measures a device, which takes from seconds to minutes; `told` hears which share is done, from 0 to 1.
     ///
     /// # Errors
     /// The device failed.
-    pub fn of(device: &Device, told: impl Fn(f64)) -> Result<Self, Error> {
+    pub fn measure(device: &Device, told: impl Fn(f64)) -> Result<Self, Error> {
         Self::over(device, &SIZES, told)
     }
 
@@ -99,16 +99,16 @@ impl Calibration {
         }
         Ok(Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
-            device: device.kind().to_owned(),
+            device: device.kind().to_string(),
             name: device.name().to_owned(),
             looks,
             costs,
         })
     }
 
-    /// What the [`cache`] holds of this device, if there is such a file: its costs, or why they cannot be used.
-    pub fn kept(device: &Device) -> Option<Result<Self, Error>> {
-        let path = cache(device).ok().filter(|path| path.exists())?;
+    /// What the [`cache_file`] holds of this device, if there is such a file: its costs, or why they cannot be used.
+    pub fn from_cache(device: &Device) -> Option<Result<Self, Error>> {
+        let path = cache_file(device).ok().filter(|path| path.exists())?;
         Some(Self::load(&path, device))
     }
 
@@ -126,7 +126,7 @@ impl Calibration {
         if read.version != env!("CARGO_PKG_VERSION") {
             return Err(wrong(format!("it is of raykd {}", quoted(&read.version))));
         }
-        if (read.device.as_str(), read.name.as_str()) != (device.kind(), device.name()) {
+        if (read.device.as_str(), read.name.as_str()) != (device.kind().name(), device.name()) {
             return Err(wrong(format!("it is of {}, not of {}", quoted(&read.name), device.name())));
         }
         let numbers = |c: &Cost| [c.upload_ms, c.build_ms, c.launch_ms, c.ray_ns, c.worst_ns, c.transfer_ns];
@@ -219,7 +219,7 @@ fn power(points: &[(f64, f64)], x: f64) -> f64 {
 ///
 /// # Errors
 /// No folder is named, and the system has none.
-pub fn cache(device: &Device) -> Result<PathBuf, Error> {
+pub fn cache_file(device: &Device) -> Result<PathBuf, Error> {
     let named = std::env::var_os("RAYKD_CACHE").filter(|folder| !folder.is_empty()).map(PathBuf::from);
     let folder = named.or_else(|| of_user("XDG_CACHE_HOME", ".cache", "Library/Caches"));
     let letter = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '-' };
@@ -231,12 +231,12 @@ pub fn cache(device: &Device) -> Result<PathBuf, Error> {
     Ok(folder.ok_or_else(missing)?.join(format!("{name}.json")))
 }
 
-/// [`cache`], in a folder that is made if it is missing, and checked to be a file that can be written.
+/// [`cache_file`], in a folder that is made if it is missing, and checked to be a file that can be written.
 ///
 /// # Errors
 /// There is no such folder, or the file cannot be written.
-pub fn place(device: &Device) -> Result<PathBuf, Error> {
-    let path = cache(device)?;
+pub fn create_cache_file(device: &Device) -> Result<PathBuf, Error> {
+    let path = cache_file(device)?;
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder).map_err(|source| Error::Io { path: folder.to_owned(), source })?;
     }

@@ -2,7 +2,7 @@
 
 use super::choice::Choice;
 use crate::{
-    Device, Error, Hit, Mesh, Query, Ray, Scene,
+    Device, DeviceKind, Error, Hit, Mesh, Query, Ray, Scene,
     clock::Instant,
     rays::{Camera, bounces},
 };
@@ -199,7 +199,7 @@ pub fn wake(scene: &Scene, rays: &[Ray], rested: Duration) -> Result<(), Error> 
 
 /// Does work that says how long it took, until it gets no faster.
 fn least(device: &Device, work: impl FnMut() -> Result<Duration, Error>) -> Result<Duration, Error> {
-    until_steady(if device.kind() == "cpu" { ENOUGH } else { AWAKE }, LONG, work)
+    until_steady(if device.kind() == DeviceKind::Cpu { ENOUGH } else { AWAKE }, LONG, work)
 }
 
 /// Does work until it has got no faster for `enough` and [`TIMES`], or for `long` in all; its best time.

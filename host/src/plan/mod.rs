@@ -8,10 +8,10 @@
 //! # fn main() -> Result<(), raykd::Error> {
 //! let mesh = raykd::Mesh::load("dragon.ply.gz".as_ref())?;
 //! let device = raykd::Device::best();
-//! let costs = raykd::plan::Calibration::of(&device, |done| eprintln!("{:.0} %", 100.0 * done))?;
+//! let costs = raykd::plan::Calibration::measure(&device, |done| eprintln!("{:.0} %", 100.0 * done))?;
 //! let plan = raykd::plan::choose(&mesh, 1_000_000, &[&costs]);
 //! let mut scene = raykd::Scene::build(&device, &mesh, &plan.choice.options())?;
-//! scene.traverse_by(plan.choice.traversal(mesh.kept().len()))?;
+//! scene.traverse_by(plan.traversal())?;
 //! # Ok(()) }
 //! ```
 
@@ -21,20 +21,20 @@ pub(crate) mod cost;
 mod grid;
 mod look;
 
-pub use calibration::{Calibration, cache, place};
+pub use calibration::{Calibration, cache_file, create_cache_file};
 pub use choice::{CHOICES, Choice};
 pub use cost::Cost;
 pub use look::Seen;
 
-use crate::Mesh;
+use crate::{Mesh, Traversal};
 use look::{LOOKS, Looking};
 
 /// What [`choose`] chose.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Plan {
-    /// Which of the calibrations, and so which device.
-    pub device: usize,
+    /// Which of the calibrations that were given, by its place, and so which device.
+    pub calibration: usize,
     /// How to build and trace.
     pub choice: Choice,
     /// What it will cost.
@@ -44,6 +44,11 @@ pub struct Plan {
 }
 
 impl Plan {
+    /// How rays are traced, see [`Choice::traversal`].
+    pub const fn traversal(&self) -> Traversal {
+        self.choice.traversal(self.cost.triangles as usize)
+    }
+
     /// From the mesh to the last hit, in milliseconds, as predicted.
     pub fn total_ms(&self) -> f64 {
         self.cost.total_ms(self.rays as f64)
@@ -97,16 +102,16 @@ fn among(
     calibrations: &[&Calibration],
 ) -> Plan {
     let mut plans = Vec::new();
-    for (device, calibration) in calibrations.iter().enumerate() {
+    for (number, calibration) in calibrations.iter().enumerate() {
         for &choice in CHOICES {
             if let Some(cost) = calibration.predict(&choice, triangles, through, seen) {
-                plans.push(Plan { device, choice, cost, rays });
+                plans.push(Plan { calibration: number, choice, cost, rays });
             }
         }
     }
     let best = plans.iter().min_by(|a, b| a.total_ms().total_cmp(&b.total_ms()));
-    let device = best.expect("calibrations have costs of some choice").device;
-    plans.retain(|plan| plan.device == device);
+    let calibration = best.expect("calibrations have costs of some choice").calibration;
+    plans.retain(|plan| plan.calibration == calibration);
     let costs: Vec<&Cost> = plans.iter().map(|plan| &plan.cost).collect();
     let chosen = best_of(&costs, rays).expect("the best is among them");
     plans.swap_remove(chosen)

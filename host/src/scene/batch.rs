@@ -21,8 +21,8 @@ impl Scene {
     ///
     /// # Errors
     /// They do not fit the device, or it failed.
-    pub fn resident(&self, rays: &[impl AnyRay]) -> Result<Resident, Error> {
-        Ok(Resident { scene: self.clone(), batch: Batch::new(self, rays)?, invalid: None })
+    pub fn resident(&self, rays: &[impl AnyRay]) -> Result<ResidentRays, Error> {
+        Ok(ResidentRays { scene: self.clone(), batch: Batch::new(self, rays)?, invalid: None })
     }
 }
 
@@ -31,7 +31,7 @@ impl Scene {
 /// One trace at a time: it writes the hits of the one before.
 ///
 /// ```compile_fail
-/// fn twice(resident: raykd::Resident) {
+/// fn twice(resident: raykd::ResidentRays) {
 ///     std::thread::scope(|scope| {
 ///         scope.spawn(|| resident.trace(raykd::Query::Closest));
 ///         scope.spawn(|| resident.trace(raykd::Query::Any));
@@ -39,14 +39,14 @@ impl Scene {
 /// }
 /// ```
 #[derive(Debug)]
-pub struct Resident {
+pub struct ResidentRays {
     scene: Scene,
     batch: Batch,
     /// How many rays were none, once they have been traced: the buffers hold no hits before.
     invalid: Option<u32>,
 }
 
-impl Resident {
+impl ResidentRays {
     /// Traces all rays once and says how long the kernel took.
     ///
     /// # Errors

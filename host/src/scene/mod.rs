@@ -15,7 +15,7 @@ mod trace;
 mod tracer;
 mod world;
 
-pub use batch::Resident;
+pub use batch::ResidentRays;
 pub use contacts::{Contact, ContactCount, Contacts};
 pub use crossings::Counted;
 #[cfg(feature = "gpu")]

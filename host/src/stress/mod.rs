@@ -15,7 +15,7 @@ pub use method::{Method, Way};
 pub use textbook::Textbook;
 
 use crate::{
-    BuildOptions, Device, Error, Hit, Intersector, KdTree, Mesh, Ray, Scene,
+    BuildOptions, Device, DeviceKind, Error, Hit, Intersector, KdTree, Mesh, Ray, Scene,
     rays::{AnyRay, Random},
     shared::MISS,
 };
@@ -220,7 +220,7 @@ impl Case {
     /// # Errors
     /// Its trees do not fit memory.
     pub fn prepare(&self, rays: usize) -> Result<Trial, Error> {
-        Trial::new(self.name.to_owned(), self.known, self.parts(rays))
+        Trial::prepared(self.name.to_owned(), self.known, self.parts(rays))
     }
 }
 
@@ -230,13 +230,13 @@ impl Trial {
     ///
     /// # Errors
     /// Its tree does not fit memory.
-    pub fn of(name: String, mesh: Mesh, rays: Vec<Ray>) -> Result<Self, Error> {
+    pub fn new(name: String, mesh: Mesh, rays: Vec<Ray>) -> Result<Self, Error> {
         let rays = AnyRay::local(&rays, mesh.translation()).into_owned();
         let mesh = mesh.into_local();
-        Self::new(name, &[], vec![Part { name: String::new(), mesh, rays, rule: Rule::Rounding }])
+        Self::prepared(name, &[], vec![Part { name: String::new(), mesh, rays, rule: Rule::Rounding }])
     }
 
-    fn new(name: String, known: &'static [&'static str], parts: Vec<Part>) -> Result<Self, Error> {
+    fn prepared(name: String, known: &'static [&'static str], parts: Vec<Part>) -> Result<Self, Error> {
         let truths = parts.iter().map(Truth::new).collect();
         let cpu = Device::cpu();
         let tree = |part: &Part| Scene::build(&cpu, &part.mesh, &BuildOptions::default())?.tree();
@@ -248,7 +248,7 @@ impl Trial {
     /// the CPU; leaving out a triangle where rays leave one.
     pub fn runs(&self, method: &Method, device: &Device) -> bool {
         match method.way {
-            Way::Textbook(_) => self.fails(method) && device.kind() == "cpu",
+            Way::Textbook(_) => self.fails(method) && device.kind() == DeviceKind::Cpu,
             Way::Except => self.parts.iter().any(|part| matches!(part.rule, Rule::Leaves(_))),
             _ => true,
         }
@@ -275,7 +275,7 @@ impl Trial {
         only: Option<(usize, usize)>,
     ) -> Result<Outcome, Error> {
         let answers = self.answers(method, device)?;
-        if device.kind() == "cpu" {
+        if device.kind() == DeviceKind::Cpu {
             self.cpu.insert(method.name(), answers.clone());
         }
         let test = method.test.name();

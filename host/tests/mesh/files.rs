@@ -530,7 +530,7 @@ fn what_is_read_has_a_limit() {
     let part = gzip(&vec![b' '; 64 << 20]);
     let bomb = part.repeat(160);
     let start = std::time::Instant::now();
-    let limit = raykd::usual_max_bytes().min(100 * bomb.len() as u64);
+    let limit = raykd::default_max_bytes().min(100 * bomb.len() as u64);
     let message = refusal("bomb.obj.gz", &bomb);
     assert!(
         message.starts_with(&format!(

@@ -1,6 +1,6 @@
 //! Finding and describing Vulkan adapters.
 
-use super::{Gpu, clock::Clock, probe::Verdict};
+use super::{Gpu, clock::Clock, probe::AdapterVerdict};
 use crate::Error;
 use raykd_kernels::Kernel;
 use raykd_shared::limits::GROUPS_X;
@@ -39,7 +39,7 @@ pub struct AdapterReport {
     /// Kernels are timed on the device.
     pub timestamps: bool,
     /// Result of the start-up probe.
-    pub verdict: Verdict,
+    pub verdict: AdapterVerdict,
 }
 
 /// All Vulkan adapters, best first, each opened and probed.
@@ -162,7 +162,7 @@ fn report(adapter: &wgpu::Adapter) -> AdapterReport {
         subgroup: [info.subgroup_min_size, info.subgroup_max_size],
         passthrough: features.contains(wgpu::Features::PASSTHROUGH_SHADERS),
         timestamps: features.contains(Clock::FEATURES),
-        verdict: verdict.unwrap_or_else(|error| Verdict::Unusable(error.to_string())),
+        verdict: verdict.unwrap_or_else(|error| AdapterVerdict::Unusable(error.to_string())),
     }
 }
 

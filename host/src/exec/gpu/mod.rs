@@ -9,9 +9,9 @@ mod staging;
 
 pub use adapter::{AdapterReport, adapters, required_features, required_limits};
 pub(crate) use encode::Size;
-pub use probe::Verdict;
+pub use probe::AdapterVerdict;
 
-use super::{AnyBuffer, Back, Device, Groups, Limit, Machine, Memory, Step, Timing};
+use super::{AnyBuffer, Back, BufferLimit, Device, Groups, Machine, Memory, Step, Timing};
 use crate::Error;
 use clock::Clock;
 use link::Link;
@@ -43,7 +43,7 @@ const BACK: usize = 1;
 #[derive(Debug)]
 pub struct Gpu {
     link: Link,
-    limit: Limit,
+    limit: BufferLimit,
     module: wgpu::ShaderModule,
     /// Names of the kernels in the module.
     entry_points: HashSet<String>,
@@ -132,7 +132,7 @@ impl Gpu {
     /// Refuses a device that is inexact, unless that is `allowed`.
     fn exact(self, allowed: bool) -> Result<Self, Error> {
         match self.probed()? {
-            (gpu, Verdict::Inexact(reason)) if !allowed => {
+            (gpu, AdapterVerdict::Inexact(reason)) if !allowed => {
                 Err(Error::Inexact { adapter: gpu.link.name, reason })
             }
             (gpu, _) => Ok(gpu),
@@ -171,11 +171,11 @@ impl Gpu {
             unsafe { link.device.create_shader_module_passthrough(descriptor) }
         })?;
         let limits = link.device.limits();
-        let binding = Limit {
+        let binding = BufferLimit {
             bytes: limits.max_storage_buffer_binding_size,
             name: "the device's max_storage_buffer_binding_size",
         };
-        let whole = Limit { bytes: limits.max_buffer_size, name: "the device's max_buffer_size" };
+        let whole = BufferLimit { bytes: limits.max_buffer_size, name: "the device's max_buffer_size" };
         let timed = link.device.features().contains(Clock::FEATURES);
         Ok(Self {
             limit: if whole.bytes < binding.bytes { whole } else { binding },
@@ -192,7 +192,7 @@ impl Gpu {
     }
 
     /// Runs the start-up probe.
-    fn probed(self) -> Result<(Self, Verdict), Error> {
+    fn probed(self) -> Result<(Self, AdapterVerdict), Error> {
         let device = Device::from(self);
         let verdict = probe::check(&device)?;
         match Arc::into_inner(device.machine) {
@@ -231,7 +231,7 @@ impl Gpu {
         &self.link.name
     }
 
-    pub(super) fn limit(&self) -> Limit {
+    pub(super) fn limit(&self) -> BufferLimit {
         self.limit.clone()
     }
 

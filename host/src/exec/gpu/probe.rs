@@ -15,7 +15,7 @@ const INPUTS: u32 = 4096;
 /// What the start-up probe says about an adapter.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
-pub enum Verdict {
+pub enum AdapterVerdict {
     /// It computes float operations exactly.
     Exact {
         /// Whether it keeps subnormal results rather than flushing them to zero. raykd's results do not depend
@@ -29,7 +29,7 @@ pub enum Verdict {
 }
 
 /// Runs the probe on a device and on the CPU.
-pub(super) fn check(device: &Device) -> Result<Verdict, Error> {
+pub(super) fn check(device: &Device) -> Result<AdapterVerdict, Error> {
     Ok(judge(&results(&Device::cpu())?, &results(device)?))
 }
 
@@ -73,7 +73,7 @@ fn results(device: &Device) -> Result<Vec<u32>, Error> {
 }
 
 /// Compares what a device computed with what is right.
-fn judge(right: &[u32], found: &[u32]) -> Verdict {
+fn judge(right: &[u32], found: &[u32]) -> AdapterVerdict {
     let mut wrong = [0u32; RESULTS as usize];
     for (right, found) in right.chunks(RESULTS as usize).zip(found.chunks(RESULTS as usize)) {
         for (wrong, (right, found)) in wrong.iter_mut().zip(right.iter().zip(found)) {
@@ -85,7 +85,7 @@ fn judge(right: &[u32], found: &[u32]) -> Verdict {
     let rearranged = wrong[2] + wrong[3] + wrong[4];
     let of = |count: u32, kinds: u32| format!("in {count} of {} cases", kinds * INPUTS);
     if rounded > 0 {
-        return Verdict::Inexact(format!("it rounds sums or products otherwise {}", of(rounded, 2)));
+        return AdapterVerdict::Inexact(format!("it rounds sums or products otherwise {}", of(rounded, 2)));
     }
     let mut faults = Vec::new();
     if contracted > 0 {
@@ -95,9 +95,9 @@ fn judge(right: &[u32], found: &[u32]) -> Verdict {
         faults.push(format!("rearranges sums and products {}", of(rearranged, 3)));
     }
     if faults.is_empty() {
-        Verdict::Exact { subnormals: wrong[7] == 0 }
+        AdapterVerdict::Exact { subnormals: wrong[7] == 0 }
     } else {
-        Verdict::Inexact(format!("it {}", faults.join(" and ")))
+        AdapterVerdict::Inexact(format!("it {}", faults.join(" and ")))
     }
 }
 
@@ -106,7 +106,7 @@ mod tests {
     use super::*;
 
     /// What a device with a fault would compute: one expression of each input replaced.
-    fn faulty(result: usize, expression: impl Fn([f32; 4]) -> f32) -> Verdict {
+    fn faulty(result: usize, expression: impl Fn([f32; 4]) -> f32) -> AdapterVerdict {
         let right = results(&Device::cpu()).unwrap();
         let mut found = right.clone();
         for (input, found) in inputs().zip(found.chunks_mut(RESULTS as usize)) {
@@ -115,20 +115,20 @@ mod tests {
         judge(&right, &found)
     }
 
-    fn refused(verdict: &Verdict, word: &str) {
-        assert!(matches!(verdict, Verdict::Inexact(reason) if reason.contains(word)), "{verdict:?}");
+    fn refused(verdict: &AdapterVerdict, word: &str) {
+        assert!(matches!(verdict, AdapterVerdict::Inexact(reason) if reason.contains(word)), "{verdict:?}");
     }
 
     #[test]
     fn faithful_device_passes() {
-        assert_eq!(faulty(0, |[x, y, z, _]| x * y + z), Verdict::Exact { subnormals: true });
+        assert_eq!(faulty(0, |[x, y, z, _]| x * y + z), AdapterVerdict::Exact { subnormals: true });
     }
 
     #[test]
     fn flushed_subnormals_are_reported_only() {
         let flush = |v: f32| if v.is_subnormal() { 0.0 } else { v };
         let verdict = faulty(7, |[x, y, ..]| flush((x * 1.0e-20) * (y * 1.0e-20)));
-        assert_eq!(verdict, Verdict::Exact { subnormals: false });
+        assert_eq!(verdict, AdapterVerdict::Exact { subnormals: false });
     }
 
     #[test]

@@ -2,8 +2,8 @@
 
 use crate::harness::{Case, Good, Outcome, Tally, holds};
 use raykd::{
-    BuildOptions, Builder, Device, Error, Hit, Intersector, KdTree, Mesh, Query, Ray, Resident, Scene,
-    Traversal,
+    BuildOptions, Builder, Device, DeviceKind, Error, Hit, Intersector, KdTree, Mesh, Query, Ray,
+    ResidentRays, Scene, Traversal,
     internals::Cpu,
     rays::{Camera, Random, random},
 };
@@ -298,7 +298,7 @@ fn cameras(tally: &mut Tally) {
     }
 }
 
-fn trace_resident(resident: &mut Resident, query: Query, expected: &[Hit]) -> Result<(), String> {
+fn trace_resident(resident: &mut ResidentRays, query: Query, expected: &[Hit]) -> Result<(), String> {
     resident.trace(query).map_err(|e| e.to_string())?;
     let hits = resident.hits().map_err(|e| e.to_string())?;
     holds(hits == expected, || "hits of resident rays differ".to_owned())
@@ -360,7 +360,7 @@ fn two_threads(device: &Device, tally: &mut Tally) {
     let digest = scene.tree().expect("it is read").digest();
     let alone = [1, 2]
         .map(|seed| Alone::new(&scene, random(mesh.bounds(), 500 * seed, seed as u64)).expect("it traces"));
-    let rounds = if device.kind() == "gpu" { 10 } else { 60 };
+    let rounds = if device.kind() == DeviceKind::Gpu { 10 } else { 60 };
     let both = |work: &(dyn Fn(usize) -> Result<(), String> + Sync)| {
         thread::scope(|scope| {
             let threads = [0, 1].map(|i| scope.spawn(move || work(i)));
