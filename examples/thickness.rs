@@ -6,7 +6,7 @@
 use raykd::{BuildOptions, Device, Intersector, Mesh, Query, Ray, Scene};
 
 fn main() -> anyhow::Result<()> {
-    let mesh = std::env::args_os().nth(1).map_or(Ok(Mesh::teapot(8)), |file| Mesh::load(file.as_ref()))?;
+    let mesh = std::env::args_os().nth(1).map_or(Ok(Mesh::teapot(8)), Mesh::load)?;
     let mut scene = Scene::build(&Device::best(), &mesh, &BuildOptions::default())?;
     // No rounding decides what is met, however thin the wall or flat the angle.
     scene.intersect_by(Intersector::Exact)?;

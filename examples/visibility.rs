@@ -5,7 +5,7 @@
 use raykd::{BuildOptions, Device, Intersector, Mesh, Query, Ray, Scene};
 
 fn main() -> anyhow::Result<()> {
-    let mesh = std::env::args_os().nth(1).map_or(Ok(Mesh::teapot(8)), |file| Mesh::load(file.as_ref()))?;
+    let mesh = std::env::args_os().nth(1).map_or(Ok(Mesh::teapot(8)), Mesh::load)?;
     let mut scene = Scene::build(&Device::best(), &mesh, &BuildOptions::default())?;
     // A triangle that only touches the line of sight hides; no rounding decides it.
     scene.intersect_by(Intersector::Exact)?;

@@ -125,7 +125,7 @@ fn adapters() -> Vec<Told> {
             other => ("unknown", Some(format!("{other:?}")), None),
         };
         let vulkan = Vulkan {
-            kind: report.kind,
+            kind: report.device_type,
             backend: report.backend,
             driver: report.driver,
             driver_info: report.driver_info,

@@ -9,7 +9,7 @@ use raykd::{
 };
 use raykd_oracle::Oracle;
 use sha2::{Digest as _, Sha256};
-use std::{path::Path, sync::LazyLock};
+use std::sync::LazyLock;
 
 static CPU: LazyLock<Device> = LazyLock::new(|| Device::from(Cpu::with_threads(1).expect("a thread")));
 
@@ -42,7 +42,7 @@ fn around(mesh: &Mesh) -> Vec<Ray> {
 
 /// A mesh file.
 pub fn mesh(name: &str, bytes: &[u8]) {
-    if let Ok(mesh) = Mesh::from_bytes(Path::new(name), bytes.to_vec()) {
+    if let Ok(mesh) = Mesh::from_bytes(name, bytes.to_vec()) {
         let scene = Scene::build(&CPU, &mesh, &BuildOptions::default()).expect("a CPU builds it");
         let by = mesh.translation();
         let local = mesh.into_local();

@@ -43,7 +43,7 @@
 //! * `gltf`: read glTF files, `.gltf` and `.glb`.
 //! * `plan`: choose device, builder and traversal by costs measured once on each device.
 //! * `stress`: scenes in which ray tracers fail, and the exact judge of what happens there.
-//! * `traffic`: count the bytes that kernels move on the CPU, for profiles. Slower.
+//! * `traffic`: count the bytes that kernels move on the CPU, which slows them. For work on raykd itself.
 //!
 //! The minimum supported Rust version is 1.88. The crate `wgpu` is part of the interface: its
 //! next major version is a breaking change here.

@@ -88,8 +88,8 @@ impl KdTree {
     ///
     /// # Errors
     /// The file cannot be written.
-    pub fn save(&self, path: &Path) -> Result<(), Error> {
-        crate::output::write_whole(path, |file| self.write(file))
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), Error> {
+        crate::output::write_whole(path.as_ref(), |file| self.write(file))
     }
 
     /// The bytes of the file that [`KdTree::save`] writes.
@@ -115,7 +115,7 @@ impl KdTree {
     ///
     /// # Errors
     /// The file cannot be read, is larger than that, is no tree file, has another version, or is damaged.
-    pub fn load(path: &Path) -> Result<Self, Error> {
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, Error> {
         Self::load_up_to(path, crate::default_max_bytes())
     }
 
@@ -123,7 +123,8 @@ impl KdTree {
     ///
     /// # Errors
     /// The file cannot be read, is larger, is no tree file, has another version, or is damaged.
-    pub fn load_up_to(path: &Path, max_bytes: u64) -> Result<Self, Error> {
+    pub fn load_up_to(path: impl AsRef<Path>, max_bytes: u64) -> Result<Self, Error> {
+        let path = path.as_ref();
         let bytes = crate::read::all_of(path, max_bytes)?;
         Self::from_bytes(&bytes).map_err(in_file(path))
     }

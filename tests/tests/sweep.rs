@@ -126,7 +126,7 @@ fn where_splitting_separates_nothing_kernels_halve_the_depth_too() -> Result<(),
 #[test]
 fn where_lists_of_faces_end_does_not_show() -> Result<(), Failure> {
     let mesh = match std::env::var_os("RAYKD_MESH") {
-        Some(path) => Mesh::load(path.as_ref()).expect("a mesh"),
+        Some(path) => Mesh::load(path).expect("a mesh"),
         None => Mesh::teapot(16),
     };
     let expected = build(&mesh, &BuildOptions::default()).digest();

@@ -6,7 +6,6 @@ use crate::{
 };
 use js_sys::{Float32Array, Float64Array, Uint32Array};
 use raykd::{Ray, rays::random};
-use std::path::Path;
 use wasm_bindgen::prelude::*;
 
 /// A checked triangle mesh. If its coordinates lose digits where they are, it is moved by `translation`; rays and
@@ -44,7 +43,7 @@ impl Mesh {
 
     /// From the bytes of an OBJ, PLY, STL or glTF file, gzipped or not. The name tells the format.
     pub fn load(bytes: Vec<u8>, name: &str) -> Result<Self, JsError> {
-        Ok(raykd::Mesh::from_bytes(Path::new(name), bytes).map_err(error)?.into())
+        Ok(raykd::Mesh::from_bytes(name, bytes).map_err(error)?.into())
     }
 
     /// The Utah teapot; each of its 32 patches has `level` by `level` quads.

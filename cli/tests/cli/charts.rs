@@ -59,7 +59,7 @@ fn whatever_auto_chooses_hits_are_the_same_bytes() {
     assert!(raykd(&line).status.success());
     let expected = fs::read(&hits).unwrap();
     for &choice in CHOICES {
-        favouring(choice.name).save(costs.as_ref()).unwrap();
+        favouring(choice.name).save(&costs).unwrap();
         fs::remove_file(&hits).unwrap();
         let output = raykd(&[line.as_slice(), &["--quality", "auto", "--costs", &costs, "--json"]].concat());
         assert!(output.status.success(), "{}", told(&output));
@@ -76,7 +76,7 @@ fn auto_tells_what_it_chose_in_words() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).display().to_string();
     let (costs, picture) = (path("costs.json"), path("a.png"));
-    favouring("halfway").save(costs.as_ref()).unwrap();
+    favouring("halfway").save(&costs).unwrap();
     let auto = ["--threads", "1", "--quality", "auto", "--costs", &costs];
     let build = raykd(&[["build", "teapot"].as_slice(), &auto, &["--rays", "5000"]].concat());
     assert!(told(&build).contains("halfway tree for 5,000 rays: predicted 1.1"), "{}", told(&build));
@@ -95,7 +95,7 @@ fn auto_is_checked_against_what_everything_takes() {
     let folder = tempfile::tempdir().unwrap();
     let device = Device::cpu_with_threads(1).unwrap();
     let name = cache_file(&device).unwrap();
-    favouring("halfway").save(&folder.path().join(name.file_name().unwrap())).unwrap();
+    favouring("halfway").save(folder.path().join(name.file_name().unwrap())).unwrap();
     let check = |more: &[&str]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_raykd"));
         command.args(["calibrate", "--check", "teapot:2", "--threads", "1", "--device", "cpu"]).args(more);
@@ -163,7 +163,7 @@ fn costs_of_no_use_are_refused() {
     assert!(told(&damaged).contains("`raykd calibrate` measures anew"), "{}", told(&damaged));
     let mut other = favouring("none");
     other.name = "Analytical Engine".to_owned();
-    other.save(costs.as_ref()).unwrap();
+    other.save(&costs).unwrap();
     assert!(told(&build(&[])).contains("Analytical Engine"));
     // What auto decides cannot be decided otherwise too.
     assert_eq!(build(&["--builder", "zhou"]).status.code(), Some(2));

@@ -21,9 +21,10 @@ pub struct Edges {
     pub count: u64,
     /// Edges of a single triangle: the border of the surface.
     pub border: EdgeCount,
-    /// Edges of two triangles that go along it in the same direction: one of them shows its other side.
+    /// Edges of two triangles that go along it in the same direction: one of them shows its other side, which is also
+    /// called inconsistent winding or orientation.
     pub turned: EdgeCount,
-    /// Edges of more than two triangles.
+    /// Edges of more than two triangles, also called non-manifold.
     pub crowded: EdgeCount,
     /// Edges along which more triangles go in one direction than in the other.
     pub open: EdgeCount,

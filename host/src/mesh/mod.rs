@@ -169,28 +169,29 @@ impl Mesh {
     ///
     /// # Errors
     /// If the file cannot be read or used, or is larger than that; the message names the line or element.
-    pub fn load(path: &Path) -> Result<Self, MeshError> {
-        load::load(path, None)
+    pub fn load(path: impl AsRef<Path>) -> Result<Self, MeshError> {
+        load::load(path.as_ref(), None)
     }
 
     /// Like [`Mesh::load`], but so many bytes are read, packed or unpacked, before it is an error.
     ///
     /// # Errors
     /// If the file cannot be read or used, or is larger.
-    pub fn load_up_to(path: &Path, max_bytes: u64) -> Result<Self, MeshError> {
-        load::load(path, Some(max_bytes))
+    pub fn load_up_to(path: impl AsRef<Path>, max_bytes: u64) -> Result<Self, MeshError> {
+        load::load(path.as_ref(), Some(max_bytes))
     }
 
-    /// Like [`Mesh::load`], of a file that is in memory already. The path serves to tell the format, and in
-    /// messages; no other file is read.
+    /// Like [`Mesh::load`], of a file that is in memory already. Its name tells the format, by the extension, and is
+    /// named in errors; it is not opened, nor is any other file.
     ///
     /// # Errors
     /// If the bytes cannot be used.
-    pub fn from_bytes(path: &Path, bytes: Vec<u8>) -> Result<Self, MeshError> {
-        load::from_bytes(path, bytes, None)
+    pub fn from_bytes(name: impl AsRef<Path>, bytes: Vec<u8>) -> Result<Self, MeshError> {
+        load::from_bytes(name.as_ref(), bytes, None)
     }
 
-    /// The Utah teapot, each of its 32 patches cut into `level` by `level` quads of two triangles (1 to 1000).
+    /// The Utah teapot, each of its 32 patches cut into `level` by `level` quads of two triangles: from 1
+    /// to 1000, and other levels count as the nearest of these.
     /// It is about 32 x 16 x 20 large, y up, around the origin; its poles hold `8 * level` zero-area triangles, and
     /// at level 1 there are four more.
     pub fn teapot(level: u32) -> Self {

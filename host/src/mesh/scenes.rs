@@ -110,7 +110,7 @@ impl MeshSource {
     /// # Errors
     /// If its file is missing or unusable, or too large as [`Mesh::load`] has it.
     pub fn load(&self) -> Result<Mesh, MeshError> {
-        self.load_by(Mesh::load)
+        self.load_by(|path| Mesh::load(path))
     }
 
     /// Like [`MeshSource::load`], with a limit of bytes as [`Mesh::load_up_to`] has it.

@@ -116,7 +116,8 @@ impl Calibration {
     ///
     /// # Errors
     /// The file cannot be read, or is no calibration, or is not that of this device and version.
-    pub fn load(path: &Path, device: &Device) -> Result<Self, Error> {
+    pub fn load(path: impl AsRef<Path>, device: &Device) -> Result<Self, Error> {
+        let path = path.as_ref();
         let fail = |source| Error::Io { path: path.to_owned(), source };
         let mut bytes = Vec::new();
         let file = std::fs::File::open(path).map_err(fail)?;
@@ -146,8 +147,8 @@ impl Calibration {
     ///
     /// # Errors
     /// The file cannot be written.
-    pub fn save(&self, path: &Path) -> Result<(), Error> {
-        crate::output::write_whole(path, |file| {
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), Error> {
+        crate::output::write_whole(path.as_ref(), |file| {
             serde_json::to_writer_pretty(&mut *file, self)?;
             writeln!(file)
         })

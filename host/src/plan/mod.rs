@@ -6,7 +6,7 @@
 //!
 //! ```no_run
 //! # fn main() -> Result<(), raykd::Error> {
-//! let mesh = raykd::Mesh::load("dragon.ply.gz".as_ref())?;
+//! let mesh = raykd::Mesh::load("dragon.ply.gz")?;
 //! let device = raykd::Device::best();
 //! let costs = raykd::plan::Calibration::measure(&device, |done| eprintln!("{:.0} %", 100.0 * done))?;
 //! let plan = raykd::plan::choose(&mesh, 1_000_000, &[&costs]);

@@ -169,7 +169,11 @@ impl Scene {
     ///
     /// # Errors
     /// The file cannot be written, or the device failed.
-    pub fn save(&self, path: &Path) -> Result<(), Error> {
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), Error> {
+        self.save_to(path.as_ref())
+    }
+
+    fn save_to(&self, path: &Path) -> Result<(), Error> {
         let (device, header) = (&self.device, self.header);
         let (nodes, refs) = (device.kept(&self.nodes)?, device.kept(&self.refs)?);
         let (positions, indices) = (device.kept(&self.mesh.positions)?, device.kept(&self.mesh.indices)?);
@@ -215,8 +219,8 @@ impl Scene {
     /// # Errors
     /// The file cannot be read, is no regular file or no scene file, has another version, or is damaged; or the scene
     /// does not fit the device, or the device failed.
-    pub fn open(device: &Device, path: &Path) -> Result<Self, Error> {
-        Self::of_file(device, path, FileBytes::read)
+    pub fn open(device: &Device, path: impl AsRef<Path>) -> Result<Self, Error> {
+        Self::of_file(device, path.as_ref(), FileBytes::read)
     }
 
     /// Like [`Scene::open`], but on the CPU nothing is copied: the scene is a map of the file in memory, of which all
@@ -229,9 +233,9 @@ impl Scene {
     ///
     /// # Errors
     /// Those of [`Scene::open`].
-    pub unsafe fn open_mapped(device: &Device, path: &Path) -> Result<Self, Error> {
+    pub unsafe fn open_mapped(device: &Device, path: impl AsRef<Path>) -> Result<Self, Error> {
         // SAFETY: what the caller promises.
-        Self::of_file(device, path, |path| unsafe { FileBytes::map(path) })
+        Self::of_file(device, path.as_ref(), |path| unsafe { FileBytes::map(path) })
     }
 
     fn of_file(

@@ -24,7 +24,7 @@ use std::{
     time::Duration,
 };
 
-/// What one ray cost: see [`Scene::steps`].
+/// What one ray cost: see [`Scene::steps`]. Four words, in this order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C)]
 pub struct RaySteps {
@@ -231,8 +231,8 @@ impl Scene {
         })
     }
 
-    /// The closest hit of every ray without the tree, by testing every triangle: the oracle of the scene's triangle
-    /// test.
+    /// The closest hit of every ray without the tree, by testing every triangle: what a scene of
+    /// [`Traversal::Brute`] answers, whatever this one's traversal is. To check others by.
     ///
     /// # Errors
     /// The device failed.

@@ -6,7 +6,7 @@ use raykd_kernels::Kernel;
 use raykd_shared::limits::GROUPS_X;
 use std::sync::LazyLock;
 
-/// What `raykd devices` says about one adapter.
+/// What one Vulkan adapter is and can do: see [`adapters`].
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct AdapterReport {
@@ -16,10 +16,10 @@ pub struct AdapterReport {
     pub driver: String,
     /// Version of its driver.
     pub driver_info: String,
-    /// The interface it is reached by.
+    /// The interface it is reached by: `vulkan`.
     pub backend: &'static str,
-    /// discrete, integrated, virtual, other or cpu.
-    pub kind: &'static str,
+    /// `discrete`, `integrated`, `virtual`, `other` or `cpu`: the last is a software driver.
+    pub device_type: &'static str,
     /// Version of Vulkan that it speaks, if known.
     pub api: Option<String>,
     /// Largest part of a buffer that a kernel may see, in bytes.
@@ -42,7 +42,7 @@ pub struct AdapterReport {
     pub verdict: AdapterVerdict,
 }
 
-/// All Vulkan adapters, best first, each opened and probed.
+/// All Vulkan adapters, best first. Each is opened and probed, which takes a while.
 pub fn adapters() -> Vec<AdapterReport> {
     enumerate().iter().map(report).collect()
 }
@@ -148,7 +148,7 @@ fn report(adapter: &wgpu::Adapter) -> AdapterReport {
     let (info, limits, features) = (adapter.get_info(), adapter.limits(), adapter.features());
     let verdict = Gpu::on(adapter).and_then(Gpu::probed).map(|(_, verdict)| verdict);
     AdapterReport {
-        kind: kind(info.device_type).1,
+        device_type: kind(info.device_type).1,
         backend: info.backend.to_str(),
         name: info.name,
         driver: info.driver,
