@@ -266,7 +266,7 @@ fn bench(
     let all: Vec<Ray> = [a, b, c, d].into_iter().flatten().copied().collect();
     let sets_digest = hits_digest(&built.scene.closest(&all)?);
     let header = *built.scene.header();
-    let moved = ms(traced.upload + traced.trace + traced.download);
+    let moved = ms(traced.times.upload + traced.times.trace + traced.times.download);
     let before = ms(built.upload + built.build + built.layout);
     Ok(Row {
         auto: amount.plan.as_ref().map(|plan| amount::Told::new(plan, before, Some(moved))),
@@ -279,9 +279,9 @@ fn bench(
         load_ms: ms(input.load),
         upload_ms: ms(built.upload),
         build_ms: ms(built.build),
-        trace_ms: ms(traced.trace),
-        download_ms: ms(traced.download),
-        mrays: mrays(random.len(), traced.trace),
+        trace_ms: ms(traced.times.trace),
+        download_ms: ms(traced.times.download),
+        mrays: mrays(random.len(), traced.times.trace),
         rays: random.len(),
         nodes: header.nodes,
         leaves: built.report.leaves,
@@ -293,7 +293,7 @@ fn bench(
         digest: built.tree.digest(),
         hits_digest: hits_digest(&traced.hits),
         layout_ms: ms(built.layout),
-        ray_upload_ms: ms(traced.upload),
+        ray_upload_ms: ms(traced.times.upload),
         primary_mrays: mrays(picture.len(), primary),
         mrays_a: rates[0],
         mrays_b: rates[1],

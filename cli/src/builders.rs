@@ -119,7 +119,7 @@ fn row(
     let (mrays_primary, mrays_diffuse) = (rate(primary)?, rate(diffuse)?);
     let (mut steps, mut tests) = (0, 0);
     for rays in [primary, diffuse] {
-        for ray in scene.steps(rays)?.1 {
+        for ray in scene.steps(rays)?.steps {
             steps += u64::from(ray.inner);
             tests += u64::from(ray.tests);
         }

@@ -9,7 +9,7 @@ use crate::{
     report::{Table, bytes, count, three, write_json},
 };
 use raykd::{
-    BuildOptions, Device, Error, Query, Ray, RaySteps, Scene, Traversal, internals::digest_of, rays,
+    BuildOptions, Device, Error, Query, Ray, RaySteps, Scene, Stepped, Traversal, internals::digest_of, rays,
 };
 use std::{
     io::{StdoutLock, Write as _},
@@ -147,7 +147,7 @@ fn compare(
 
 fn row(scene: &mut Scene, traversal: Traversal, sets: &Sets) -> Result<Row, Error> {
     scene.traverse_by(traversal)?;
-    let (primary, mut steps) = scene.steps(&sets.primary)?;
+    let Stepped { hits: primary, mut steps, .. } = scene.steps(&sets.primary)?;
     // Rays that pass the scene by cost nothing and say nothing.
     steps.retain(|s| s.inner + s.leaves + s.tests > 0);
     let diffuse = scene.closest(&sets.diffuse)?;

@@ -79,7 +79,7 @@ struct Told {
     /// Points whose winding number is not 0.
     inside: usize,
     /// Points that are none.
-    invalid: u32,
+    invalid: u64,
 }
 
 impl Task for InsideArgs {
@@ -116,7 +116,7 @@ fn run(args: &InsideArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
         Ok((found, scene.times().clone(), device.kind().name(), device.name().to_owned()))
     };
     let (found, times, device, adapter) = machine.run(&notes, work)?;
-    let Counted { counts, upload, trace, download, invalid, .. } = found;
+    let Counted { counts, times: spent, invalid, .. } = found;
     let told = Told {
         scene: input.name.clone(),
         triangles: input.mesh.triangles().len(),
@@ -126,10 +126,10 @@ fn run(args: &InsideArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
         adapter,
         load_ms: ms(input.load),
         build_ms: ms(times.build),
-        upload_ms: ms(times.upload + upload),
-        trace_ms: ms(trace),
-        download_ms: ms(download),
-        mpoints: mrays(counts.len(), trace),
+        upload_ms: ms(times.upload + spent.upload),
+        trace_ms: ms(spent.trace),
+        download_ms: ms(spent.download),
+        mpoints: mrays(counts.len(), spent.trace),
         points: counts.len(),
         inside: counts.iter().filter(|&&winding| winding != 0).count(),
         invalid,
@@ -163,7 +163,7 @@ fn print(t: &Told, path: &std::path::Path, out: &mut StdoutLock<'_>) -> anyhow::
         ),
     )?;
     if t.invalid > 0 {
-        line("invalid", format!("{} (NaN, infinite or too far away): they get 0", count(t.invalid.into())))?;
+        line("invalid", format!("{} (NaN, infinite or too far away): they get 0", count(t.invalid)))?;
     }
     line("written", path.display().to_string())?;
     Ok(())

@@ -160,9 +160,9 @@ pub(super) fn trace(scene: &Scene, query: Query, rays: &[Ray]) -> Result<Traced,
         }
         total.invalid += resident.invalid()?;
         total.hits.append(&mut hits);
-        total.upload += median(upload);
-        total.trace += median(times);
-        total.download += median(download);
+        total.times.upload += median(upload);
+        total.times.trace += median(times);
+        total.times.download += median(download);
     }
     Ok(total)
 }
@@ -181,16 +181,16 @@ pub(super) fn all(scene: &Scene, rays: &[Ray], limit: u32) -> Result<AllHits, Er
         for _ in 0..TIMES {
             drop(all);
             all = scene.all(part, limit)?;
-            upload.push(all.upload);
-            trace.push(all.trace);
-            download.push(all.download);
+            upload.push(all.times.upload);
+            trace.push(all.times.trace);
+            download.push(all.times.download);
         }
         total.hits.append(&mut all.hits);
         total.totals.append(&mut all.totals);
         total.invalid += all.invalid;
-        total.upload += median(upload);
-        total.trace += median(trace);
-        total.download += median(download);
+        total.times.upload += median(upload);
+        total.times.trace += median(trace);
+        total.times.download += median(download);
     }
     Ok(total)
 }

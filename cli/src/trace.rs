@@ -16,7 +16,7 @@ use crate::{
 };
 use clap::{Parser, ValueEnum};
 use raykd::{
-    AllHits, BuildOptions, Device, Error, Hit, KdTree, Query, Ray, Scene, Traced, Traversal,
+    AllHits, BuildOptions, Device, Error, Hit, KdTree, Query, Ray, Scene, TraceTimes, Traced, Traversal,
     internals::{digest_of, output, quoted},
 };
 use std::{
@@ -138,7 +138,7 @@ struct Told {
     #[serde(skip_serializing_if = "Option::is_none")]
     total_hits: Option<u64>,
     /// Rays that were none.
-    invalid: u32,
+    invalid: u64,
     /// Of the tree.
     digest: String,
     hits_digest: String,
@@ -271,10 +271,10 @@ fn trace(
         intersector: args.walk.intersector.name(),
         load_ms: ms(input.load),
         build_ms: ms(build),
-        upload_ms: ms(upload + answer.upload),
-        trace_ms: ms(answer.trace),
-        download_ms: ms(answer.download),
-        mrays: mrays(rays.len(), answer.trace),
+        upload_ms: ms(upload + answer.times.upload),
+        trace_ms: ms(answer.times.trace),
+        download_ms: ms(answer.times.download),
+        mrays: mrays(rays.len(), answer.times.trace),
         rays: rays.len(),
         hits: answer.hits,
         total_hits: answer.total_hits,
@@ -283,7 +283,7 @@ fn trace(
         hits_digest: digest_of(answer.found.bytes()),
         auto: None,
         layout_ms: ms(scene.times().layout),
-        ray_upload_ms: ms(answer.upload),
+        ray_upload_ms: ms(answer.times.upload),
     };
     Ok((told, answer.found))
 }
@@ -294,10 +294,8 @@ struct Answer {
     hits: usize,
     /// All hits, if all were asked for.
     total_hits: Option<u64>,
-    invalid: u32,
-    upload: Duration,
-    trace: Duration,
-    download: Duration,
+    invalid: u64,
+    times: TraceTimes,
     found: Found,
 }
 
@@ -329,27 +327,23 @@ fn answer(scene: &Scene, ask: Ask, limit: u32, rays: &[Ray]) -> Result<Answer, E
         Ask::Closest => Query::Closest,
         Ask::Any => Query::Any,
         Ask::Count | Ask::All => {
-            let AllHits { hits, totals, upload, trace, download, invalid, .. } =
+            let AllHits { hits, totals, times, invalid, .. } =
                 measure::all(scene, rays, if ask == Ask::All { limit } else { 0 })?;
             return Ok(Answer {
                 hits: totals.iter().filter(|&&n| n > 0).count(),
                 total_hits: Some(totals.iter().map(|&n| u64::from(n)).sum()),
                 invalid,
-                upload,
-                trace,
-                download,
+                times,
                 found: if ask == Ask::All { Found::Hits(hits) } else { Found::Totals(totals) },
             });
         }
     };
-    let Traced { hits, upload, trace, download, invalid, .. } = measure::trace(scene, query, rays)?;
+    let Traced { hits, times, invalid, .. } = measure::trace(scene, query, rays)?;
     Ok(Answer {
         hits: hits.iter().filter(|hit| hit.is_hit()).count(),
         total_hits: None,
         invalid,
-        upload,
-        trace,
-        download,
+        times,
         found: Found::Hits(hits),
     })
 }
@@ -389,7 +383,7 @@ fn print(t: &Told, hits: &Path, out: &mut StdoutLock<'_>) -> anyhow::Result<()> 
     }
     if t.invalid > 0 {
         let why = "with NaN, infinite or zero directions, or origins out of range";
-        line("invalid", format!("{} ({why}): they hit nothing", count(t.invalid.into())))?;
+        line("invalid", format!("{} ({why}): they hit nothing", count(t.invalid)))?;
     }
     if let Some(auto) = &t.auto {
         line("auto", auto.words())?;

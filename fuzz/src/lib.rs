@@ -200,7 +200,7 @@ pub fn api(bytes: &[u8]) {
                 }
             }
             7 => match scene.steps(rays) {
-                Ok((hits, steps)) => assert_eq!((hits.len(), steps.len()), (rays.len(), rays.len())),
+                Ok(all) => assert_eq!((all.hits.len(), all.steps.len()), (rays.len(), rays.len())),
                 Err(error) => refused(error),
             },
             _ => {

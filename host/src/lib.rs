@@ -83,8 +83,8 @@ pub use raykd_shared::{Crossings, Hit, MISS, Ray};
 pub use rays::{AnyPoint, AnyRay, Ray64};
 pub use read::default_max_bytes;
 pub use scene::{
-    AllHits, Contact, ContactCount, Contacts, Counted, RaySteps, ResidentRays, Scene, Traced, Tracer, World,
-    WorldHit, WorldTraced,
+    AllHits, Contact, ContactCount, Contacts, Counted, RaySteps, ResidentRays, Scene, Stepped, TraceTimes,
+    Traced, Tracer, World, WorldHit, WorldTraced,
 };
 #[cfg(feature = "gpu")]
 pub use scene::{Encoded, RayCount, SceneBuffers, WGSL};

@@ -326,7 +326,11 @@ fn adapters_are_found_by_part_of_their_name() {
     // Whether there is hardware depends on the machine, what it may be does not.
     if let Ok(gpu) = Gpu::open_hardware() {
         let device = Device::from(gpu);
-        assert!(reports.iter().any(|report| device.name().starts_with(&report.name) && report.device_type != "cpu"));
+        assert!(
+            reports
+                .iter()
+                .any(|report| device.name().starts_with(&report.name) && report.device_type != "cpu")
+        );
     }
 }
 

@@ -78,7 +78,7 @@ fn raykd<'a>(device: &'a Device, mesh: &Mesh, name: &'static str, options: &Buil
                 true => Answer { triangle: hit.triangle, t: hit.t },
                 false => Answer::MISS,
             };
-            (traced.trace, traced.hits.iter().map(answer).collect())
+            (traced.times.trace, traced.hits.iter().map(answer).collect())
         })
     };
     let build = scene.times().build + scene.times().layout;

@@ -109,7 +109,7 @@ impl Scene {
         any: bool,
         rays: Arrays<'_>,
         exclude: Option<PyReadonlyArray1<'_, u32>>,
-    ) -> PyResult<(Words<'py>, u32)> {
+    ) -> PyResult<(Words<'py>, u64)> {
         let rays = Rays::new(&rays)?;
         let query = if any { Query::Any } else { Query::Closest };
         let exclude = exclude.as_ref().map(PyReadonlyArray1::as_slice).transpose()?;
@@ -146,7 +146,7 @@ impl Scene {
         py: Python<'py>,
         rays: Arrays<'_>,
         limit: Option<u32>,
-    ) -> PyResult<(Bound<'py, PyArray1<u64>>, Words<'py>, u32)> {
+    ) -> PyResult<(Bound<'py, PyArray1<u64>>, Words<'py>, u64)> {
         let rays = Rays::new(&rays)?;
         let (mut begins, mut found, mut invalid) = (vec![0], Vec::new(), 0);
         self.in_parts(py, &rays, |_, part| {
@@ -157,7 +157,7 @@ impl Scene {
     }
 
     /// How many hits each ray has, and how many rays were none.
-    fn count<'py>(&self, py: Python<'py>, rays: Arrays<'_>) -> PyResult<(Words<'py>, u32)> {
+    fn count<'py>(&self, py: Python<'py>, rays: Arrays<'_>) -> PyResult<(Words<'py>, u64)> {
         let rays = Rays::new(&rays)?;
         let (mut counts, mut invalid) = (Vec::with_capacity(rays.len()), 0);
         self.in_parts(py, &rays, |_, part| {
@@ -170,7 +170,7 @@ impl Scene {
     }
 
     /// How often each ray leaves, how often it enters, and how many rays were none.
-    fn crossings<'py>(&self, py: Python<'py>, rays: Arrays<'_>) -> PyResult<(Words<'py>, Words<'py>, u32)> {
+    fn crossings<'py>(&self, py: Python<'py>, rays: Arrays<'_>) -> PyResult<(Words<'py>, Words<'py>, u64)> {
         let rays = Rays::new(&rays)?;
         let (mut leaving, mut entering, mut invalid) = (Vec::new(), Vec::new(), 0);
         self.in_parts(py, &rays, |_, part| {
@@ -188,7 +188,7 @@ impl Scene {
         &self,
         py: Python<'py>,
         points: Threes<'_>,
-    ) -> PyResult<(Bound<'py, PyArray1<i32>>, u32)> {
+    ) -> PyResult<(Bound<'py, PyArray1<i32>>, u64)> {
         let (mut windings, mut invalid) = (Vec::with_capacity(points.len()), 0);
         for range in self.ranges(points.len())? {
             // Copied while the interpreter's lock is held.
@@ -215,8 +215,8 @@ impl Scene {
         let rays = Rays::new(&rays)?;
         let mut counts = [const { Vec::new() }; 3];
         self.in_parts(py, &rays, |_, part| {
-            let (_, steps) = with_rays!(part, rays => self.scene.steps(&rays)?);
-            for step in steps {
+            let stepped = with_rays!(part, rays => self.scene.steps(&rays)?);
+            for step in stepped.steps {
                 for (counts, count) in counts.iter_mut().zip([step.inner, step.leaves, step.tests]) {
                     counts.push(count);
                 }
@@ -315,7 +315,7 @@ impl Scene {
         limit: Option<u32>,
         begins: &mut Vec<u64>,
         found: &mut Vec<Hit>,
-    ) -> Result<u32, Error> {
+    ) -> Result<u64, Error> {
         // So many that room for as many hits as the ray with the most has is little.
         const AT_ONCE: usize = 1 << 14;
         let mut invalid = 0;

@@ -275,7 +275,7 @@ fn all_queries_find_the_same() -> Result<(), Failure> {
             scene.traverse_by(traversal)?;
             same(traversal.name(), &expected.closest(&rays)?, &scene.closest(&rays)?)?;
         }
-        let brute = scene.steps(&rays)?.1;
+        let brute = scene.steps(&rays)?.steps;
         assert!(scene.traversal() != Traversal::Brute || brute[0].tests == mesh.kept().len() as u32);
         same("brute", &expected.brute(&rays)?, &scene.brute(&rays)?)?;
         assert_eq!(expected.all(&rays, 4)?.hits, scene.all(&rays, 4)?.hits);

@@ -256,7 +256,7 @@ fn speed_of_winding_numbers() {
             let inside = winding.counts.iter().filter(|&&n| n != 0).count();
             println!(
                 "{name}: closest {closest:?}, exact {exactly:?}, winding {:?} (up {:?} down {:?}), {inside} inside",
-                winding.trace, winding.upload, winding.download
+                winding.times.trace, winding.times.upload, winding.times.download
             );
         }
     }

@@ -2,7 +2,8 @@
 
 use proptest::prelude::*;
 use raykd::{
-    BuildOptions, Builder, Hit, Mesh, Query, Ray, Scene, internals::kernels::math::ldexp, mesh::MeshSource,
+    BuildOptions, Builder, Hit, Mesh, Query, Ray, Scene, Stepped, internals::kernels::math::ldexp,
+    mesh::MeshSource,
 };
 use raykd_tests::{
     Failure, cases, cpu, devices, gpu,
@@ -93,7 +94,7 @@ proptest! {
         for named in devices() {
             let scene = Scene::build(&named.device, &mesh, &BuildOptions::default())?;
             let rays = rays(&mesh, scene.tree()?.view(), 200, seed);
-            let (hits, steps) = scene.steps(&rays)?;
+            let Stepped { hits, steps, .. } = scene.steps(&rays)?;
             same(named.name, &scene.closest(&rays)?, &hits)?;
             same(&format!("steps by {}", named.name), counts.get_or_insert(steps.clone()), &steps)?;
         }
@@ -162,14 +163,14 @@ fn a_driver_that_ends_loops_early_gives_an_error_and_no_wrong_hit() {
             [cpu(), gpu()].map(|device| Scene::build(device, &mesh, &BuildOptions::default()).unwrap());
         let tree = scenes[0].tree().unwrap();
         let rays = rays(&mesh, tree.view(), 200, 3_075_607_215_347_662_595);
-        let (expected, counts) = scenes[0].steps(&rays).unwrap();
+        let Stepped { hits: expected, steps: counts, .. } = scenes[0].steps(&rays).unwrap();
         let error = |e: raykd::Error| assert!(e.to_string().contains("cut a long loop short"), "{e}");
         let check = |what, found: Result<Vec<Hit>, _>| {
             found.map_or_else(error, |f| same(what, &expected, &f).unwrap())
         };
         check("brute force", scenes[1].brute(&rays));
         check("closest", scenes[1].closest(&rays));
-        scenes[1].steps(&rays).map_or_else(error, |(hits, steps)| {
+        scenes[1].steps(&rays).map_or_else(error, |Stepped { hits, steps, .. }| {
             check("hits with steps", Ok(hits));
             same("steps", &counts, &steps).unwrap();
         });

@@ -97,7 +97,7 @@ fn hits_in_own_buffers_are_those_of_the_batch() -> Result<(), Failure> {
         encoded
             .push(own.scene.encode(encoder, Query::Any, part, any.slice(ALIGNED..), 500).expect("encoded"));
     });
-    let invalid: Vec<u32> = encoded.iter().map(|it| it.invalid()).collect::<Result<_, Error>>()?;
+    let invalid: Vec<u64> = encoded.iter().map(|it| it.invalid()).collect::<Result<_, Error>>()?;
     assert_eq!(invalid, [1, 0]);
     let found = own.read::<Hit>(&closest);
     same("closest", &expected(Query::Closest, &rays[..1000]), &found[..1000])?;
@@ -282,7 +282,7 @@ fn crossings_in_own_buffers_are_those_of_the_batch() -> Result<(), Failure> {
                 Some(scene.encode_crossings(encoder, input.slice(..), crossings, count).expect("encoded"));
         });
         let invalid = encoded.map(|encoded| encoded.invalid()).transpose()?;
-        assert_eq!(invalid, Some(u32::from(rays > 17)));
+        assert_eq!(invalid, Some(u64::from(rays > 17)));
         let (found, first) = (own.read::<Crossings>(&found), ALIGNED as usize / size_of::<Crossings>());
         same("before the first", &blank[..first], &found[..first])?;
         same(&format!("{rays} rays"), &expected.counts[..rays], &found[first..first + rays])?;

@@ -1,7 +1,7 @@
 //! What one ray may cost, and builds of triangles that cannot be parted.
 
 use raykd::{
-    BuildOptions, Builder, Hit, Mesh, Ray, RaySteps, Scene,
+    BuildOptions, Builder, Hit, Mesh, Ray, RaySteps, Scene, Stepped,
     rays::{Random, random},
     stress::{
         CASES,
@@ -66,7 +66,7 @@ fn an_object_that_is_small_in_its_scene_is_split() -> Result<(), Failure> {
             let mesh = stadium(ratio);
             let scene = Scene::build(cpu(), &mesh, &options(builder))?;
             let report = scene.tree()?.validate()?;
-            let found = percentiles(tests_of(&scene.steps(&rays(&mesh, ratio, 50_000))?.1));
+            let found = percentiles(tests_of(&scene.steps(&rays(&mesh, ratio, 50_000))?.steps));
             println!("{builder:?} {ratio:e}: {} {found:?} {report:?}", scene.header().refs);
             assert!(report.largest_leaf <= leaf, "{builder:?} {ratio:e}: {report:?}");
             assert!(found[3] <= most, "{builder:?} {ratio:e}: {found:?}");
@@ -151,7 +151,7 @@ fn no_scene_has_rays_that_cost_far_more_than_they_meet() -> Result<(), Failure> 
         let mut all = Vec::new();
         for (name, mesh, rays) in &scenes {
             let scene = Scene::build(cpu(), mesh, &options(builder))?;
-            let (hits, steps) = scene.steps(rays)?;
+            let Stepped { hits, steps, .. } = scene.steps(rays)?;
             let shares = shares(mesh, rays, &hits, &steps);
             if shares.is_empty() {
                 continue;
@@ -218,7 +218,7 @@ fn what_cannot_be_parted_takes_nothing_from_the_rest() -> Result<(), Failure> {
         // From within the soup, away from the polygon.
         let away = |_| Ray::new(r.point().map(|x| x + 4.0), r.point().map(f32::abs));
         let rays: Vec<Ray> = (0..2000).map(away).collect();
-        let (_, steps) = scene.steps(&rays)?;
+        let steps = scene.steps(&rays)?.steps;
         let beside = percentiles(tests_of(&steps));
         println!("{builder:?}: {:?} {beside:?}", scene.header());
         assert!(beside[2] <= 100.0, "{builder:?}: {beside:?}");

@@ -1,7 +1,7 @@
 //! Every traversal and every query: the same bytes on CPU and GPU, and what brute force finds.
 
 use proptest::prelude::*;
-use raykd::{BuildOptions, Hit, Intersector, Mesh, Query, RaySteps, Scene, Traversal};
+use raykd::{BuildOptions, Hit, Intersector, Mesh, Query, RaySteps, Scene, Stepped, Traversal};
 use raykd_tests::{
     Failure, cases, cpu, gpu,
     meshes::{Family, RANDOM, Recipe, ZOO, icosphere, small_mesh, traceable_mesh},
@@ -31,7 +31,7 @@ fn traverse_everywhere(mesh: &Mesh, options: &BuildOptions, seed: u64, count: us
                 let first = pairs.position(|(a, b)| bytemuck::bytes_of(a) != bytemuck::bytes_of(b));
                 format!("{what} by {traversal} on the {device}, for {:?}", first.map(|i| rays[i]))
             };
-            let Some((hits, steps)) = unless_cut(scene.steps(&rays))? else { continue };
+            let Some(Stepped { hits, steps, .. }) = unless_cut(scene.steps(&rays))? else { continue };
             same(&tell("closest hits", &hits), &expected, &hits)?;
             same(&format!("steps of {traversal}"), counts.get_or_insert(steps.clone()), &steps)?;
             let closest = scene.trace(Query::Closest, &rays)?.hits;
@@ -77,7 +77,7 @@ fn all_everywhere(mesh: &Mesh, seed: u64, count: usize, test: Intersector) -> Re
             expected.iter().map(|hits| hits.get(n).copied().unwrap_or(Hit::NONE)).collect()
         };
         let closest = nth(0);
-        if let Some((found, steps)) = unless_cut(scene.steps(&rays))? {
+        if let Some(Stepped { hits: found, steps, .. }) = unless_cut(scene.steps(&rays))? {
             same(&format!("closest hits with steps on the {device}"), &closest, &found)?;
             let tests = |(hit, steps): (&Hit, &RaySteps)| !hit.is_hit() || steps.tests > 0;
             assert!(found.iter().zip(&steps).all(tests), "a hit without a test on the {device}");
@@ -136,7 +136,7 @@ fn no_traversal_visits_a_leaf_twice() {
         let mut most = 0;
         for traversal in Traversal::ALL.iter().copied().filter(|&t| t != Traversal::Brute) {
             scene.traverse_by(traversal).unwrap();
-            let (_, steps) = scene.steps(&rays).unwrap();
+            let steps = scene.steps(&rays).unwrap().steps;
             for (ray, steps) in rays.iter().zip(steps) {
                 assert!(steps.leaves <= report.leaves, "{family:?} by {traversal}: {steps:?}, {ray:?}");
                 assert!(
@@ -146,7 +146,7 @@ fn no_traversal_visits_a_leaf_twice() {
                 most = most.max(steps.leaves);
             }
             if traversal == Traversal::Stack {
-                let (_, steps) = scene.steps(&rays).unwrap();
+                let steps = scene.steps(&rays).unwrap().steps;
                 assert!(steps.iter().all(|steps| steps.inner <= report.inner), "{family:?}");
             }
         }
@@ -157,7 +157,7 @@ fn no_traversal_visits_a_leaf_twice() {
 /// Mean inner nodes a ray of a traversal, and mean restarts.
 fn mean_steps(scene: &mut Scene, traversal: Traversal, rays: &[raykd::Ray]) -> [f64; 2] {
     scene.traverse_by(traversal).unwrap();
-    let (_, steps) = scene.steps(rays).unwrap();
+    let steps = scene.steps(rays).unwrap().steps;
     let mean = |pick: fn(&raykd::RaySteps) -> u32| {
         steps.iter().map(|s| f64::from(pick(s))).sum::<f64>() / rays.len() as f64
     };

@@ -142,7 +142,7 @@ impl Scene {
 
     fn trace(&self, query: Query, rays: &[raykd::Ray]) -> Result<JsValue, JsError> {
         let traced = self.scene.trace(query, rays).map_err(error)?;
-        Ok(hits(&traced.hits, ms(traced.trace), traced.invalid))
+        Ok(hits(&traced.hits, ms(traced.times.trace), traced.invalid))
     }
 
     /// How often every ray crosses the mesh.
@@ -158,7 +158,7 @@ impl Scene {
         Ok(fields([
             ("entering", words(&counted.counts, |count| count.entering)),
             ("leaving", words(&counted.counts, |count| count.leaving)),
-            ("invalid", counted.invalid.into()),
+            ("invalid", (counted.invalid as f64).into()),
         ]))
     }
 
@@ -172,20 +172,21 @@ impl Scene {
         let counted = self.scene.winding(points).map_err(error)?;
         Ok(fields([
             ("counts", Int32Array::from(counted.counts.as_slice()).into()),
-            ("invalid", counted.invalid.into()),
+            ("invalid", (counted.invalid as f64).into()),
         ]))
     }
 
     /// The closest hits, and what each cost by the traversal chosen.
     #[wasm_bindgen(unchecked_return_type = "Steps")]
     pub fn steps(&self, origins: &[f32], directions: &[f32]) -> Result<JsValue, JsError> {
-        let (found, steps) = self.scene.steps(&rays(origins, directions, None, None)?).map_err(error)?;
+        let stepped = self.scene.steps(&rays(origins, directions, None, None)?).map_err(error)?;
+        let steps = &stepped.steps;
         Ok(fields([
-            ("inner", words(&steps, |steps| steps.inner)),
-            ("leaves", words(&steps, |steps| steps.leaves)),
-            ("tests", words(&steps, |steps| steps.tests)),
-            ("turns", words(&steps, |steps| steps.turns)),
-            ("hits", hits(&found, 0.0, 0)),
+            ("inner", words(steps, |steps| steps.inner)),
+            ("leaves", words(steps, |steps| steps.leaves)),
+            ("tests", words(steps, |steps| steps.tests)),
+            ("turns", words(steps, |steps| steps.turns)),
+            ("hits", hits(&stepped.hits, 0.0, 0)),
         ]))
     }
 

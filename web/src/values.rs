@@ -170,14 +170,14 @@ pub(crate) fn floats<T>(all: &[T], number: impl Fn(&T) -> f32) -> JsValue {
 }
 
 /// One array a field.
-pub(crate) fn hits(hits: &[Hit], ms: f64, invalid: u32) -> JsValue {
+pub(crate) fn hits(hits: &[Hit], ms: f64, invalid: u64) -> JsValue {
     fields([
         ("triangle", words(hits, |hit| hit.triangle)),
         ("t", floats(hits, |hit| hit.t)),
         ("u", floats(hits, |hit| hit.u)),
         ("v", floats(hits, |hit| hit.v)),
         ("ms", ms.into()),
-        ("invalid", invalid.into()),
+        ("invalid", (invalid as f64).into()),
     ])
 }
 

@@ -1,7 +1,7 @@
 //! Which voxels are inside a mesh: by the crossings of lines through their centres.
 
-use raykd::{Counted, Crossings, Error, Mesh, Ray, Scene};
-use std::{ops::Range, time::Duration};
+use raykd::{Counted, Crossings, Error, Mesh, Ray, Scene, TraceTimes};
+use std::ops::Range;
 
 /// Cubes side by side, where the mesh is.
 #[derive(Clone, Copy, Debug)]
@@ -18,9 +18,7 @@ pub(super) struct Grid {
 #[derive(Debug, Default)]
 pub(super) struct Spent {
     pub rays: u64,
-    pub upload: Duration,
-    pub trace: Duration,
-    pub download: Duration,
+    pub times: TraceTimes,
 }
 
 /// Voxels of a column that are still to be told: from the first to before the second.
@@ -73,11 +71,9 @@ impl Grid {
                 Ray::new([self.centre(0, x), self.centre(1, y), self.centre(2, number)], [0.0, 0.0, 1.0])
             };
             let rays: Vec<Ray> = spans.map(ray).collect();
-            let Counted { counts, upload, trace, download, .. } = scene.crossings(&rays)?;
+            let Counted { counts, times, .. } = scene.crossings(&rays)?;
             spent.rays += rays.len() as u64;
-            spent.upload += upload;
-            spent.trace += trace;
-            spent.download += download;
+            spent.times += times;
             Ok(counts)
         };
         let first = ask(&mut (0..columns).map(|column| (column, 0)))?;

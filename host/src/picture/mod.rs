@@ -4,7 +4,7 @@ mod colour;
 mod legend;
 
 use crate::{
-    Error, Hit, Mesh, Ray, Scene,
+    Error, Hit, Mesh, Ray, Scene, Stepped,
     choices::choices,
     rays::{Camera, Random, bounces, facing},
 };
@@ -91,7 +91,7 @@ pub fn rows(
     let band = rows.start * samples..rows.end * samples;
     let rays = camera.rows(across, down, band.clone());
     let (hits, seen): (_, Vec<Rgb>) = if shading == Shading::Heat {
-        let (hits, steps) = scene.steps(&rays)?;
+        let Stepped { hits, steps, .. } = scene.steps(&rays)?;
         let seen = steps.iter().map(|s| [(s.inner + s.leaves + s.tests) as f32; 3]).collect();
         (hits, seen)
     } else if shading == Shading::Ao {

@@ -1,7 +1,7 @@
 //! A quick look at a mesh: how many steps a ray of the usual kind takes there, in a coarse copy of it.
 
 use super::{choice::HALFWAY, cost::usual_rays, grid::Grid};
-use crate::{BuildOptions, Builder, Device, Error, Hit, Mesh, Ray, Scene, rays::Camera};
+use crate::{BuildOptions, Builder, Device, Error, Hit, Mesh, Ray, Scene, Stepped, rays::Camera};
 use raykd_kernels::{
     glam::Vec3,
     trace::{frame::Frame, intersect::strict::may_hit},
@@ -63,7 +63,7 @@ impl<'m> Looking<'m> {
         let options = BuildOptions { builder: Builder::Exact, ..BuildOptions::default() };
         let scene = Scene::build(&device, &coarse, &options)?;
         let rays = usual_rays(&coarse, RAYS, |rays| scene.closest(rays))?;
-        let (hits, steps) = scene.steps(&rays)?;
+        let Stepped { hits, steps, .. } = scene.steps(&rays)?;
         let mean = |sum: f64| sum / rays.len().max(1) as f64;
         let whole = 1.0 + mean(steps.iter().map(|s| f64::from(s.inner + s.leaves + s.tests)).sum());
         let grid = self.grid.get_or_init(|| Grid::new(self.mesh, HALFWAY));

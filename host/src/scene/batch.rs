@@ -72,8 +72,8 @@ impl ResidentRays {
     ///
     /// # Errors
     /// There was none, or it failed.
-    pub fn invalid(&self) -> Result<u32, Error> {
-        self.invalid.ok_or(Error::Untraced)
+    pub fn invalid(&self) -> Result<u64, Error> {
+        self.invalid.map(u64::from).ok_or(Error::Untraced)
     }
 }
 

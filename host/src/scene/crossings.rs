@@ -3,7 +3,7 @@
 use super::{
     Scene,
     batch::Batch,
-    trace::{Traced, traced},
+    trace::{TraceTimes, Traced, traced},
 };
 use crate::{
     Error,
@@ -25,14 +25,10 @@ use std::time::Duration;
 pub struct Counted<T> {
     /// One a ray or point.
     pub counts: Vec<T>,
-    /// Until rays were on their way to the device.
-    pub upload: Duration,
-    /// The kernel, on the device's clock.
-    pub trace: Duration,
-    /// Until counts were on the host, without the kernel.
-    pub download: Duration,
+    /// What it took.
+    pub times: TraceTimes,
     /// Rays that were none, or points with NaN, infinite or too large coordinates: they cross nothing.
-    pub invalid: u32,
+    pub invalid: u64,
 }
 
 impl Scene {
@@ -51,7 +47,7 @@ impl Scene {
         for part in rays.chunks(self.batch_limit()) {
             let start = Instant::now();
             let local = AnyRay::local(part, self.translation);
-            counted.upload += start.elapsed();
+            counted.times.upload += start.elapsed();
             self.count_local(&local, &mut counted)?;
         }
         Ok(counted)
@@ -107,13 +103,13 @@ impl Scene {
             let start = Instant::now();
             let ray = |point: &_| shortest(AnyPoint::local(point, self.translation), lo, hi);
             let rays: Vec<Ray> = self.device.install(|| part.par_iter().map(ray).collect());
-            counted.upload += start.elapsed();
+            counted.times.upload += start.elapsed();
             // These are where the mesh is already.
             self.count_local(&rays, &mut counted)?;
             windings.extend(counted.counts.drain(..).map(Crossings::winding));
         }
-        let Counted { upload, trace, download, invalid, .. } = counted;
-        Ok(Counted { counts: windings, upload, trace, download, invalid })
+        let Counted { times, invalid, .. } = counted;
+        Ok(Counted { counts: windings, times, invalid })
     }
 
     /// Counts for rays that are where the mesh is, as many as fit the device: by floats, then those again that floats
@@ -139,22 +135,21 @@ impl Scene {
         rays: &[Ray],
         quick: bool,
         counted: &mut Counted<Crossings>,
-    ) -> Result<(Vec<[u32; 4]>, u32), Error> {
+    ) -> Result<(Vec<[u32; 4]>, u64), Error> {
         let start = Instant::now();
         let batch = Batch::of_local(self, rays, 1)?;
-        counted.upload += start.elapsed();
+        counted.times.upload += start.elapsed();
         let query = queries::Query { corners: &self.corners, ..batch.query(self) };
         let step = match quick {
             true => quick_crossings::Buffers { query }.over(batch.count),
             false => crossings::Buffers { query }.over(batch.count),
         };
         let mut found = Vec::new();
-        let Traced { trace, download, invalid, .. } = traced(Duration::ZERO, || {
+        let Traced { times, invalid, .. } = traced(Duration::ZERO, || {
             let wanted = batch.hits.back(To::End(&mut found, rays.len()));
             batch.run(&self.device, &[step], 0, vec![wanted])
         })?;
-        counted.trace += trace;
-        counted.download += download;
+        counted.times += times;
         Ok((found, invalid))
     }
 }

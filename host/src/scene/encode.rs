@@ -80,10 +80,10 @@ impl Encoded {
     ///
     /// # Errors
     /// The kernel stopped, or the device failed.
-    pub fn invalid(&self) -> Result<u32, Error> {
+    pub fn invalid(&self) -> Result<u64, Error> {
         let mut words = [0; OUTCOME_WORDS as usize];
         self.device.read_into(&self.outcome, 0, &mut words)?;
-        super::batch::invalid(words)
+        super::batch::invalid(words).map(u64::from)
     }
 }
 

@@ -20,7 +20,7 @@ pub use contacts::{Contact, ContactCount, Contacts};
 pub use crossings::Counted;
 #[cfg(feature = "gpu")]
 pub use encode::{Encoded, RayCount, SceneBuffers, WGSL};
-pub use trace::{AllHits, RaySteps, Traced};
+pub use trace::{AllHits, RaySteps, Stepped, TraceTimes, Traced};
 pub use tracer::Tracer;
 pub use world::{World, WorldHit, WorldTraced};
 

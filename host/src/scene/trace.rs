@@ -17,7 +17,7 @@ use raykd_shared::{Hit, Ray};
 use std::{
     borrow::Cow,
     iter,
-    ops::Range,
+    ops::{AddAssign, Range},
     panic::resume_unwind,
     sync::{Mutex, PoisonError},
     thread,
@@ -38,22 +38,53 @@ pub struct RaySteps {
     pub turns: u32,
 }
 
+/// What a batch of rays took. On a GPU the host moves some rays while others are traced, so that the sum may be more
+/// than the clock on the wall says.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct TraceTimes {
+    /// Until rays were on their way to the device.
+    pub upload: Duration,
+    /// The kernel, on the device's clock.
+    pub trace: Duration,
+    /// Until answers were on the host, without the kernel.
+    pub download: Duration,
+}
+
+impl AddAssign for TraceTimes {
+    fn add_assign(&mut self, other: Self) {
+        self.upload += other.upload;
+        self.trace += other.trace;
+        self.download += other.download;
+    }
+}
+
+/// Hits and what they cost, ray by ray: see [`Scene::steps`].
+#[derive(Clone, Debug, Default)]
+#[non_exhaustive]
+pub struct Stepped {
+    /// One hit a ray.
+    pub hits: Vec<Hit>,
+    /// What each ray cost.
+    pub steps: Vec<RaySteps>,
+    /// What it took. Counting takes time too.
+    pub times: TraceTimes,
+    /// Rays that were none, see [`Traced::invalid`].
+    pub invalid: u64,
+}
+
 /// All hits of some rays: see [`Scene::all`].
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct AllHits {
     /// The first hits of every ray, by rising (`t`, triangle): as many a ray as asked for, the rest misses.
     pub hits: Vec<Hit>,
     /// How many hits every ray has, written or not.
     pub totals: Vec<u32>,
-    /// Until rays were on their way to the device.
-    pub upload: Duration,
-    /// The kernel, on the device's clock.
-    pub trace: Duration,
-    /// Until hits were on the host, without the kernel.
-    pub download: Duration,
+    /// What it took.
+    pub times: TraceTimes,
     /// Rays that were none, see [`Traced::invalid`].
-    pub invalid: u32,
+    pub invalid: u64,
 }
 
 /// Hits and what they took.
@@ -62,26 +93,18 @@ pub struct AllHits {
 pub struct Traced {
     /// One hit a ray.
     pub hits: Vec<Hit>,
-    /// Until rays were on their way to the device.
-    pub upload: Duration,
-    /// The kernel, on the device's clock.
-    pub trace: Duration,
-    /// Until hits were on the host, without the kernel.
-    pub download: Duration,
+    /// What it took.
+    pub times: TraceTimes,
     /// Rays that were none (NaN, infinite, zero direction, origin out of range); they hit nothing.
-    pub invalid: u32,
+    pub invalid: u64,
 }
 
 impl Traced {
     /// The times and numbers of both.
-    fn and(self, other: &Self) -> Self {
-        Self {
-            hits: self.hits,
-            upload: self.upload + other.upload,
-            trace: self.trace + other.trace,
-            download: self.download + other.download,
-            invalid: self.invalid + other.invalid,
-        }
+    fn and(mut self, other: &Self) -> Self {
+        self.times += other.times;
+        self.invalid += other.invalid;
+        self
     }
 }
 
@@ -130,7 +153,8 @@ pub(super) fn traced(
     let start = Instant::now();
     let (trace, invalid) = run()?;
     let download = start.elapsed().saturating_sub(trace);
-    Ok(Traced { upload, trace, download, invalid, ..Traced::default() })
+    let times = TraceTimes { upload, trace, download };
+    Ok(Traced { hits: Vec::new(), times, invalid: invalid.into() })
 }
 
 /// Triangles per dispatch of the brute-force kernel.
@@ -237,12 +261,20 @@ impl Scene {
     /// # Errors
     /// The device failed.
     pub fn brute(&self, rays: &[impl AnyRay]) -> Result<Vec<Hit>, Error> {
-        let mut hits = Vec::with_capacity(rays.len());
+        Ok(self.brute_traced(rays)?.hits)
+    }
+
+    fn brute_traced(&self, rays: &[impl AnyRay]) -> Result<Traced, Error> {
+        let mut all = Traced { hits: Vec::with_capacity(rays.len()), ..Traced::default() };
         for part in rays.chunks(self.batch_limit()) {
+            let start = Instant::now();
             let batch = Batch::new(self, part)?;
-            self.run(&batch, Traversal::Brute, Query::Closest, To::End(&mut hits, part.len()))?;
+            let upload = start.elapsed();
+            let hits = To::End(&mut all.hits, part.len());
+            let one = traced(upload, || self.run(&batch, Traversal::Brute, Query::Closest, hits))?;
+            all = all.and(&one);
         }
-        Ok(hits)
+        Ok(all)
     }
 
     /// All hits of every ray, each triangle once: the first `limit` of them, and how many there are. With a limit
@@ -258,7 +290,7 @@ impl Scene {
             let start = Instant::now();
             let batch = Batch::with_room(self, part, limit)?;
             let totals = self.device.alloc("totals", part.len() as u64)?;
-            all.upload += start.elapsed();
+            all.times.upload += start.elapsed();
             let each = self.intersector.all(batch.query(self), totals.out(), batch.count)?;
             let (first, first_total) = (all.hits.len(), all.totals.len());
             let one = traced(Duration::ZERO, || {
@@ -266,7 +298,7 @@ impl Scene {
                 let totals = totals.back(To::End(&mut all.totals, part.len()));
                 batch.run(&self.device, &[each], limit, vec![hits, totals])
             })?;
-            all.trace += one.trace;
+            all.times += one.times;
             all.invalid += one.invalid;
             let start = Instant::now();
             // The kernel writes hits alone.
@@ -274,7 +306,7 @@ impl Scene {
             for (hits, &total) in hits.zip(&all.totals[first_total..]) {
                 hits[total.min(limit) as usize..].fill(Hit::NONE);
             }
-            all.download += one.download + start.elapsed();
+            all.times.download += start.elapsed();
         }
         Ok(all)
     }
@@ -284,23 +316,30 @@ impl Scene {
     /// # Errors
     /// The device failed, or the scene's triangle test is neither the default nor `exact` and the traversal not
     /// `brute`.
-    pub fn steps(&self, rays: &[impl AnyRay]) -> Result<(Vec<Hit>, Vec<RaySteps>), Error> {
+    pub fn steps(&self, rays: &[impl AnyRay]) -> Result<Stepped, Error> {
         if self.traversal == Traversal::Brute {
             let tests = RaySteps { tests: self.kept.count(), ..RaySteps::default() };
-            return Ok((self.brute(rays)?, vec![tests; rays.len()]));
+            let Traced { hits, times, invalid } = self.brute_traced(rays)?;
+            return Ok(Stepped { hits, steps: vec![tests; rays.len()], times, invalid });
         }
-        let (mut hits, mut counts) = (Vec::new(), Vec::new());
+        let mut all = Stepped::default();
         for part in rays.chunks(self.batch_limit()) {
+            let start = Instant::now();
             let batch = Batch::new(self, part)?;
+            let upload = start.elapsed();
             let step = match self.walk(&batch, self.traversal) {
                 Some(step) => step,
                 None => self.intersector.steps(batch.query(self), batch.counts.out(), batch.count)?,
             };
-            let hits = batch.hits.back(To::End(&mut hits, part.len()));
-            let counts = batch.counts.back(To::End::<RaySteps>(&mut counts, part.len()));
-            batch.run(&self.device, &[step], asked(Query::Closest), vec![hits, counts])?;
+            let one = traced(upload, || {
+                let hits = batch.hits.back(To::End(&mut all.hits, part.len()));
+                let counts = batch.counts.back(To::End::<RaySteps>(&mut all.steps, part.len()));
+                batch.run(&self.device, &[step], asked(Query::Closest), vec![hits, counts])
+            })?;
+            all.times += one.times;
+            all.invalid += one.invalid;
         }
-        Ok((hits, counts))
+        Ok(all)
     }
 
     /// Traces a batch once, and fetches hits: how long the kernels took, and how many rays were none.

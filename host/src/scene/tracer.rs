@@ -66,21 +66,21 @@ impl Tracer {
         self.find(&self.local(ray), true)
     }
 
-    /// Calls `each` with all hits, by rising (`t`, triangle), until it breaks.
+    /// Calls `each` with all hits, by rising (`t`, triangle), until it breaks; returns what it broke with.
     ///
-    /// # Panics
-    /// The scene's triangle test was neither the default nor `exact`.
+    /// # Errors
+    /// The scene's triangle test was neither the default nor `exact`. Then `each` is not called.
     pub fn for_each_hit<B>(
         &self,
         ray: &impl AnyRay,
         mut each: impl FnMut(Hit) -> ControlFlow<B>,
-    ) -> ControlFlow<B> {
+    ) -> Result<ControlFlow<B>, Error> {
         let mut broken = ControlFlow::Continue(());
         self.find_all(&self.local(ray), &mut |hit| {
             broken = each(hit);
             broken.is_continue()
-        });
-        broken
+        })?;
+        Ok(broken)
     }
 
     /// How often the ray crosses the mesh in its range, as [`Scene::crossings`] counts.
@@ -99,9 +99,8 @@ impl Tracer {
     }
 
     /// Calls `each` with all hits until it says no.
-    fn find_all(&self, ray: &Ray, each: &mut dyn FnMut(Hit) -> bool) {
-        let done = self.intersector.single_all(&self.tree(), ray, each);
-        done.unwrap_or_else(|error| panic!("{error}"));
+    fn find_all(&self, ray: &Ray, each: &mut dyn FnMut(Hit) -> bool) -> Result<(), Error> {
+        self.intersector.single_all(&self.tree(), ray, each)
     }
 
     fn count_crossings(&self, ray: &Ray) -> Crossings {

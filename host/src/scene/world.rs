@@ -83,7 +83,7 @@ pub struct WorldTraced {
     pub hits: Vec<WorldHit>,
     /// Rays that were none, as in [`Traced::invalid`](super::Traced::invalid), in the world or in an instance that was
     /// asked for them, where they hit nothing. Each counts once.
-    pub invalid: u32,
+    pub invalid: u64,
 }
 
 impl World {
@@ -171,7 +171,7 @@ impl World {
                 }
             }
             all.hits.extend(best);
-            all.invalid += none.into_iter().filter(|&none| none).count() as u32;
+            all.invalid += none.into_iter().filter(|&none| none).count() as u64;
         }
         Ok(all)
     }

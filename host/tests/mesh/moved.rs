@@ -152,7 +152,8 @@ fn all_queries_move_their_rays() {
     assert_eq!(there.any(&wide).unwrap(), here.any(&local).unwrap());
     assert_eq!(there.trace(Query::Closest, &wide).unwrap().hits, wanted);
     assert_eq!(there.brute(&wide).unwrap(), wanted);
-    assert_eq!(there.steps(&wide).unwrap(), here.steps(&local).unwrap());
+    let [there_steps, here_steps] = [there.steps(&wide).unwrap(), here.steps(&local).unwrap()];
+    assert_eq!((there_steps.hits, there_steps.steps), (here_steps.hits, here_steps.steps));
     let but: Vec<u32> = wanted.iter().map(|hit| hit.triangle).collect();
     let except = [
         there.trace_except(Query::Closest, &wide, &but).unwrap().hits,

@@ -1,7 +1,7 @@
 //! What is written down is what the kernels count.
 
 use raykd::{
-    BuildOptions, Builder, Device, Mesh, Ray, Scene, Traversal,
+    BuildOptions, Builder, Device, Mesh, Ray, Scene, Stepped, Traversal,
     rays::{Camera, random},
     shared::Content,
     stress::CASES,
@@ -52,7 +52,7 @@ fn visits_are_the_kernels_own() {
             let nodes = tree.view().nodes;
             for traversal in Traversal::ALL.iter().copied().filter(|&one| one != Traversal::Brute) {
                 scene.traverse_by(traversal).unwrap();
-                let (hits, steps) = scene.steps(&rays).unwrap();
+                let Stepped { hits, steps, .. } = scene.steps(&rays).unwrap();
                 for (i, ray) in rays.iter().enumerate() {
                     let way = ways.of(ray, traversal).unwrap();
                     let what = format!("{name}, {builder}, {traversal}, ray {i}");

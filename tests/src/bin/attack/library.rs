@@ -3,7 +3,7 @@
 use crate::harness::{Case, Good, Outcome, Tally, holds};
 use raykd::{
     BuildOptions, Builder, Device, DeviceKind, Error, Hit, Intersector, KdTree, Mesh, Query, Ray,
-    ResidentRays, Scene, Traversal,
+    ResidentRays, Scene, Stepped, Traversal,
     internals::Cpu,
     rays::{Camera, Random, random},
 };
@@ -152,7 +152,7 @@ fn sizes(tally: &mut Tally) {
             })?;
             let mut resident = scene.resident(rays).map_err(|e| e.to_string())?;
             trace_resident(&mut resident, Query::Closest, &hits)?;
-            let (same, steps) = scene.steps(rays).map_err(|e| e.to_string())?;
+            let Stepped { hits: same, steps, .. } = scene.steps(rays).map_err(|e| e.to_string())?;
             holds(same == hits && steps.len() == count, || "steps differ".to_owned())?;
             Ok(Good::Right)
         });
@@ -341,7 +341,7 @@ impl Alone {
                 ("all", all.hits == self.all && all.totals == self.totals),
                 ("except", scene.trace_except(Query::Closest, &self.rays, &excluded)?.hits == self.except),
                 ("brute", scene.brute(&self.rays)? == self.closest),
-                ("steps", scene.steps(&self.rays)?.0 == self.closest),
+                ("steps", scene.steps(&self.rays)?.hits == self.closest),
                 ("tree", scene.tree()?.digest() == digest),
             ])
         };

@@ -246,7 +246,7 @@ fn any_time(tally: &mut Tally) {
                     format!("{}: {}", ran.status, ran.err)
                 })?;
                 if there && line == WRITERS[0] {
-                    KdTree::load(&folder.path().join("out.png")).map_err(|e| e.to_string())?;
+                    KdTree::load(folder.path().join("out.png")).map_err(|e| e.to_string())?;
                 }
                 holds(!(there && line.starts_with("chart")), || "a chart after so short a time".to_owned())?;
                 Ok(Good::Right)
@@ -266,7 +266,7 @@ fn two_writers(tally: &mut Tally) {
                 running.finish()?.succeeded()?;
             }
             tidy(folder.path(), true)?;
-            KdTree::load(&folder.path().join("out.png")).map_err(|e| e.to_string())?;
+            KdTree::load(folder.path().join("out.png")).map_err(|e| e.to_string())?;
             Ok(Good::Right)
         });
     }

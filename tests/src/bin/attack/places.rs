@@ -204,7 +204,7 @@ fn names(tally: &mut Tally) {
             let folder = folder();
             let mut command = raykd(folder.path(), "build m.obj --device cpu --threads 1 -o");
             let done = run(command.arg(OsStr::from_bytes(name)))?.succeeded()?;
-            KdTree::load(&folder.path().join(OsStr::from_bytes(name))).map_err(|e| e.to_string())?;
+            KdTree::load(folder.path().join(OsStr::from_bytes(name))).map_err(|e| e.to_string())?;
             Ok(done)
         });
         tally.attempt(&format!("mesh {}", name.escape_ascii()), || {
@@ -300,7 +300,7 @@ fn devices(tally: &mut Tally) {
             program().display()
         );
         run(Command::new("bash").args(["-c", &script]).current_dir(folder.path()))?.succeeded()?;
-        KdTree::load(&folder.path().join("seen")).map_err(|e| e.to_string())?;
+        KdTree::load(folder.path().join("seen")).map_err(|e| e.to_string())?;
         Ok(Good::Right)
     });
     tally.attempt("link", || {
@@ -313,7 +313,7 @@ fn devices(tally: &mut Tally) {
         holds(fs::symlink_metadata(at("link")).is_ok_and(|it| it.is_symlink()), || {
             "the link was replaced".to_owned()
         })?;
-        KdTree::load(&at("target")).map_err(|e| e.to_string())?;
+        KdTree::load(at("target")).map_err(|e| e.to_string())?;
         Ok(Good::Right)
     });
     tally.attempt("folder that is gone", || {
