@@ -90,11 +90,11 @@ fn run(args: &CalibrateArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
         return write_json(out, &all.iter().map(|(calibration, _)| calibration).collect::<Vec<_>>());
     }
     for (calibration, path) in &all {
-        writeln!(out, "{}  {}", calibration.device.to_uppercase(), calibration.name)?;
+        writeln!(out, "{}  {}", calibration.device().to_uppercase(), calibration.name())?;
         let mut table =
             Table::new(["Choice", "triangles", "upload ms", "build ms", "launch ms", "ns/ray", "bytes"]);
         for &choice in CHOICES {
-            for cost in calibration.costs.iter().filter(|cost| cost.choice == choice.name) {
+            for cost in calibration.costs().iter().filter(|cost| cost.choice == choice.name) {
                 let triangles = count(cost.triangles.into());
                 let numbers = [cost.upload_ms, cost.build_ms, cost.launch_ms, cost.ray_ns].map(three);
                 let cells = [cost.choice.clone(), triangles].into_iter().chain(numbers);

@@ -282,7 +282,7 @@ fn row(
         }
         Err(error) => return Err(error),
     };
-    row.kinds = outcome.kinds.iter().map(|&(kind, count)| (kind.to_owned(), count)).collect();
+    row.kinds = outcome.kinds.iter().map(|&(kind, count)| (kind.name().to_owned(), count)).collect();
     row.inexact = outcome.inexact;
     row.t_ulp = outcome.ulps;
     row.example = example(trial, &outcome, rays);

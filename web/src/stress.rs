@@ -49,14 +49,14 @@ impl Trial {
     #[wasm_bindgen(unchecked_return_type = "Outcome")]
     pub fn run(&mut self, intersector: &str) -> Result<JsValue, JsError> {
         let test = intersector.parse().map_err(error)?;
-        let method = Method { test, way: Way::Tree(Builder::default(), Traversal::default()) };
+        let method = Method::new(test, Way::Tree(Builder::default(), Traversal::default()));
         let start = js_sys::Date::now();
         let outcome = self.0.run(&method, &Device::cpu(), None).map_err(error)?;
         object(&Outcome {
             rays: outcome.rays,
             failures: outcome.failures,
             inexact: outcome.inexact,
-            kinds: outcome.kinds,
+            kinds: outcome.kinds.iter().map(|&(kind, count)| (kind.name(), count)).collect(),
             known: outcome.expected,
             ms: js_sys::Date::now() - start,
         })

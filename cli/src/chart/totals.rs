@@ -93,17 +93,18 @@ mod tests {
     use raykd::plan::{Choice, Cost};
 
     fn sample(choice: &str, build_ms: f64, ray_ns: f64) -> Sample {
-        let cost = Cost {
-            choice: choice.to_owned(),
-            triangles: 10,
-            upload_ms: 0.0,
-            build_ms,
-            launch_ms: 0.0,
-            ray_ns,
-            worst_ns: ray_ns,
-            transfer_ns: 0.0,
-            bytes: 100,
-        };
+        let cost = serde_json::json!({
+            "choice": choice,
+            "triangles": 10,
+            "upload_ms": 0.0,
+            "build_ms": build_ms,
+            "launch_ms": 0.0,
+            "ray_ns": ray_ns,
+            "worst_ns": ray_ns,
+            "transfer_ns": 0.0,
+            "bytes": 100,
+        });
+        let cost: Cost = serde_json::from_value(cost).unwrap();
         let choice = Choice::named(choice).unwrap();
         Sample {
             scene: "s".to_owned(),

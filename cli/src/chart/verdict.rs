@@ -55,9 +55,9 @@ pub(super) fn pairs(data: &Data, scenes: &[(&str, &Mesh)]) -> Vec<Pair> {
     for &(scene, mesh) in scenes {
         for calibration in &data.calibrations {
             for predicted in costs(mesh, calibration) {
-                let of = |s: &&Sample| s.device == calibration.device && s.choice.name == predicted.choice;
+                let of = |s: &&Sample| s.device == calibration.device() && s.choice.name == predicted.choice;
                 let Some(sample) = choices(data, scene).find(of) else { continue };
-                let (scene, device) = (scene.to_owned(), calibration.device.clone());
+                let (scene, device) = (scene.to_owned(), calibration.device().to_owned());
                 pairs.push(Pair { scene, device, predicted, measured: sample.cost.clone() });
             }
         }
@@ -77,14 +77,15 @@ pub(super) fn verdicts(data: &Data, scenes: &[(&str, &Mesh)]) -> Vec<Verdict> {
             for k in ASKED {
                 let rays = 10u64.pow(k as u32);
                 let plan = choose(mesh, rays, set);
-                let device = &set[plan.calibration].device;
-                let of = || choices(data, scene).filter(|s| set.iter().any(|c| c.device == s.device));
+                let device = set[plan.calibration].device();
+                let of = || choices(data, scene).filter(|s| set.iter().any(|c| c.device() == s.device));
                 // Rays move as fast whatever the mesh; what else the machine did meanwhile is no part of a choice.
                 let total = |s: &Sample| {
                     let of = data.samples.iter().filter(|other| other.device == s.device);
-                    let transfer_ns =
-                        of.map(|other| other.cost.transfer_ns).fold(s.cost.transfer_ns, f64::min);
-                    Cost { transfer_ns, ..s.cost.clone() }.total_ms(rays as f64)
+                    let mut cost = s.cost.clone();
+                    cost.transfer_ns =
+                        of.map(|other| other.cost.transfer_ns).fold(cost.transfer_ns, f64::min);
+                    cost.total_ms(rays as f64)
                 };
                 let named = |s: &Sample| format!("{} {}", s.device.to_uppercase(), s.choice.name);
                 let chosen = of().find(|s| s.device == device && s.choice == plan.choice);
@@ -92,7 +93,7 @@ pub(super) fn verdicts(data: &Data, scenes: &[(&str, &Mesh)]) -> Vec<Verdict> {
                 let (Some(chosen), Some(best)) = (chosen, best) else { continue };
                 verdicts.push(Verdict {
                     scene: scene.to_owned(),
-                    devices: set.iter().map(|c| c.device.to_uppercase()).collect::<Vec<_>>().join(" or "),
+                    devices: set.iter().map(|c| c.device().to_uppercase()).collect::<Vec<_>>().join(" or "),
                     rays,
                     choice: named(chosen),
                     predicted_ms: plan.total_ms(),

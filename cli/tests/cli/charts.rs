@@ -2,9 +2,10 @@
 
 use raykd::{
     Device, Mesh, Ray,
-    plan::{CHOICES, Calibration, Cost, Seen, cache_file},
+    plan::{CHOICES, cache_file},
     rays,
 };
+use serde_json::{Value, json};
 use std::{
     fs,
     path::Path,
@@ -20,26 +21,31 @@ fn told(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
 }
 
-/// Costs by which this choice is the best one.
-fn favouring(name: &str) -> Calibration {
-    let cost = |choice: &str, triangles: u32| Cost {
-        choice: choice.to_owned(),
-        triangles,
-        upload_ms: 0.1,
-        build_ms: if choice == name { 1.0 } else { 100.0 },
-        launch_ms: 0.0,
-        ray_ns: 1.0,
-        worst_ns: 1.0,
-        transfer_ns: 1.0,
-        bytes: 1000,
+/// A calibration's file, by which this choice is the best one.
+fn favouring(name: &str) -> String {
+    let cost = |choice: &str, triangles: u32| {
+        json!({
+            "choice": choice,
+            "triangles": triangles,
+            "upload_ms": 0.1,
+            "build_ms": if choice == name { 1.0 } else { 100.0 },
+            "launch_ms": 0.0,
+            "ray_ns": 1.0,
+            "worst_ns": 1.0,
+            "transfer_ns": 1.0,
+            "bytes": 1000,
+        })
     };
-    Calibration {
-        version: env!("CARGO_PKG_VERSION").to_owned(),
-        device: "cpu".to_owned(),
-        name: Device::cpu_with_threads(1).unwrap().name().to_owned(),
-        looks: [100, 1000].map(|n| (n, [Seen { whole: 10.0, halfway: 20.0 }; 2])).to_vec(),
-        costs: CHOICES.iter().flat_map(|c| [cost(c.name, 100), cost(c.name, 1000)]).collect(),
-    }
+    let seen = json!({ "whole": 10.0, "halfway": 20.0 });
+    let costs: Vec<_> = CHOICES.iter().flat_map(|c| [cost(c.name, 100), cost(c.name, 1000)]).collect();
+    json!({
+        "version": env!("CARGO_PKG_VERSION"),
+        "device": "cpu",
+        "name": Device::cpu_with_threads(1).unwrap().name(),
+        "looks": [[100, [seen, seen]], [1000, [seen, seen]]],
+        "costs": costs,
+    })
+    .to_string()
 }
 
 /// Rays at the teapot in a file.
@@ -59,11 +65,11 @@ fn whatever_auto_chooses_hits_are_the_same_bytes() {
     assert!(raykd(&line).status.success());
     let expected = fs::read(&hits).unwrap();
     for &choice in CHOICES {
-        favouring(choice.name).save(&costs).unwrap();
+        fs::write(&costs, favouring(choice.name)).unwrap();
         fs::remove_file(&hits).unwrap();
         let output = raykd(&[line.as_slice(), &["--quality", "auto", "--costs", &costs, "--json"]].concat());
         assert!(output.status.success(), "{}", told(&output));
-        let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let json: Value = serde_json::from_slice(&output.stdout).unwrap();
         assert_eq!(json["auto"]["choice"], choice.name);
         assert!(json["auto"]["predicted_ms"].as_f64() > Some(1.0), "{json}");
         assert!(json["auto"]["measured_ms"].as_f64() > Some(0.0), "{json}");
@@ -76,7 +82,7 @@ fn auto_tells_what_it_chose_in_words() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).display().to_string();
     let (costs, picture) = (path("costs.json"), path("a.png"));
-    favouring("halfway").save(&costs).unwrap();
+    fs::write(&costs, favouring("halfway")).unwrap();
     let auto = ["--threads", "1", "--quality", "auto", "--costs", &costs];
     let build = raykd(&[["build", "teapot"].as_slice(), &auto, &["--rays", "5000"]].concat());
     assert!(told(&build).contains("halfway tree for 5,000 rays: predicted 1.1"), "{}", told(&build));
@@ -95,7 +101,7 @@ fn auto_is_checked_against_what_everything_takes() {
     let folder = tempfile::tempdir().unwrap();
     let device = Device::cpu_with_threads(1).unwrap();
     let name = cache_file(&device).unwrap();
-    favouring("halfway").save(folder.path().join(name.file_name().unwrap())).unwrap();
+    fs::write(folder.path().join(name.file_name().unwrap()), favouring("halfway")).unwrap();
     let check = |more: &[&str]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_raykd"));
         command.args(["calibrate", "--check", "teapot:2", "--threads", "1", "--device", "cpu"]).args(more);
@@ -103,7 +109,7 @@ fn auto_is_checked_against_what_everything_takes() {
     };
     let output = check(&["--json"]);
     assert!(output.status.success(), "{}", told(&output));
-    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let json: Value = serde_json::from_slice(&output.stdout).unwrap();
     let (cases, costs) = (json["cases"].as_array().unwrap(), json["costs"].as_array().unwrap());
     assert_eq!((cases.len(), costs.len(), &json["traced"]["cpu"]), (7, CHOICES.len(), &32768.into()));
     for (case, power) in cases.iter().zip(3..) {
@@ -161,9 +167,9 @@ fn costs_of_no_use_are_refused() {
     let damaged = build(&[]);
     assert_eq!(damaged.status.code(), Some(1));
     assert!(told(&damaged).contains("`raykd calibrate` measures anew"), "{}", told(&damaged));
-    let mut other = favouring("none");
-    other.name = "Analytical Engine".to_owned();
-    other.save(&costs).unwrap();
+    let mut other: Value = serde_json::from_str(&favouring("none")).unwrap();
+    other["name"] = "Analytical Engine".into();
+    fs::write(&costs, other.to_string()).unwrap();
     assert!(told(&build(&[])).contains("Analytical Engine"));
     // What auto decides cannot be decided otherwise too.
     assert_eq!(build(&["--builder", "zhou"]).status.code(), Some(2));

@@ -23,19 +23,29 @@ const SLOW: f64 = 300.0;
 /// A calibration file is not larger.
 const MOST_BYTES: u64 = 1 << 20;
 
-/// What all choices cost on one device.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+/// What all choices cost on one device: measured, or read from the file of a calibration.
+///
+/// As JSON, by `serde`, it is what [`Calibration::save`] writes. To read one there is [`Calibration::load`] alone, which
+/// checks it.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Calibration {
     /// raykd's version: another one has other costs.
-    pub version: String,
-    /// `cpu` or `gpu`.
-    pub device: String,
-    /// Name of the adapter or processor.
-    pub name: String,
+    version: String,
+    device: String,
+    name: String,
     /// Triangles, and what a glance and a closer look show of the mesh; by rising size.
-    pub looks: Vec<(u32, [Seen; 2])>,
-    /// Of every choice, by rising size.
-    pub costs: Vec<Cost>,
+    looks: Vec<(u32, [Seen; 2])>,
+    costs: Vec<Cost>,
+}
+
+/// A file's, before it is checked.
+#[derive(serde::Deserialize)]
+struct Given {
+    version: String,
+    device: String,
+    name: String,
+    looks: Vec<(u32, [Seen; 2])>,
+    costs: Vec<Cost>,
 }
 
 /// Rays by which a device is measured: enough to fill it.
@@ -106,6 +116,21 @@ impl Calibration {
         })
     }
 
+    /// `cpu` or `gpu`, as [`DeviceKind::name`](crate::DeviceKind::name) has it.
+    pub fn device(&self) -> &str {
+        &self.device
+    }
+
+    /// Name of the adapter or processor, as [`Device::name`] has it.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// What every choice cost on the meshes that were measured, for each choice by rising size.
+    pub fn costs(&self) -> &[Cost] {
+        &self.costs
+    }
+
     /// What the [`cache_file`] holds of this device, if there is such a file: its costs, or why they cannot be used.
     pub fn from_cache(device: &Device) -> Option<Result<Self, Error>> {
         let path = cache_file(device).ok().filter(|path| path.exists())?;
@@ -123,7 +148,7 @@ impl Calibration {
         let file = std::fs::File::open(path).map_err(fail)?;
         file.take(MOST_BYTES).read_to_end(&mut bytes).map_err(fail)?;
         let wrong = |what: String| Error::Calibration { path: path.to_owned(), what };
-        let read: Self = serde_json::from_slice(&bytes).map_err(|error| wrong(quoted(error)))?;
+        let read: Given = serde_json::from_slice(&bytes).map_err(|error| wrong(quoted(error)))?;
         if read.version != env!("CARGO_PKG_VERSION") {
             return Err(wrong(format!("it is of raykd {}", quoted(&read.version))));
         }
@@ -140,7 +165,8 @@ impl Calibration {
         if !CHOICES.iter().all(known) {
             return Err(wrong("a choice has no costs".to_owned()));
         }
-        Ok(read)
+        let Given { version, device, name, looks, costs } = read;
+        Ok(Self { version, device, name, looks, costs })
     }
 
     /// Writes it to a file, whole or not at all.

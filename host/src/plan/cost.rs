@@ -26,6 +26,7 @@ const FEW: usize = 64;
 
 /// What a mesh and rays cost by one [`Choice`].
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[non_exhaustive]
 pub struct Cost {
     /// Name of the choice.
     pub choice: String,

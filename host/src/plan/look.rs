@@ -36,7 +36,7 @@ const RAYS: usize = 1024;
 
 /// What a look shows of a usual ray.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Seen {
+pub(super) struct Seen {
     /// Nodes, leaves and tests in an exact tree of the coarse copy, and one for setting out;
     pub whole: f64,
     /// the same and the triangles that it would meet in the leaves of a tree that ends halfway down.

@@ -24,10 +24,9 @@ mod look;
 pub use calibration::{Calibration, cache_file, create_cache_file};
 pub use choice::{CHOICES, Choice};
 pub use cost::Cost;
-pub use look::Seen;
 
 use crate::{Mesh, Traversal};
-use look::{LOOKS, Looking};
+use look::{LOOKS, Looking, Seen};
 
 /// What [`choose`] chose.
 #[derive(Clone, Debug, PartialEq)]

@@ -43,6 +43,7 @@ pub struct Surface {
 
 /// Rays that missed.
 #[derive(Clone, Copy, Debug, Default)]
+#[non_exhaustive]
 pub struct Leaks {
     /// Rays traced.
     pub rays: u64,

@@ -19,6 +19,7 @@ pub enum Way {
 
 /// A way to answer rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Method {
     /// The triangle test.
     pub test: Intersector,
@@ -30,6 +31,11 @@ pub struct Method {
 const USUAL: Way = Way::Tree(Builder::Binned, Traversal::Stack);
 
 impl Method {
+    /// A triangle test and a way.
+    pub const fn new(test: Intersector, way: Way) -> Self {
+        Self { test, way }
+    }
+
     /// All of them, raykd's default first.
     pub fn all() -> Vec<Self> {
         let usual = |way| Self { test: Intersector::Strict, way };

@@ -19,10 +19,8 @@ use crate::{
     rays::{AnyRay, Random},
     shared::MISS,
 };
-use raykd_oracle::{
-    Crossing, Oracle,
-    judge::{Fault, ulps},
-};
+pub use raykd_oracle::{Crossing, judge::Fault};
+use raykd_oracle::{Oracle, judge::ulps};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
@@ -176,6 +174,7 @@ impl Truth {
 
 /// A ray that fails, to be traced again.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct Example {
     /// Which part of the scene.
     pub part: usize,
@@ -191,6 +190,7 @@ pub struct Example {
 
 /// What a method made of a scene.
 #[derive(Clone, Debug, Default)]
+#[non_exhaustive]
 pub struct Outcome {
     /// Rays traced.
     pub rays: u64,
@@ -199,7 +199,7 @@ pub struct Outcome {
     /// Rays whose answer names another triangle than the exact one, wrong or within rounding.
     pub inexact: u64,
     /// Failures by kind.
-    pub kinds: Vec<(&'static str, u64)>,
+    pub kinds: Vec<(Failure, u64)>,
     /// One of them.
     pub example: Option<Example>,
     /// Errors of `t` in ULP of the exact one where the closest exact triangle was hit: half of them are at most the
@@ -297,9 +297,9 @@ impl Trial {
                 outcome.inexact += u64::from(answer.triangle != first.map_or(MISS, |c| c.triangle));
                 let Some(why) = self.judge(method, &answers, part, ray) else { continue };
                 outcome.failures += 1;
-                match outcome.kinds.iter_mut().find(|(name, _)| *name == why.name()) {
+                match outcome.kinds.iter_mut().find(|(kind, _)| *kind == why) {
                     Some((_, count)) => *count += 1,
-                    None => outcome.kinds.push((why.name(), 1)),
+                    None => outcome.kinds.push((why, 1)),
                 }
                 outcome.example.get_or_insert(Example { part, ray, why, answer: *answer, exact: first });
             }
