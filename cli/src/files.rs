@@ -1,7 +1,7 @@
 //! What a command reads and writes, looked at before it does any work.
 
+use anyhow::anyhow;
 use raykd::{
-    Error,
     internals::{files_beside, output, quoted},
     mesh::MeshSource,
 };
@@ -44,7 +44,7 @@ impl Files {
     ///
     /// # Errors
     /// Nothing could be written there; an output or standard output is the same file as an input, or both are one.
-    pub(super) fn check(&self) -> Result<(), Error> {
+    pub(super) fn check(&self) -> anyhow::Result<()> {
         for output in &self.written {
             output::check(output)?;
         }
@@ -63,7 +63,7 @@ fn identity(path: &Path) -> Option<Handle> {
 }
 
 /// Finds out whether all that is written differs from all that is read, and from what is printed.
-fn apart(read: &[PathBuf], written: &[PathBuf]) -> Result<(), Error> {
+fn apart(read: &[PathBuf], written: &[PathBuf]) -> anyhow::Result<()> {
     let known = |paths: &[PathBuf]| -> Vec<(String, Handle)> {
         paths.iter().filter_map(|path| Some((quoted(path.display()), identity(path)?))).collect()
     };
@@ -72,7 +72,7 @@ fn apart(read: &[PathBuf], written: &[PathBuf]) -> Result<(), Error> {
     let printed = Handle::stdout().ok().filter(|it| it.as_file().metadata().is_ok_and(|it| it.is_file()));
     written.extend(printed.map(|printed| ("standard output".to_owned(), printed)));
     let same = |(a, b): (&(String, Handle), &(String, Handle))| {
-        (a.1 == b.1).then(|| Error::SameFile { written: a.0.clone(), other: b.0.clone() })
+        (a.1 == b.1).then(|| anyhow!("{} and {} are the same file; write to another one", a.0, b.0))
     };
     let pairs = written.iter().enumerate();
     let mut pairs = pairs.flat_map(|(i, a)| iter::repeat(a).zip(read.iter().chain(&written[i + 1..])));

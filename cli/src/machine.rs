@@ -2,6 +2,7 @@
 
 use crate::{
     args::{MachineArgs, One, Which},
+    hints,
     notes::Notes,
 };
 use raykd::{Device, DeviceKind, Error};
@@ -31,7 +32,7 @@ impl Machine {
                 Err(error) => {
                     // That there is no GPU is nothing to talk about; that it is not used is.
                     if !matches!(error, Error::NoAdapter { .. }) {
-                        notes.note(format_args!("{error}; using the CPU"));
+                        notes.note(format_args!("{}; using the CPU", hints::told(&error)));
                     }
                     Self { device: cpu(more)?, automatic: true }
                 }
@@ -209,13 +210,13 @@ mod tests {
         };
         let expected = work(&Device::cpu()).unwrap();
         assert_eq!(on_gpu(true).run(&Notes::new(true), work).unwrap(), expected);
-        let error = on_gpu(false).run(&Notes::new(true), work).unwrap_err().to_string();
+        let error = hints::told(&on_gpu(false).run(&Notes::new(true), work).unwrap_err());
         assert!(error.contains("lost") && error.contains("--device cpu"), "{error}");
     }
 
     #[test]
     fn other_errors_are_nobodys_fault() {
-        let work = |_: &Device| -> Result<(), Error> { Err(Error::Tree("damaged".to_owned())) };
+        let work = |_: &Device| -> Result<(), Error> { Err(Error::Untraced) };
         assert!(on_gpu(true).run(&Notes::new(true), work).is_err());
     }
 

@@ -13,6 +13,7 @@ mod command;
 mod compare;
 mod devices;
 mod files;
+mod hints;
 mod input;
 mod inside;
 mod machine;
@@ -102,12 +103,16 @@ fn reader_left(error: &anyhow::Error) -> bool {
     kind == Some(io::ErrorKind::BrokenPipe)
 }
 
-/// An error with those of its causes that it does not quote itself.
+/// An error with those of its causes that it does not quote itself, and what to do about them.
 fn told(error: &anyhow::Error) -> String {
-    let mut text = format!("error: {error}\n");
-    for cause in error.chain().skip(1).map(ToString::to_string) {
-        if !text.contains(&cause) {
-            let _ = writeln!(text, "  because: {}", quoted(cause));
+    let mut text = String::new();
+    for cause in error.chain() {
+        let hint = hints::of(cause);
+        let told = cause.to_string();
+        if text.is_empty() {
+            let _ = writeln!(text, "error: {told}{hint}");
+        } else if !text.contains(&told) {
+            let _ = writeln!(text, "  because: {}{hint}", quoted(told));
         }
     }
     text
@@ -127,6 +132,18 @@ mod tests {
         );
         let quoted = raykd::Error::Io { path: "a".into(), source: io::Error::other("disk full") };
         assert_eq!(told(&quoted.into()), "error: a: disk full\n");
+    }
+
+    #[test]
+    fn hints_follow_what_they_are_for() {
+        let failed =
+            || raykd::Error::DeviceFailed { adapter: "Voodoo 2".to_owned(), what: "it broke".to_owned() };
+        let hinted = "Voodoo 2: it broke; the same job gives the same bytes on the CPU: --device cpu\n";
+        assert_eq!(told(&failed().into()), format!("error: {hinted}"));
+        let within = Err::<(), _>(failed()).context("no picture").unwrap_err();
+        assert_eq!(told(&within), format!("error: no picture\n  because: {hinted}"));
+        let long = raykd::mesh::MeshError::TooLong { at: Default::default(), limit: 7 };
+        assert!(told(&long.into()).ends_with("allow more by --max-bytes\n"));
     }
 
     #[test]

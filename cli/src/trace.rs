@@ -14,6 +14,7 @@ use crate::{
     report::{count, three, write_json},
     task::{On, Task},
 };
+use anyhow::anyhow;
 use clap::{Parser, ValueEnum};
 use raykd::{
     AllHits, BuildOptions, Device, Error, Hit, KdTree, Query, Ray, Scene, TraceTimes, Traced, Traversal,
@@ -203,7 +204,12 @@ fn run(args: &TraceArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
     let (machine, amount) = amount::decide(&args.how, args.walk.traversal, device, job, &notes)?;
     let how = (&amount.options, amount.traversal);
     let work = |device: &Device| trace(device, &input, tree.as_ref(), args, how, rays, &notes);
-    let (mut told, found) = machine.run(&notes, work)?;
+    let (mut told, found) = machine.run(&notes, work).map_err(|error| match (error, &args.tree) {
+        (Error::Tree { why, .. }, Some(tree)) => {
+            anyhow!("{} and {}: {why}", quoted(tree.display()), quoted(args.mesh.display()))
+        }
+        (other, _) => other.into(),
+    })?;
     told.auto = amount.plan.map(|plan| {
         let rays = told.ray_upload_ms + told.trace_ms + told.download_ms;
         amount::Told::new(
@@ -237,12 +243,7 @@ fn trace(
     let mut scene;
     let (build, upload, digest);
     if let Some(tree) = tree {
-        scene = Scene::with_tree(device, mesh, tree).map_err(|error| match (error, &args.tree) {
-            (Error::Tree(what), Some(file)) => {
-                Error::Tree(format!("{} and {}: {what}", quoted(file.display()), quoted(args.mesh.display())))
-            }
-            (other, _) => other,
-        })?;
+        scene = Scene::with_tree(device, mesh, tree)?;
         (build, upload, digest) = (Duration::ZERO, scene.times().upload, tree.digest());
     } else {
         notes.stage(format_args!("{}: building", input.name));

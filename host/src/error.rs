@@ -1,6 +1,7 @@
 //! What can go wrong, and what to do about it.
 
 use crate::{Intersector, quoted::quoted};
+use raykd_shared::{Fault, LAYOUT_VERSION};
 use std::path::PathBuf;
 
 /// Everything raykd's library reports.
@@ -18,18 +19,10 @@ pub enum Error {
         /// What the system said.
         source: std::io::Error,
     },
-    /// What is to be written would replace what is read, or be mixed with what is printed.
-    #[error("{written} and {other} are the same file; write to another one")]
-    SameFile {
-        /// The output.
-        written: String,
-        /// What it would harm.
-        other: String,
-    },
-    /// A file is larger than what is read of one.
+    /// A file is larger than what is read of one: [`KdTree::load_up_to`](crate::KdTree::load_up_to) allows more.
     #[error(
-        "{}: this is more than {limit} bytes, and no more are read; if all is as it should be, allow more (--max-bytes, load_up_to)",
-        path.display()
+        "{}: this is more than {limit} bytes, and no more are read; if all is as it should be, allow more",
+        quoted(path.display())
     )]
     TooLong {
         /// The file.
@@ -39,7 +32,7 @@ pub enum Error {
     },
     /// A buffer would be larger than the device allows.
     #[error(
-        "buffer '{buffer}' needs {bytes} bytes, but {limit_name} allows {limit}; use a smaller mesh, or another device (--device cpu)"
+        "buffer '{buffer}' needs {bytes} bytes, but {limit_name} allows {limit}; use a smaller mesh, or another device"
     )]
     TooLarge {
         /// Name of the buffer.
@@ -63,23 +56,34 @@ pub enum Error {
     #[error("cannot start threads: {0}")]
     Threads(String),
     /// There is no Vulkan adapter (of that name).
-    #[error("no Vulkan adapter{}: install a driver; for a software one, on Debian or Ubuntu: apt install mesa-vulkan-drivers", wanted.as_ref().map(|w| format!(" named like '{}' (`raykd devices` lists those there are)", quoted(w))).unwrap_or_default())]
+    #[error(
+        "no Vulkan adapter{}: install a driver; for a software one, on Debian or Ubuntu: apt install \
+         mesa-vulkan-drivers",
+        wanted.as_ref().map(|wanted| format!(" named like '{}'", quoted(wanted))).unwrap_or_default()
+    )]
     NoAdapter {
         /// The name asked for.
         wanted: Option<String>,
     },
-    /// The device does not compute float operations as the CPU does.
-    #[error(
-        "{adapter} is refused: {reason}; to use it all the same, name it with --adapter and set RAYKD_ALLOW_INEXACT=1"
-    )]
+    /// The device does not compute float operations as the CPU does. [`Device::gpu`](crate::Device::gpu) tells how it may
+    /// be used all the same.
+    #[error("{adapter} is refused: {reason}")]
     Inexact {
         /// The adapter.
         adapter: String,
         /// What the probe found.
         reason: String,
     },
+    /// A driver, or a device that was opened elsewhere, lacks a feature or limit that the kernels need.
+    #[error("{adapter} cannot run raykd's kernels: {what}")]
+    Lacking {
+        /// The adapter.
+        adapter: String,
+        /// What is missing.
+        what: String,
+    },
     /// The device failed.
-    #[error("{adapter}: {what}; the same job gives the same bytes with --device cpu")]
+    #[error("{adapter}: {what}; the same job gives the same bytes on the CPU")]
     DeviceFailed {
         /// The adapter.
         adapter: String,
@@ -90,7 +94,7 @@ pub enum Error {
     #[error("a kernel stopped: {0}")]
     Kernel(&'static str),
     /// A file of measured costs is of no use.
-    #[error("{}: {what}; `raykd calibrate` measures anew", quoted(path.display()))]
+    #[error("{}: {what}", quoted(path.display()))]
     Calibration {
         /// The file.
         path: PathBuf,
@@ -156,9 +160,69 @@ pub enum Error {
         /// Triangles given.
         excluded: usize,
     },
-    /// A tree, or the file of a tree or a scene, does not hold together.
+    /// A tree, or the file of a tree or a scene, cannot be used.
+    #[error("{}{why}", file.as_ref().map(|file| format!("{}: ", quoted(file.display()))).unwrap_or_default())]
+    Tree {
+        /// The file, if it came from one.
+        file: Option<PathBuf>,
+        /// What is wrong with it.
+        why: TreeError,
+    },
+}
+
+/// Why a tree, or the file of a tree or a scene, cannot be used.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum TreeError {
+    /// The bytes do not begin as those of a tree's file.
+    #[error("not a raykd tree file (write one by KdTree::save)")]
+    NoTreeFile,
+    /// The bytes do not begin as those of a scene's file.
+    #[error("not a raykd scene file (write one by Scene::save)")]
+    NoSceneFile,
+    /// This is a tree's file where a scene's is wanted.
+    #[error(
+        "this is a tree's file, without its mesh; read it by KdTree::load, and pass it to Scene::with_tree with the mesh"
+    )]
+    NoMesh,
+    /// A tree's file has another layout.
+    #[error("tree layout version {0}, but this raykd reads {LAYOUT_VERSION}; build the tree again")]
+    TreeVersion(u32),
+    /// A scene's file has another format.
+    #[error("scene layout version {found}, but this raykd reads {known}; build the scene again and save it")]
+    SceneVersion {
+        /// That of the file: of the format, and of the layout behind the point.
+        found: String,
+        /// The one that is read.
+        known: String,
+    },
+    /// A file was cut short or changed.
     #[error("{0}")]
-    Tree(String),
+    Damaged(String),
+    /// The tree does not hold together.
+    #[error("damaged tree: {0}")]
+    Fault(#[from] Fault),
+    /// The tree is of other triangles.
+    #[error(
+        "the tree belongs to another mesh ({}); build it again from this one",
+        if *tree == *mesh {
+            format!("of as many triangles, {mesh}, but not the same")
+        } else {
+            format!("of {tree} triangles, this one has {mesh}")
+        }
+    )]
+    OtherMesh {
+        /// How many triangles the mesh has that the tree is of.
+        tree: usize,
+        /// How many this one has.
+        mesh: usize,
+    },
+}
+
+impl From<TreeError> for Error {
+    fn from(why: TreeError) -> Self {
+        Self::Tree { file: None, why }
+    }
 }
 
 #[cfg(test)]

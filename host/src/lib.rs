@@ -70,7 +70,7 @@ mod traversal;
 mod tree;
 
 pub use build::{BuildOptions, BuildTimes, Builder, KernelTimes};
-pub use error::Error;
+pub use error::{Error, TreeError};
 #[cfg(feature = "gpu")]
 pub use exec::{AdapterReport, AdapterVerdict, adapters, required_features, required_limits};
 pub use exec::{BufferLimit, Device, DeviceKind};

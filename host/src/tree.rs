@@ -1,6 +1,6 @@
 //! A kd-tree in memory and on disk.
 
-use crate::{Error, Mesh, quoted::quoted};
+use crate::{Error, Mesh, TreeError};
 use raykd_shared::{LAYOUT_VERSION, Node, Report, TreeHeader, TreeView};
 use sha2::{Digest, Sha256};
 use std::{io::Write, path::Path};
@@ -42,12 +42,7 @@ impl KdTree {
         if same {
             return Ok(());
         }
-        let counts = if header.triangles as usize == triangles {
-            format!("of as many triangles, {triangles}, but not the same")
-        } else {
-            format!("of {} triangles, this one has {triangles}", header.triangles)
-        };
-        Err(Error::Tree(format!("the tree belongs to another mesh ({counts}); build it again from this one")))
+        Err(TreeError::OtherMesh { tree: header.triangles as usize, mesh: triangles }.into())
     }
 
     /// Header, nodes and references as they lie in memory, one after the other.
@@ -78,9 +73,9 @@ impl KdTree {
     /// Checks the whole tree and measures it; see [`TreeView::validate`].
     ///
     /// # Errors
-    /// The tree is damaged.
+    /// The tree is damaged: [`TreeError::Fault`] says where.
     pub fn validate(&self) -> Result<Report, Error> {
-        self.view().validate().map_err(|fault| Error::Tree(format!("damaged tree: {fault}")))
+        self.view().validate().map_err(|fault| TreeError::Fault(fault).into())
     }
 
     /// Writes the tree to a file: magic, layout version, header, nodes, references, SHA-256 of all that.
@@ -134,29 +129,27 @@ impl KdTree {
     /// # Errors
     /// They are no tree file, of another version, or damaged.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, Error> {
-        let fail = |what: &str| Err(Error::Tree(what.to_owned()));
+        let damaged = |what: &str| Err(TreeError::Damaged(what.to_owned()).into());
         let start = MAGIC.len() + 4;
         let body = start + size_of::<TreeHeader>();
         if bytes.len() < MAGIC.len() || &bytes[..MAGIC.len()] != MAGIC {
-            return fail("not a raykd tree file (write one with: raykd build MESH -o FILE)");
+            return Err(TreeError::NoTreeFile.into());
         }
         if bytes.len() < body + SUM {
-            return fail("truncated tree file");
+            return damaged("truncated tree file");
         }
         let version = u32::from_le_bytes([bytes[8], bytes[9], bytes[10], bytes[11]]);
         if version != LAYOUT_VERSION {
-            return Err(Error::Tree(format!(
-                "tree layout version {version}, but this raykd reads {LAYOUT_VERSION}; build the tree again"
-            )));
+            return Err(TreeError::TreeVersion(version).into());
         }
         let (data, sum) = bytes.split_at(bytes.len() - SUM);
         if Sha256::digest(data).as_slice() != sum {
-            return fail("damaged or truncated tree file: its checksum does not match");
+            return damaged("damaged or truncated tree file: its checksum does not match");
         }
         let header: TreeHeader = bytemuck::pod_read_unaligned(&data[start..body]);
         let node_bytes = u64::from(header.nodes) * size_of::<Node>() as u64;
         if (data.len() - body) as u64 != node_bytes + u64::from(header.refs) * 4 {
-            return fail("damaged tree file: its length does not match its header");
+            return damaged("damaged tree file: its length does not match its header");
         }
         let node_bytes = node_bytes as usize;
         let nodes = bytemuck::pod_collect_to_vec::<u8, _>(&data[body..body + node_bytes]);
@@ -176,7 +169,7 @@ pub(crate) fn seal(header: TreeHeader, nodes: &[Node], refs: &[u32], mesh: [u32;
 /// Adds the file to what is wrong in it.
 pub(crate) fn in_file(path: &Path) -> impl Fn(Error) -> Error + '_ {
     |error| match error {
-        Error::Tree(what) => Error::Tree(format!("{}: {what}", quoted(path.display()))),
+        Error::Tree { why, .. } => Error::Tree { file: Some(path.to_owned()), why },
         other => other,
     }
 }

@@ -20,7 +20,10 @@ use raykd::{Error, mesh::MeshError};
 
 /// What Python calls such an error, with raykd's own sentence.
 fn error(error: Error) -> PyErr {
-    let text = error.to_string();
+    let mut text = error.to_string();
+    if matches!(error, Error::Inexact { .. }) {
+        text += "; to use it all the same, name it and set RAYKD_ALLOW_INEXACT=1";
+    }
     match error {
         Error::Io { source, .. } | Error::Mesh(MeshError::Read { source, .. }) => {
             // By its number Python chooses the kind, such as `FileNotFoundError`.
@@ -33,6 +36,7 @@ fn error(error: Error) -> PyErr {
         Error::Threads(_)
         | Error::NoAdapter { .. }
         | Error::Inexact { .. }
+        | Error::Lacking { .. }
         | Error::DeviceFailed { .. }
         | Error::Kernel(_)
         | Error::Wgpu(_) => PyRuntimeError::new_err(text),

@@ -325,8 +325,10 @@ fn what_cannot_be_used_is_refused() {
     ];
     for (features, limits, word) in lacking {
         let (device, queue) = request(features, limits).expect("a device");
-        let error = Device::from_wgpu(&device, &queue).expect_err(word).to_string();
-        assert!(error.contains(word), "{error}");
+        let error = Device::from_wgpu(&device, &queue).expect_err(word);
+        assert!(matches!(error, Error::Lacking { .. }), "{error}");
+        let told = error.to_string();
+        assert!(told.contains(word) && told.contains("request it") && !told.contains("--device"), "{told}");
     }
 }
 

@@ -462,7 +462,7 @@ impl Device {
     /// ```
     ///
     /// # Errors
-    /// It lacks a feature or limit, or does not compute our float operations exactly.
+    /// It lacks a feature or limit ([`Error::Lacking`] says which), or does not compute our float operations exactly.
     #[cfg(feature = "gpu")]
     pub fn from_wgpu(device: &wgpu::Device, queue: &wgpu::Queue) -> Result<Self, Error> {
         Gpu::given(device.clone(), queue.clone()).map(Into::into)

@@ -206,7 +206,7 @@ fn passes([p, q]: [Point; 2], [a, b, c]: [Point; 3]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{BuildOptions, Device};
+    use crate::{BuildOptions, Device, TreeError};
 
     type Corner = [f32; 3];
 
@@ -335,7 +335,7 @@ mod tests {
     fn another_mesh_is_refused_and_none_has_no_contacts() {
         let [one, other] = [soup(1, true), soup(2, true)];
         let scene = Scene::build(&Device::cpu(), &one, &BuildOptions::default()).unwrap();
-        assert!(matches!(scene.contacts(&other), Err(Error::Tree(_))));
+        assert!(matches!(scene.contacts(&other), Err(Error::Tree { why: TreeError::OtherMesh { .. }, .. })));
         let flat = Mesh::new(vec![[0.0; 3], [1.0; 3], [2.0; 3]], vec![[0, 1, 2]]).unwrap();
         assert_eq!(contacts(&flat), Contacts::default());
     }

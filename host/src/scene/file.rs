@@ -2,7 +2,7 @@
 
 use super::Scene;
 use crate::{
-    BuildTimes, Error, Intersector, Traversal,
+    BuildTimes, Error, Intersector, Traversal, TreeError,
     build::{Kept, MeshBuffers},
     clock::Instant,
     exec::{Device, cpu::Memory, pages::FileBytes},
@@ -245,7 +245,8 @@ impl Scene {
     ) -> Result<Self, Error> {
         let start = Instant::now();
         let file = bytes(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
-        let checked = device.install(|| checked(&file)).map_err(Error::Tree).map_err(tree::in_file(path));
+        let checked = device.install(|| checked(&file));
+        let checked = checked.map_err(|why| Error::Tree { file: Some(path.to_owned()), why });
         let (head, [nodes, refs, corners, positions, indices, kept]) = checked?;
         let header = TreeHeader { mesh: [0; 2], checksum: 0, ..head.tree };
         let [of_nodes, of_refs, vertices, triangles, count] =
@@ -275,32 +276,30 @@ impl Scene {
 }
 
 /// The head of a file that is a scene's, whole and undamaged, and where its sections begin.
-fn checked(file: &FileBytes) -> Result<(Head, [usize; SECTIONS]), String> {
+fn checked(file: &FileBytes) -> Result<(Head, [usize; SECTIONS]), TreeError> {
     let all = Memory::part_of(file, 0, file.len()).keep("scene file");
     let all: &[u8] = all.slice();
     if all.starts_with(tree::MAGIC) {
-        let what = "this is a tree's file, without its mesh";
-        return Err(format!(
-            "{what}; read it by KdTree::load, and pass it to Scene::with_tree with the mesh"
-        ));
+        return Err(TreeError::NoMesh);
     }
     if !all.starts_with(&MAGIC) {
-        return Err("not a raykd scene file (write one by Scene::save)".to_owned());
+        return Err(TreeError::NoSceneFile);
     }
     let Some(head) = all.get(..size_of::<Head>()) else {
-        return Err(format!("truncated scene file; {AGAIN}"));
+        return Err(TreeError::Damaged(format!("truncated scene file; {AGAIN}")));
     };
     let head: Head = bytemuck::pod_read_unaligned(head);
     let (given, read) = ([head.version, head.layout], [VERSION, LAYOUT_VERSION]);
     if given != read {
-        let [given, read] = [given, read].map(|[format, layout]| format!("{format}.{layout}"));
-        return Err(format!("scene layout version {given}, but this raykd reads {read}; {AGAIN}"));
+        let [found, known] = [given, read].map(|[format, layout]| format!("{format}.{layout}"));
+        return Err(TreeError::SceneVersion { found, known });
     }
     let (sizes, bytes) = (head.sizes(), all.len());
     let (begins, end) = places(sizes);
     if bytes as u64 != end + SUM {
         let expected = end + SUM;
-        return Err(format!("damaged or truncated scene file: {bytes} bytes instead of {expected}; {AGAIN}"));
+        let what = format!("damaged or truncated scene file: {bytes} bytes instead of {expected}; {AGAIN}");
+        return Err(TreeError::Damaged(what));
     }
     let (data, sum) = all.split_at(end as usize);
     let begins = begins.map(|begin| begin as usize);
@@ -315,6 +314,6 @@ fn checked(file: &FileBytes) -> Result<(Head, [usize; SECTIONS]), String> {
     };
     let (is_whole, checked) = rayon::join(|| Sha256::digest(data).as_slice() == sum, || parts.check(&head));
     let checked = if is_whole { checked } else { Err("its checksum does not match".to_owned()) };
-    checked.map_err(|what| format!("damaged scene file: {what}; {AGAIN}"))?;
+    checked.map_err(|what| TreeError::Damaged(format!("damaged scene file: {what}; {AGAIN}")))?;
     Ok((head, begins))
 }

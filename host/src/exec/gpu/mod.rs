@@ -96,7 +96,8 @@ impl Gpu {
     pub fn given(device: wgpu::Device, queue: wgpu::Queue) -> Result<Self, Error> {
         let name = adapter::describe(&device.adapter_info());
         if let Some(what) = adapter::missing("the wgpu device", device.features(), device.limits()) {
-            return Err(Error::DeviceFailed { adapter: name, what });
+            let what = format!("{what}; request it with raykd::required_features and raykd::required_limits");
+            return Err(Error::Lacking { adapter: name, what });
         }
         Self::exact(Self::over(Link::given(device, queue, name))?, false)
     }
@@ -143,7 +144,7 @@ impl Gpu {
     fn on(adapter: &wgpu::Adapter) -> Result<Self, Error> {
         let name = adapter::describe(&adapter.get_info());
         if let Some(what) = adapter::lacks(adapter) {
-            return Err(Error::DeviceFailed { adapter: name, what });
+            return Err(Error::Lacking { adapter: name, what });
         }
         Self::over(Link::open(adapter, name, adapter::WANTED)?)
     }
