@@ -73,8 +73,9 @@ impl Mesh {
 
     #[getter]
     fn bounds(&self) -> [[f64; 3]; 2] {
-        let ((lo, hi), moved) = (self.0.bounds(), self.0.translation());
-        [lo, hi].map(|corner| [0, 1, 2].map(|axis| f64::from(corner[axis]) + moved[axis]))
+        // Where the mesh was moved to, with all digits; `Mesh::bounds` of a mesh that was moved are rounded to `f32`.
+        let ((lo, hi), scale, moved) = (self.0.scaled_bounds(), self.0.scale(), self.0.translation());
+        [lo, hi].map(|corner| [0, 1, 2].map(|axis| f64::from(corner[axis]) / f64::from(scale) + moved[axis]))
     }
 
     fn is_closed(&self, py: Python<'_>) -> bool {

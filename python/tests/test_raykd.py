@@ -109,6 +109,7 @@ def test_rays_are_broadcast(teapot):
 def test_doubles_lose_nothing_far_from_zero(teapot):
     far = np.array([1e7, -3e6, 2.5e7])
     moved = raykd.Scene(teapot.vertices + far, teapot.faces, device="cpu")
+    np.testing.assert_allclose(moved.mesh.bounds, teapot.bounds + far, rtol=0, atol=1e-5)
     origins, directions = some_rays(1000, dtype=np.float64)
     at_zero = raykd.Scene(teapot, device="cpu").closest(origins, directions)
     hits = moved.closest(origins + far, directions)
