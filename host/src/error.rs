@@ -65,8 +65,8 @@ pub enum Error {
         /// The name asked for.
         wanted: Option<String>,
     },
-    /// The device does not compute float operations as the CPU does. [`Device::gpu`](crate::Device::gpu) tells how it may
-    /// be used all the same.
+    /// The device does not compute float operations as the CPU does. [`Device::gpu`](crate::Device::gpu) tells how it
+    /// may be used all the same.
     #[error("{adapter} is refused: {reason}")]
     Inexact {
         /// The adapter.
@@ -182,7 +182,8 @@ pub enum TreeError {
     NoSceneFile,
     /// This is a tree's file where a scene's is wanted.
     #[error(
-        "this is a tree's file, without its mesh; read it by KdTree::load, and pass it to Scene::with_tree with the mesh"
+        "this is a tree's file, without its mesh; read it by KdTree::load, and pass it to Scene::with_tree with the \
+         mesh"
     )]
     NoMesh,
     /// A tree's file has another layout.

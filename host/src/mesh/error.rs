@@ -106,7 +106,8 @@ pub enum MeshError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// The file, unpacked, is larger than what is read of one: [`Mesh::load_up_to`](super::Mesh::load_up_to) allows more.
+    /// The file, unpacked, is larger than what is read of one: [`Mesh::load_up_to`](super::Mesh::load_up_to) allows
+    /// more.
     #[error(
         "{at}: this is more than {limit} bytes, unpacked, and no more are read; if all is as it should be, \
          allow more"

@@ -25,8 +25,8 @@ const MOST_BYTES: u64 = 1 << 20;
 
 /// What all choices cost on one device: measured, or read from the file of a calibration.
 ///
-/// As JSON, by `serde`, it is what [`Calibration::save`] writes. To read one there is [`Calibration::load`] alone, which
-/// checks it.
+/// As JSON, by `serde`, it is what [`Calibration::save`] writes. To read one there is [`Calibration::load`] alone,
+/// which checks it.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Calibration {
     /// raykd's version: another one has other costs.

@@ -71,8 +71,9 @@ impl Choice {
         self.depth == Some(HALFWAY)
     }
 
-    /// How rays are traced through a tree of so many triangles, those of [`Mesh::kept`](crate::Mesh::kept): `stack` was the fastest way through a tree everywhere, and through a
-    /// single leaf too, but software drivers end its loop if that is long.
+    /// How rays are traced through a tree of so many triangles, those of [`Mesh::kept`](crate::Mesh::kept): `stack` was
+    /// the fastest way through a tree everywhere, and through a single leaf too, but software drivers end its loop if
+    /// that is long.
     pub const fn traversal(&self, triangles: usize) -> Traversal {
         if self.has_tree() || triangles <= LONG_LEAF { Traversal::Stack } else { Traversal::Brute }
     }

@@ -220,8 +220,8 @@ impl Camera {
     }
 }
 
-/// The unit normal of the triangle hit, on the side that the ray came from: to shade, and for [`offset_origin`]. None if
-/// the hit is a miss, or of a triangle that the mesh does not have.
+/// The unit normal of the triangle hit, on the side that the ray came from: to shade, and for [`offset_origin`]. None
+/// if the hit is a miss, or of a triangle that the mesh does not have.
 pub fn facing_normal(mesh: &Mesh, ray: &Ray, hit: &Hit) -> Option<[f32; 3]> {
     facing(mesh, ray, hit).map(narrow)
 }
@@ -263,8 +263,8 @@ fn surface(mesh: &Mesh, ray: &Ray, hit: &Hit, lift: f64) -> (V, V) {
     (add(point, mul(normal, lift)), normal)
 }
 
-/// One cosine-distributed bounce from every hit, always the same ones for a seed: to measure with, not to make pictures.
-/// Rays that miss have none, so there may be fewer than `rays`; they come in the same order.
+/// One cosine-distributed bounce from every hit, always the same ones for a seed: to measure with. Rays that miss have
+/// none, so there may be fewer than `rays`; they come in the same order.
 ///
 /// # Panics
 /// There are not as many hits as rays, or a hit is of another mesh.

@@ -29,7 +29,7 @@ impl Ray64 {
     }
 }
 
-/// What a scene takes for rays, in its mesh's own coordinates: [`Ray`] and [`Ray64`].
+/// What a scene takes for rays, in its mesh's own coordinates: [`Ray`] and [`Ray64`], and no other type.
 pub trait AnyRay: Copy + Send + Sync + sealed::Sealed {
     /// The rays as the mesh's positions are: less its translation, in `f32`.
     #[doc(hidden)]
@@ -44,7 +44,7 @@ pub trait AnyRay: Copy + Send + Sync + sealed::Sealed {
     fn wide(&self) -> Ray64;
 }
 
-/// What a scene takes for points, in its mesh's own coordinates: three `f32` or `f64`.
+/// What a scene takes for points, in its mesh's own coordinates: three `f32` or `f64`, and no other type.
 pub trait AnyPoint: Copy + Send + Sync + sealed::Sealed {
     /// The point as the mesh's positions are: less its translation, in `f32`.
     #[doc(hidden)]

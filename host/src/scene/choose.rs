@@ -26,8 +26,8 @@ impl Scene {
     /// hits.
     ///
     /// # Errors
-    /// It does not go with the scene's traversal, see [`Intersector::goes_with`]; what it needs does not fit the device, or
-    /// the device failed.
+    /// It does not go with the scene's traversal, see [`Intersector::goes_with`]; what it needs does not fit the
+    /// device, or the device failed.
     pub fn intersect_by(&mut self, intersector: Intersector) -> Result<(), Error> {
         intersector.goes_with(self.traversal)?;
         if intersector == Intersector::Baldwin && self.transforms.is_none() {
