@@ -3,17 +3,15 @@
 use crate::{
     Error, Query, Traversal,
     choices::choices,
-    exec::{Buffer, Launch, OnDevice, Out, Step},
+    exec::{Buffer, Groups, Launch, OnDevice, Out, Step},
 };
 #[cfg(feature = "gpu")]
-use raykd_kernels::trace::{
-    traverse::{narrow, rest, settle},
-    undecided::BLOCK,
-};
+use raykd_kernels::trace::traverse::{narrow, rest, settle};
 use raykd_kernels::{
     Bindings, Host, Kernel,
     glam::UVec4,
     trace::{
+        crossings::{count_crossings, settle_crossings},
         intersect::{
             baldwin::{self, Baldwin, brute_baldwin},
             exact::{self, Exact, brute_exact},
@@ -22,6 +20,7 @@ use raykd_kernels::{
             strict::{Strict, brute_strict},
             woop::{self, Woop, brute_woop},
         },
+        left::BLOCK,
         queries::{self, all, any, closest, exact_all, exact_except, exact_steps, except, steps},
         single::Tree,
     },
@@ -40,6 +39,13 @@ impl<'a, H: Host> Bound<'a, H> {
     /// One ray a lane.
     pub(crate) fn of<B: Bindings<'a, H>>(buffers: B) -> Self {
         Self { kernel: B::KERNEL, buffers: buffers.list().collect(), rays: B::KERNEL.threads }
+    }
+}
+
+impl<'a> Bound<'a, OnDevice> {
+    /// Over so many rays.
+    pub(crate) fn step(self, count: u32) -> Step<'a> {
+        Step { kernel: self.kernel, buffers: self.buffers, groups: Groups::Fixed(count.div_ceil(self.rays)) }
     }
 }
 
@@ -208,4 +214,15 @@ pub(crate) fn exact_closest<'a, H: Host>(
         Bound::of(settle::Buffers { query: query(), more: more.1 }),
         Bound { rays: BLOCK, ..Bound::of(rest::Buffers { query: query() }) },
     ]
+}
+
+/// Crossings, in two kernels. Both `more` are a buffer of four words a ray.
+pub(crate) fn crossings<'a, H: Host>(
+    query: impl Fn() -> queries::Query<'a, H>,
+    crossings: impl Fn() -> H::Write<'a, u32>,
+    more: (H::Write<'a, UVec4>, H::Read<'a, UVec4>),
+) -> [Bound<'a, H>; 2] {
+    let count = count_crossings::Buffers { query: query(), crossings: crossings(), more: more.0 };
+    let settle = settle_crossings::Buffers { query: query(), crossings: crossings(), more: more.1 };
+    [Bound::of(count), Bound { rays: BLOCK, ..Bound::of(settle) }]
 }
