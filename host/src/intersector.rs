@@ -13,6 +13,7 @@ use raykd_kernels::{
     trace::{
         crossings::{count_crossings, settle_crossings},
         intersect::{
+            Intersector as Test,
             baldwin::{self, Baldwin, brute_baldwin},
             exact::{self, Exact, brute_exact},
             moeller::{self, Moeller, brute_moeller},
@@ -192,14 +193,44 @@ impl Intersector {
 
     /// One ray on the CPU.
     pub(crate) fn single(self, tree: &Tree<'_>, ray: &Ray, any: bool) -> Option<Hit> {
+        self.with(Find { tree, ray, any })
+    }
+
+    /// Does something with the test itself.
+    #[doc(hidden)]
+    pub fn with<W: WithTest>(self, what: W) -> W::Output {
         match self {
-            Self::Strict => tree.find::<Strict>(ray, any),
-            Self::Exact => tree.find::<Exact>(ray, any),
-            Self::Woop => tree.find::<Woop>(ray, any),
-            Self::Moeller => tree.find::<Moeller>(ray, any),
-            Self::Plane => tree.find::<Plane>(ray, any),
-            Self::Baldwin => tree.find::<Baldwin>(ray, any),
+            Self::Strict => what.with::<Strict>(),
+            Self::Exact => what.with::<Exact>(),
+            Self::Woop => what.with::<Woop>(),
+            Self::Moeller => what.with::<Moeller>(),
+            Self::Plane => what.with::<Plane>(),
+            Self::Baldwin => what.with::<Baldwin>(),
         }
+    }
+}
+
+/// What can be done with any triangle test.
+pub trait WithTest {
+    /// What comes of it.
+    type Output;
+
+    /// Does it.
+    fn with<I: Test>(self) -> Self::Output;
+}
+
+/// Finds the closest hit, or any.
+struct Find<'a> {
+    tree: &'a Tree<'a>,
+    ray: &'a Ray,
+    any: bool,
+}
+
+impl WithTest for Find<'_> {
+    type Output = Option<Hit>;
+
+    fn with<I: Test>(self) -> Option<Hit> {
+        self.tree.find::<I>(self.ray, self.any)
     }
 }
 
