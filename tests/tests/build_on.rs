@@ -26,7 +26,7 @@ use raykd_tests::{
     same,
 };
 use std::{
-    sync::{LazyLock, Mutex, MutexGuard, OnceLock, PoisonError},
+    sync::LazyLock,
     time::{Duration, Instant},
 };
 use wgpu::{BufferUsages as Use, util::DeviceExt as _};
@@ -319,16 +319,14 @@ fn words(device: &Device, from: &wgpu::Buffer, count: usize) -> Vec<u32> {
     words
 }
 
-/// A device whose bytes nobody else moves while a test has it. One for each test would compile all kernels again.
-fn alone() -> MutexGuard<'static, Device> {
-    static ALONE: LazyLock<Mutex<Device>> =
-        LazyLock::new(|| Mutex::new(Device::gpu(None).unwrap_or_else(|error| panic!("{error}"))));
-    ALONE.lock().unwrap_or_else(PoisonError::into_inner)
+/// A device of the test's own, whose bytes nobody else moves.
+fn alone() -> Result<Device, Error> {
+    Device::gpu(None)
 }
 
 #[test]
 fn a_scene_of_own_buffers_is_the_usual_one() -> Result<(), Failure> {
-    let device = &*alone();
+    let device = &alone()?;
     let (theirs, _) = device.wgpu().expect("a GPU");
     for (family, scale) in [(Family::Holes, 1.0), (Family::Soup, 1e-40), (Family::Slivers, 1e37)] {
         let mut arrays = arrays(&Recipe { family, size: 500, seed: 3 }.mesh());
@@ -357,7 +355,7 @@ fn a_scene_of_own_buffers_is_the_usual_one() -> Result<(), Failure> {
 
 #[test]
 fn buffers_that_cannot_be_used_are_refused() -> Result<(), Failure> {
-    let device = &*alone();
+    let device = &alone()?;
     let (theirs, _) = device.wgpu().expect("a GPU");
     let arrays = arrays(&Mesh::teapot(2));
     let (buffer, end, next) = own(theirs, &arrays);
@@ -380,7 +378,7 @@ fn buffers_that_cannot_be_used_are_refused() -> Result<(), Failure> {
         let error = Scene::build_on(on, positions, indices, &options).expect_err(word).to_string();
         assert!(error.contains(word), "{error}");
     }
-    let stranger = Device::gpu(None)?;
+    let stranger = alone()?;
     let (strange, ..) = own(stranger.wgpu().expect("a GPU").0, &arrays);
     Scene::build_on(device, strange.slice(256..end), strange.slice(next..), &options)
         .expect_err("of another device");
@@ -399,7 +397,7 @@ fn told(scene: &Scene) -> Result<(KdTree, Vec<Hit>), Error> {
 /// in the memory shows in none.
 #[test]
 fn scenes_in_memory_used_again_are_the_usual_ones() -> Result<(), Failure> {
-    let fresh = &*alone();
+    let fresh = alone()?;
     let device = fresh.recycling();
     for builder in [Builder::Binned, Builder::Exact, Builder::Median] {
         let options = BuildOptions::default().with_builder(builder);
@@ -414,7 +412,7 @@ fn scenes_in_memory_used_again_are_the_usual_ones() -> Result<(), Failure> {
         ] {
             let arrays = arrays(&Recipe { family, size, seed: 5 }.mesh());
             let scene = built_from(&device, &arrays, &options)?;
-            let expected = told(&built_from(fresh, &arrays, &options)?)?;
+            let expected = told(&built_from(&fresh, &arrays, &options)?)?;
             assert!(told(&scene)? == expected, "{builder}: {family:?} of {size}");
             same("header", &[*scene.header()], &read(&device, scene.buffers()?.header)[..1])?;
             if let Some((scene, before)) = old.replace((scene, expected)) {
@@ -429,7 +427,7 @@ fn scenes_in_memory_used_again_are_the_usual_ones() -> Result<(), Failure> {
 /// missing. Triangles that halve in size, some of each, have more levels than any device expects.
 #[test]
 fn deep_trees_after_flat_ones_are_the_usual_ones() -> Result<(), Failure> {
-    let fresh = &*alone();
+    let fresh = alone()?;
     let device = fresh.recycling();
     let flat = arrays(&Recipe { family: Family::Lattice, size: 200, seed: 5 }.mesh());
     let chain = |each: u16| {
@@ -447,7 +445,8 @@ fn deep_trees_after_flat_ones_are_the_usual_ones() -> Result<(), Failure> {
         for builder in [Builder::Binned, Builder::Median] {
             for max_depth in [40, 7] {
                 let options = BuildOptions::default().with_builder(builder).with_max_depth(max_depth);
-                for (device, mesh) in [(&device, &flat), (&device, &deep), (&device, &deep), (fresh, &deep)] {
+                for (device, mesh) in [(&device, &flat), (&device, &deep), (&device, &deep), (&fresh, &deep)]
+                {
                     let expected = built(cpu(), mesh, &options)?.tree()?;
                     let found = built_from(device, mesh, &options)?.tree()?;
                     assert!(found == expected, "{builder}, {max_depth}");
@@ -471,7 +470,7 @@ fn frame(mesh: &Mesh, number: u16) -> Arrays {
 /// of the survey, of the levels, and the times of one run.
 #[test]
 fn the_next_frame_is_waited_for_once() -> Result<(), Failure> {
-    let alone = &*alone();
+    let alone = alone()?;
     let gpu = alone.as_gpu().expect("a GPU");
     let once = (size_of::<Found>() + size_of::<State>() + 16) as u64;
     for (builder, mesh) in [
@@ -497,7 +496,7 @@ fn the_next_frame_is_waited_for_once() -> Result<(), Failure> {
 /// A mesh that is not like the one before, as was expected, is built or refused like any other.
 #[test]
 fn surprises_are_found_out() -> Result<(), Failure> {
-    let alone = &*alone();
+    let alone = alone()?;
     let gpu = alone.as_gpu().expect("a GPU");
     let usual = arrays(&Recipe { family: Family::Soup, size: 600, seed: 4 }.mesh());
     let spoil = |change: &dyn Fn(&mut Arrays)| {
@@ -541,9 +540,7 @@ proptest! {
     /// The same by chance, with extents that are powers of two or next to one.
     #[test]
     fn worn_meshes_after_usual_ones_are_the_usual_ones(recipe in small_mesh(), seed: u64, power in any::<bool>()) {
-        static DEVICE: OnceLock<Device> = OnceLock::new();
-        let alone = &*alone();
-        let device = DEVICE.get_or_init(|| alone.recycling());
+        static DEVICE: LazyLock<Device> = LazyLock::new(|| alone().expect("a GPU").recycling());
         let mut usual = arrays(&recipe.mesh());
         let options = BuildOptions::default();
         if power {
@@ -562,15 +559,15 @@ proptest! {
         let on_cpu = cpu().expecting();
         for arrays in [&usual, &worn, &worn] {
             compare(&on_cpu, arrays, &options)?;
-            compare(device, arrays, &options)?;
+            compare(&DEVICE, arrays, &options)?;
             let built = |device| built_from(device, arrays, &options);
-            if let (Ok(expected), Ok(found)) = (built(gpu()), built(device)) {
+            if let (Ok(expected), Ok(found)) = (built(gpu()), built(&DEVICE)) {
                 let (a, b) = (expected.buffers()?, found.buffers()?);
                 let coordinates = 3 * arrays.0.len();
-                let [expected, found] = [(gpu(), a.positions), (device, b.positions)]
+                let [expected, found] = [(gpu(), a.positions), (&*DEVICE, b.positions)]
                     .map(|(device, positions)| words(device, positions, coordinates));
                 same("positions", &expected, &found)?;
-                same("header", &words(gpu(), a.header, 16), &words(device, b.header, 16))?;
+                same("header", &words(gpu(), a.header, 16), &words(&DEVICE, b.header, 16))?;
             }
         }
     }
@@ -579,8 +576,7 @@ proptest! {
 /// Nobody gets what somebody else has.
 #[test]
 fn threads_may_share_recycled_memory() -> Result<(), Failure> {
-    let alone = &*alone();
-    let device = alone.recycling();
+    let device = alone()?.recycling();
     std::thread::scope(|scope| {
         let work = |seed| {
             let device = &device;
@@ -621,7 +617,7 @@ fn builds_in_place(
 
 #[test]
 fn rebuilding_allocates_nothing() -> Result<(), Failure> {
-    let alone = &*alone();
+    let alone = alone()?;
     let (theirs, _) = alone.wgpu().expect("a GPU");
     let gpu = alone.as_gpu().expect("a GPU");
     let mesh = Mesh::teapot(8);
@@ -641,7 +637,7 @@ fn rebuilding_allocates_nothing() -> Result<(), Failure> {
 /// A scene that moves, by the host's numbers and by the device's, while a thread traces its last frame.
 #[test]
 fn rebuilt_scenes_are_the_usual_ones_and_allocate_nothing() -> Result<(), Failure> {
-    let alone = &*alone();
+    let alone = alone()?;
     let (theirs, _) = alone.wgpu().expect("a GPU");
     let gpu = alone.as_gpu().expect("a GPU");
     let options = BuildOptions::default();
@@ -707,7 +703,7 @@ fn crossing<R>(gpu: &Gpu, act: impl FnOnce() -> R) -> (R, [u64; 2]) {
 /// with, zeros for each block of its lists.
 #[test]
 fn nothing_of_the_mesh_crosses_the_bus() -> Result<(), Failure> {
-    let device = &*alone();
+    let device = &alone()?;
     let (theirs, _) = device.wgpu().expect("a GPU");
     let gpu = device.as_gpu().expect("a GPU");
     let mut back = Vec::new();
@@ -748,7 +744,7 @@ fn times_of_build_on() -> Result<(), Failure> {
     const ROUNDS: usize = 41;
     let name = std::env::var("RAYKD_SCENE").unwrap_or_else(|_| "dragon".to_owned());
     let mesh = raykd::mesh::scene(&name).map_err(Error::from)?;
-    let device = &*alone();
+    let device = alone()?;
     let (theirs, _) = device.wgpu().expect("a GPU");
     let (buffer, end, next) = own(theirs, &arrays(&mesh));
     println!("{name}, {} triangles, {}; ms, medians of {ROUNDS}", mesh.triangles().len(), device.name());
