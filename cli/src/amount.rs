@@ -2,7 +2,7 @@
 
 use crate::{
     args::{HowArgs, OneArgs, Quality},
-    calibrate,
+    costs::costs,
     machine::{Machine, candidates},
     notes::Notes,
     report::{count, three},
@@ -36,7 +36,7 @@ pub(super) fn decide(
     let mut devices = candidates(on.device, &on.more, notes)?;
     let all: Vec<Calibration> = devices
         .iter()
-        .map(|device| calibrate::costs(device, how.amount.costs.as_deref(), notes))
+        .map(|device| costs(device, how.amount.costs.as_deref(), notes))
         .collect::<Result<_, Error>>()?;
     let plan = choose(mesh, rays, &all.iter().collect::<Vec<_>>());
     let automatic = devices.len() > 1;
@@ -54,7 +54,7 @@ pub(super) fn on(
     if how.amount.quality == Quality::Usual {
         return Ok(Amount { options: how.tree.options(), traversal, plan: None });
     }
-    let costs = calibrate::costs(device, how.amount.costs.as_deref(), notes)?;
+    let costs = costs(device, how.amount.costs.as_deref(), notes)?;
     Ok(Amount::of(choose(mesh, rays, &[&costs])))
 }
 

@@ -2,20 +2,14 @@
 
 mod amount;
 mod args;
-mod bench;
-mod build;
 mod builders;
-mod calibrate;
 mod changes;
-mod chart;
-mod check;
-mod command;
+mod commands;
 mod compare;
-mod devices;
+mod costs;
 mod files;
 mod hints;
 mod input;
-mod inside;
 mod machine;
 mod measure;
 mod notes;
@@ -23,21 +17,16 @@ mod npy;
 mod png_file;
 mod points;
 mod ray_file;
-mod rays;
-mod render;
 mod report;
 #[cfg(unix)]
 mod signals;
-mod stress;
 mod task;
-mod trace;
-mod voxels;
 
 use clap::{
     Parser as _,
     error::{ContextKind, ContextValue},
 };
-use command::Args;
+use commands::Args;
 use raykd::internals::{QUOTED, quoted};
 use std::{
     env,

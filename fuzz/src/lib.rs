@@ -3,7 +3,7 @@
 use raykd::{
     BuildOptions, Builder, Device, Error, Hit, Intersector, KdTree, Mesh, Query, Ray, Ray64, Scene,
     Traversal,
-    internals::Cpu,
+    internals::{Cpu, known_formats},
     shared::{LAYOUT_VERSION, MISS, Node, TreeHeader, TreeView},
     stress::{SLACK, is_ray, settled},
 };
@@ -40,9 +40,14 @@ fn around(mesh: &Mesh) -> Vec<Ray> {
     raykd::rays::random(mesh.bounds(), 8, 1)
 }
 
-/// A mesh file.
-pub fn mesh(name: &str, bytes: &[u8]) {
-    if let Ok(mesh) = Mesh::from_bytes(name, bytes.to_vec()) {
+/// A mesh file, of each format.
+pub fn mesh(bytes: &[u8]) {
+    known_formats().for_each(|(_, extensions)| mesh_of(extensions[0], bytes));
+}
+
+/// A mesh file with such a name.
+pub fn mesh_of(extension: &str, bytes: &[u8]) {
+    if let Ok(mesh) = Mesh::from_bytes(format!("fuzz.{extension}"), bytes.to_vec()) {
         let scene = Scene::build(&CPU, &mesh, &BuildOptions::default()).expect("a CPU builds it");
         let by = mesh.translation();
         let local = mesh.into_local();

@@ -3,18 +3,17 @@
 use crate::{
     Error, Query, Traversal,
     choices::choices,
-    exec::{Buffer, Launch, OnDevice, Out, Step},
+    exec::{Buffer, Groups, Launch, OnDevice, Out, Step},
 };
 #[cfg(feature = "gpu")]
-use raykd_kernels::trace::{
-    traverse::{narrow, rest, settle},
-    undecided::BLOCK,
-};
+use raykd_kernels::trace::traverse::{narrow, rest, settle};
 use raykd_kernels::{
     Bindings, Host, Kernel,
     glam::UVec4,
     trace::{
+        crossings::{count_crossings, settle_crossings},
         intersect::{
+            Intersector as Test,
             baldwin::{self, Baldwin, brute_baldwin},
             exact::{self, Exact, brute_exact},
             moeller::{self, Moeller, brute_moeller},
@@ -22,6 +21,7 @@ use raykd_kernels::{
             strict::{Strict, brute_strict},
             woop::{self, Woop, brute_woop},
         },
+        left::BLOCK,
         queries::{self, all, any, closest, exact_all, exact_except, exact_steps, except, steps},
         single::Tree,
     },
@@ -40,6 +40,13 @@ impl<'a, H: Host> Bound<'a, H> {
     /// One ray a lane.
     pub(crate) fn of<B: Bindings<'a, H>>(buffers: B) -> Self {
         Self { kernel: B::KERNEL, buffers: buffers.list().collect(), rays: B::KERNEL.threads }
+    }
+}
+
+impl<'a> Bound<'a, OnDevice> {
+    /// Over so many rays.
+    pub(crate) fn step(self, count: u32) -> Step<'a> {
+        Step { kernel: self.kernel, buffers: self.buffers, groups: Groups::Fixed(count.div_ceil(self.rays)) }
     }
 }
 
@@ -187,14 +194,44 @@ impl Intersector {
 
     /// One ray on the CPU.
     pub(crate) fn single(self, tree: &Tree<'_>, ray: &Ray, any: bool) -> Option<Hit> {
+        self.with(Find { tree, ray, any })
+    }
+
+    /// Does something with the test itself.
+    #[doc(hidden)]
+    pub fn with<W: WithTest>(self, what: W) -> W::Output {
         match self {
-            Self::Strict => tree.find::<Strict>(ray, any),
-            Self::Exact => tree.find::<Exact>(ray, any),
-            Self::Woop => tree.find::<Woop>(ray, any),
-            Self::Moeller => tree.find::<Moeller>(ray, any),
-            Self::Plane => tree.find::<Plane>(ray, any),
-            Self::Baldwin => tree.find::<Baldwin>(ray, any),
+            Self::Strict => what.with::<Strict>(),
+            Self::Exact => what.with::<Exact>(),
+            Self::Woop => what.with::<Woop>(),
+            Self::Moeller => what.with::<Moeller>(),
+            Self::Plane => what.with::<Plane>(),
+            Self::Baldwin => what.with::<Baldwin>(),
         }
+    }
+}
+
+/// What can be done with any triangle test.
+pub trait WithTest {
+    /// What comes of it.
+    type Output;
+
+    /// Does it.
+    fn with<I: Test>(self) -> Self::Output;
+}
+
+/// Finds the closest hit, or any.
+struct Find<'a> {
+    tree: &'a Tree<'a>,
+    ray: &'a Ray,
+    any: bool,
+}
+
+impl WithTest for Find<'_> {
+    type Output = Option<Hit>;
+
+    fn with<I: Test>(self) -> Option<Hit> {
+        self.tree.find::<I>(self.ray, self.any)
     }
 }
 
@@ -209,4 +246,15 @@ pub(crate) fn exact_closest<'a, H: Host>(
         Bound::of(settle::Buffers { query: query(), more: more.1 }),
         Bound { rays: BLOCK, ..Bound::of(rest::Buffers { query: query() }) },
     ]
+}
+
+/// Crossings, in two kernels. Both `more` are a buffer of four words a ray.
+pub(crate) fn crossings<'a, H: Host>(
+    query: impl Fn() -> queries::Query<'a, H>,
+    crossings: impl Fn() -> H::Write<'a, u32>,
+    more: (H::Write<'a, UVec4>, H::Read<'a, UVec4>),
+) -> [Bound<'a, H>; 2] {
+    let count = count_crossings::Buffers { query: query(), crossings: crossings(), more: more.0 };
+    let settle = settle_crossings::Buffers { query: query(), crossings: crossings(), more: more.1 };
+    [Bound::of(count), Bound { rays: BLOCK, ..Bound::of(settle) }]
 }

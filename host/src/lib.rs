@@ -112,7 +112,8 @@ pub mod internals {
     pub use crate::{
         build::LISTED as SWEEP_LISTED,
         exec::{AnyBuffer, Buffer, Cpu, Groups, Launch, OnDevice, Out, Step, Timing, watch},
-        mesh::{ply_vertices, teapot_level_for},
+        intersector::WithTest,
+        mesh::{known_formats, mesh_extensions, ply_vertices, teapot_level_for},
         quoted::{QUOTED, quoted},
         read::all_of,
         tree::{digest_of, hits_digest},

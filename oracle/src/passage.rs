@@ -6,7 +6,7 @@ use raykd_shared::Ray;
 
 /// The origin moves by `(e, e^2, e^3)`, `e` being 2 to the power of minus this: less than any quotient of the volumes that
 /// `f32` can span.
-const SMALL: u32 = 1000;
+const SHIFT: u32 = 1000;
 
 /// How a ray crosses a triangle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,10 +20,10 @@ pub struct Passage {
 impl Passage {
     /// Of finite numbers. Nothing if the ray's line does not cross the triangle.
     pub fn new(ray: &Ray, corners: &Corners) -> Option<Self> {
-        let fine = |x: f32| integer(x) << (3 * SMALL);
+        let fine = |x: f32| integer(x) << (3 * SHIFT);
         // In units in which `e^3` is the least.
         let moved =
-            |axis: usize| fine(ray.origin[axis]) + (BigInt::from(1) << (149 + (2 - axis as u32) * SMALL));
+            |axis: usize| fine(ray.origin[axis]) + (BigInt::from(1) << (149 + (2 - axis as u32) * SHIFT));
         let origin = [0, 1, 2].map(moved);
         let [a, b, c] = corners.map(|p| [0, 1, 2].map(|i| fine(p[i]) - &origin[i]));
         let d = ray.direction.map(integer);

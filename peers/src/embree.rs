@@ -1,6 +1,6 @@
 //! Embree 4 or 3, if the system has the library, through its C interface: <https://www.embree.org/api.html>.
 
-use crate::peers::{Answer, Peer, each, timed};
+use crate::peer::{Answer, Peer, each, timed};
 use libloading::{Library, Symbol};
 use raykd::{Mesh, Ray, shared::MISS};
 use std::{
@@ -162,16 +162,11 @@ pub fn embree<'a>(mesh: &Mesh) -> Option<Peer<'a>> {
     let again = Rc::clone(&scene);
     let closest = each(move |ray| {
         let found = scene.ask(scene.intersect, ray);
-        let t = if found.triangle == MISS { f32::INFINITY } else { found.far };
-        Answer { triangle: found.triangle, t }
+        if found.triangle == MISS { Answer::MISS } else { Answer { triangle: found.triangle, t: found.far } }
     });
     let any = each(move |ray| {
         // What is hidden ends at minus infinity.
-        if again.ask(again.occluded, ray).far < 0.0 {
-            Answer { triangle: 0, t: 0.0 }
-        } else {
-            Answer { triangle: MISS, t: f32::INFINITY }
-        }
+        if again.ask(again.occluded, ray).far < 0.0 { Answer { triangle: 0, t: 0.0 } } else { Answer::MISS }
     });
     Some(Peer { name, build, closest, any: Some(any) })
 }

@@ -1,11 +1,9 @@
 //! Who is right where two answers differ: the ray against the two triangles in question.
 
-use crate::peers::Answer;
+use crate::peer::{Answer, NEAR};
 use raykd::{Mesh, Ray};
 use raykd_oracle::judge::Sight;
 
-/// How far, relative to `t`, an answer may lie from the exact one: grazing rays reach 5e-3 in f32.
-pub const NEAR: f32 = 5.0e-3;
 /// How far a triangle may seem moved, in units of the largest coordinate: some ULP. What is nearer to an edge is left
 /// to f32's rounding. Not a barycentric weight: a ten-thousandth of a small triangle is less than an ULP.
 const SLACK: f64 = 32.0 / (1u32 << 24) as f64;

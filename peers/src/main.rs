@@ -2,11 +2,12 @@
 
 mod embree;
 mod judge;
+mod peer;
 mod peers;
 
 use anyhow::{Context as _, bail};
 use judge::{Verdict, judge};
-use peers::Answer;
+use peer::Answer;
 use raykd::{BuildOptions, Device, Mesh, Ray, Scene, mesh::MeshSource, rays::sets::Sets};
 use std::{io::Write as _, time::Duration};
 

@@ -1,6 +1,9 @@
 //! Each crate in its fastest documented use, with its own triangle test where it has one that sees both sides.
 
-use crate::{embree::embree, judge::NEAR};
+use crate::{
+    embree::embree,
+    peer::{Answer, Peer, Trace, each, timed},
+};
 use bvh::{
     aabb::{Aabb, Bounded},
     bounding_hierarchy::BHShape,
@@ -20,42 +23,7 @@ use parry3d::{
     shape::{CompositeShapeRef, TriMesh},
 };
 use raykd::{BuildOptions, Builder, Device, Mesh, Query, Ray, Scene, shared::MISS};
-use std::{
-    rc::Rc,
-    time::{Duration, Instant},
-};
-
-/// What a peer found.
-#[derive(Clone, Copy, Debug)]
-pub struct Answer {
-    pub triangle: u32,
-    pub t: f32,
-}
-
-impl Answer {
-    const MISS: Self = Self { triangle: MISS, t: f32::INFINITY };
-
-    pub const fn is_hit(self) -> bool {
-        self.triangle != MISS
-    }
-
-    /// The same up to rounding, whichever of two triangles at an edge it is.
-    pub fn agrees(self, other: Self) -> bool {
-        let tolerance = if self.triangle == other.triangle { NEAR } else { 1.0e-4 };
-        let near = (self.t - other.t).abs() <= tolerance * self.t.abs();
-        self.is_hit() == other.is_hit() && (!self.is_hit() || near)
-    }
-}
-
-type Trace<'a> = Box<dyn Fn(&[Ray]) -> (Duration, Vec<Answer>) + 'a>;
-
-/// A crate with its tree.
-pub struct Peer<'a> {
-    pub name: &'static str,
-    pub build: Duration,
-    pub closest: Trace<'a>,
-    pub any: Option<Trace<'a>>,
-}
+use std::{rc::Rc, time::Duration};
 
 /// raykd's trees as they are unless told otherwise.
 fn usual(builder: Builder) -> BuildOptions {
@@ -89,9 +57,8 @@ fn raykd<'a>(device: &'a Device, mesh: &Mesh, name: &'static str, options: &Buil
 fn single<'a>(device: &'a Device, mesh: &Mesh) -> Peer<'a> {
     let scene = Scene::build(device, mesh, &usual(Builder::Binned)).expect("the CPU does not fail");
     let tracer = scene.tracer().expect("the CPU does not fail");
-    let answer = |hit: Option<raykd::Hit>| {
-        hit.map_or(Answer::MISS, |hit| Answer { triangle: hit.triangle, t: hit.t })
-    };
+    let answer =
+        |hit: Option<raykd::Hit>| hit.map_or(Answer::MISS, |hit| Answer { triangle: hit.triangle, t: hit.t });
     let other = tracer.clone();
     Peer {
         name: "raykd single rays",
@@ -118,17 +85,6 @@ pub const ALL: [Make; 11] = [
     |_, mesh| Some(obvhs_cwbvh(mesh)),
     |_, mesh| embree(mesh),
 ];
-
-pub fn timed<T>(work: impl FnOnce() -> T) -> (Duration, T) {
-    let start = Instant::now();
-    let done = work();
-    (start.elapsed(), done)
-}
-
-/// A trace, ray by ray.
-pub fn each<'a>(one: impl Fn(&Ray) -> Answer + 'a) -> Trace<'a> {
-    Box::new(move |rays| timed(|| rays.iter().map(&one).collect()))
-}
 
 fn corners(mesh: &Mesh) -> impl Iterator<Item = [[f32; 3]; 3]> {
     mesh.triangles().iter().map(|ids| ids.map(|i| mesh.positions()[i as usize]))

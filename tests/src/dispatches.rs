@@ -68,7 +68,6 @@ fn exact_queries(device: &Device, seed: u64) -> Result<(), Error> {
     scene.steps(&rays)?;
     scene.trace_except(Query::Closest, &rays, &vec![0; rays.len()])?;
     scene.crossings(&rays)?;
-    scene.crossings_at_once(&rays)?;
     Ok(())
 }
 

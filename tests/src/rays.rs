@@ -58,10 +58,10 @@ pub fn of_any_size(rays: &[Ray], seed: u64) -> Vec<Ray> {
 }
 
 /// A box: lower and upper corner.
-type Cell = [[f32; 3]; 2];
+type Bounds = [[f32; 3]; 2];
 
 /// Axis and position of every splitting plane, and the box of every leaf, in the mesh's units.
-fn cells(tree: TreeView<'_>) -> (Vec<(usize, f32)>, Vec<Cell>) {
+fn cells(tree: TreeView<'_>) -> (Vec<(usize, f32)>, Vec<Bounds>) {
     let own = |x: f32| x / tree.header.scale;
     let (mut planes, mut cells) = (Vec::new(), Vec::new());
     let mut waiting = vec![(0, [tree.header.lo.map(own), tree.header.hi.map(own)])];
@@ -84,7 +84,7 @@ fn cells(tree: TreeView<'_>) -> (Vec<(usize, f32)>, Vec<Cell>) {
 struct Aim<'a> {
     mesh: &'a Mesh,
     planes: Vec<(usize, f32)>,
-    cells: Vec<Cell>,
+    cells: Vec<Bounds>,
     random: Random,
 }
 

@@ -13,13 +13,17 @@ use std::{
     process::Command,
     sync::LazyLock,
 };
+use xtask::LEFT_OUT;
 
-/// The folder of this profile's executables, with the examples built as `cargo test --workspace` does.
+/// The folder of this profile's executables, with the examples built as `cargo xtask test` builds all else.
 static BUILT: LazyLock<PathBuf> = LazyLock::new(|| {
     let this = env::current_exe().unwrap();
     let folder = this.parent().and_then(Path::parent).unwrap();
     let mut cargo = Command::new(env!("CARGO"));
-    cargo.args(["build", "--quiet", "--workspace", "--examples", "--bin", "walk_tree"]);
+    cargo.args(["build", "--quiet", "--workspace", "--bin", "walk_tree"]);
+    let examples = ["minimal", "property_test", "thickness", "visibility", "pathtracer"];
+    cargo.args(examples.map(|example| format!("--example={example}")));
+    cargo.args(LEFT_OUT.map(|package| format!("--exclude={package}")));
     cargo.arg("--target-dir").arg(folder.parent().unwrap());
     if folder.ends_with("release") {
         cargo.arg("--release");

@@ -4,33 +4,36 @@
 #[path = "../../fuzz/src/lib.rs"]
 mod fuzz;
 
-use raykd::rays::Random;
-use std::path::Path;
+use raykd::{internals::known_formats, rays::Random};
+use std::{fs, path::Path};
 
 /// What a file of the corpus is given to.
 type Target = fn(&[u8]);
 
-const TARGETS: [(&str, Target); 8] = [
-    ("api", fuzz::api),
-    ("obj", |bytes| fuzz::mesh("fuzz.obj", bytes)),
-    ("ply", |bytes| fuzz::mesh("fuzz.ply", bytes)),
-    ("stl", |bytes| fuzz::mesh("fuzz.stl", bytes)),
-    ("glb", |bytes| fuzz::mesh("fuzz.glb", bytes)),
-    ("tree", fuzz::tree),
-    ("rays", fuzz::rays),
-    ("triangles", fuzz::triangles),
-];
+const TARGETS: [(&str, Target); 4] =
+    [("api", fuzz::api), ("tree", fuzz::tree), ("rays", fuzz::rays), ("triangles", fuzz::triangles)];
+
+/// The files of a folder of the corpus, by name.
+fn corpus(folder: &str) -> Vec<Vec<u8>> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz/corpus").join(folder);
+    let mut paths: Vec<_> = fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    assert!(!paths.is_empty(), "{} is empty", folder.display());
+    paths.sort();
+    paths.iter().map(|path| fs::read(path).unwrap()).collect()
+}
+
+/// The folders of mesh files, each named as its files end.
+fn folders() -> impl Iterator<Item = &'static str> {
+    known_formats().map(|(_, extensions)| extensions[0])
+}
 
 #[test]
 fn the_corpus_does_no_harm() {
-    for (name, target) in TARGETS {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz/corpus").join(name);
-        let mut files = 0;
-        for entry in std::fs::read_dir(&folder).unwrap() {
-            target(&std::fs::read(entry.unwrap().path()).unwrap());
-            files += 1;
-        }
-        assert!(files > 0, "{} is empty", folder.display());
+    for (folder, target) in TARGETS {
+        corpus(folder).iter().for_each(|bytes| target(bytes));
+    }
+    for folder in folders() {
+        corpus(folder).iter().for_each(|bytes| fuzz::mesh(bytes));
     }
 }
 
@@ -38,12 +41,8 @@ fn the_corpus_does_no_harm() {
 #[test]
 fn damaged_mesh_files_do_no_harm() {
     let mut random = Random::new(2026);
-    for (name, target) in &TARGETS[..4] {
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fuzz/corpus").join(name);
-        let mut paths: Vec<_> =
-            std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
-        paths.sort();
-        let files: Vec<Vec<u8>> = paths.iter().map(|path| std::fs::read(path).unwrap()).collect();
+    for folder in folders() {
+        let files = corpus(folder);
         for _ in 0..1500 {
             let mut bytes = files[random.below(files.len())].clone();
             for _ in 0..=random.below(4) {
@@ -60,7 +59,7 @@ fn damaged_mesh_files_do_no_harm() {
                     _ => bytes[at] = random.bits() as u8,
                 }
             }
-            target(&bytes);
+            fuzz::mesh_of(folder, &bytes);
         }
     }
 }
@@ -76,7 +75,7 @@ fn needles_thinner_than_rounding_are_judged_by_their_reach() {
 /// As a fuzzer would, but with no more than the standard library: what is in the corpus, changed here and there.
 #[test]
 fn calls_in_any_order_do_no_harm() {
-    let mut random = raykd::rays::Random::new(11);
+    let mut random = Random::new(11);
     for case in 0..400 {
         let usual = |bits: u64| match bits % 8 {
             0..=4 => (bits >> 8) as u32 % 9,

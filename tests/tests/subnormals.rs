@@ -3,14 +3,14 @@
 
 use raykd::{
     BuildOptions, Intersector, Mesh, Ray, Scene,
-    internals::kernels::{
-        glam::{Vec3, Vec4},
-        math::div,
-        trace::{
-            frame::Frame,
-            intersect::{
-                Best, Intersector as Test, baldwin::Baldwin, exact::Exact, moeller::Moeller, plane::Plane,
-                strict::Strict, woop::Woop,
+    internals::{
+        WithTest,
+        kernels::{
+            glam::{Vec3, Vec4},
+            math::div,
+            trace::{
+                frame::Frame,
+                intersect::{Best, Intersector as Test, exact::Exact},
             },
         },
     },
@@ -65,20 +65,32 @@ fn tested<I: Test>(
 
 /// Every triangle tested alone with every ray, by a test, and all together: bits of the hits, and of what leaves would
 /// keep.
-fn hits_of<I: Test>(mesh: &Mesh, header: &TreeHeader, rays: &[Ray], flush: bool) -> Vec<u32> {
-    flushing(flush, || {
-        let mut bits = Vec::new();
-        for alone in [true, false] {
-            tested::<I>(mesh, header, rays, alone, |corners, best| {
-                bits.extend(corners.iter().flat_map(|v| v.to_array().map(f32::to_bits)));
-                bits.push(best.triangle);
-                bits.extend(
-                    [best.t, div(best.u, best.det), div(best.v, best.det)].map(|x| (x + 0.0).to_bits()),
-                );
-            });
-        }
-        bits
-    })
+struct HitsOf<'a> {
+    mesh: &'a Mesh,
+    header: &'a TreeHeader,
+    rays: &'a [Ray],
+    flush: bool,
+}
+
+impl WithTest for HitsOf<'_> {
+    type Output = Vec<u32>;
+
+    fn with<I: Test>(self) -> Vec<u32> {
+        let Self { mesh, header, rays, flush } = self;
+        flushing(flush, || {
+            let mut bits = Vec::new();
+            for alone in [true, false] {
+                tested::<I>(mesh, header, rays, alone, |corners, best| {
+                    bits.extend(corners.iter().flat_map(|v| v.to_array().map(f32::to_bits)));
+                    bits.push(best.triangle);
+                    bits.extend(
+                        [best.t, div(best.u, best.det), div(best.v, best.det)].map(|x| (x + 0.0).to_bits()),
+                    );
+                });
+            }
+            bits
+        })
+    }
 }
 
 /// A number of `range` binades that end at `2^-least`, or often 0.
@@ -130,17 +142,12 @@ fn a_device_that_flushes_subnormals_finds_the_same() {
             rays.push(Ray { t_min: f32::NEG_INFINITY, ..Ray::new(middle, way) });
         }
         let header = *Scene::build(cpu(), &mesh, &BuildOptions::default()).unwrap().header();
-        let mut check = |n: usize, run: fn(&Mesh, &TreeHeader, &[Ray], bool) -> Vec<u32>| {
-            let kept = run(&mesh, &header, &rays, false);
-            same(Intersector::ALL[n].name(), &kept, &run(&mesh, &header, &rays, true)).unwrap();
-            hits[n] += kept.chunks(16).filter(|words| words[12] != MISS).count();
-        };
-        check(0, hits_of::<Strict>);
-        check(1, hits_of::<Exact>);
-        check(2, hits_of::<Woop>);
-        check(3, hits_of::<Moeller>);
-        check(4, hits_of::<Plane>);
-        check(5, hits_of::<Baldwin>);
+        for (test, hits) in Intersector::ALL.into_iter().zip(&mut hits) {
+            let hits_of = |flush| test.with(HitsOf { mesh: &mesh, header: &header, rays: &rays, flush });
+            let kept = hits_of(false);
+            same(test.name(), &kept, &hits_of(true)).unwrap();
+            *hits += kept.chunks(16).filter(|words| words[12] != MISS).count();
+        }
     }
     println!("hits: {hits:?}");
     assert!(hits.iter().all(|&n| n > 2000), "{hits:?}");

@@ -13,10 +13,10 @@ use serde::Serialize;
 use wasm_bindgen::prelude::*;
 
 /// Two corners of a box, in the mesh's own units.
-type Cell = [[f32; 3]; 2];
+type Bounds = [[f32; 3]; 2];
 
 /// The parts of a cell at a plane.
-fn halves(cell: Cell, axis: u32, at: f32) -> [Cell; 2] {
+fn halves(cell: Bounds, axis: u32, at: f32) -> [Bounds; 2] {
     let [mut below, mut above] = [cell; 2];
     below[1][axis as usize] = at;
     above[0][axis as usize] = at;
@@ -37,7 +37,7 @@ impl Walker {
         Ok(Self { tree, scale })
     }
 
-    fn root(&self) -> Cell {
+    fn root(&self) -> Bounds {
         let header = self.tree.view().header;
         [header.lo, header.hi].map(|corner| corner.map(|x| x * self.scale))
     }
@@ -94,7 +94,7 @@ struct Visit {
 }
 
 /// Where a ray is inside of a box that reaches `pad` farther on each side; nowhere if the first is larger.
-fn span(ray: &Ray, [lo, hi]: Cell, pad: f64) -> [f64; 2] {
+fn span(ray: &Ray, [lo, hi]: Bounds, pad: f64) -> [f64; 2] {
     let mut span = [f64::from(ray.t_min), f64::from(ray.t_max)];
     for axis in 0..3 {
         let (origin, direction) = (f64::from(ray.origin[axis]), f64::from(ray.direction[axis]));
@@ -112,7 +112,7 @@ fn span(ray: &Ray, [lo, hi]: Cell, pad: f64) -> [f64; 2] {
 }
 
 /// Half of what a plane counts as thick, as the kernels have it.
-fn pad(ray: &Ray, [lo, hi]: Cell) -> f64 {
+fn pad(ray: &Ray, [lo, hi]: Bounds) -> f64 {
     let reach = |axis: usize| (ray.origin[axis] - lo[axis]).abs().max((ray.origin[axis] - hi[axis]).abs());
     f64::from(PAD) * f64::from(reach(0).max(reach(1)).max(reach(2)))
 }
@@ -149,7 +149,7 @@ impl Ways {
     }
 
     /// A node's depth and box.
-    fn place(&self, node: u32) -> (u32, Cell) {
+    fn place(&self, node: u32) -> (u32, Bounds) {
         let mut above = vec![node];
         while let Some(up) = self.ways.parent(above[above.len() - 1]) {
             above.push(up);

@@ -2,6 +2,7 @@
 
 use anyhow::{Context as _, Result, ensure};
 use std::{env, path::Path, process::Command};
+use xtask::LEFT_OUT;
 
 /// Arguments of `cargo xtask attack`.
 #[derive(Debug, clap::Args)]
@@ -17,6 +18,7 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args, root: &Path) -> Result<()> {
     let mut build = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
     build.args(["build", "--workspace", "--bin", "attack", "--bin", "raykd"]).current_dir(root);
+    build.args(LEFT_OUT.map(|package| format!("--exclude={package}")));
     build.args(args.release.then_some("--release"));
     let status = build.status().context("cannot run cargo")?;
     ensure!(status.success(), "the program or its attacker does not compile");

@@ -6,6 +6,7 @@ use std::{
     path::{Path, PathBuf},
     process::Command,
 };
+use xtask::LEFT_OUT;
 
 /// What the loader and a software rasteriser are called on Debian and Ubuntu.
 const PACKAGES: [&str; 2] = ["mesa-vulkan-drivers", "libvulkan1"];
@@ -26,13 +27,8 @@ pub(crate) fn run(args: &Args, root: &Path) -> Result<()> {
     let cargo = env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     execute(
         Command::new(cargo)
-            // What compiles the kernels takes a minute to build, and its tests concern nobody else. What makes bindings
-            // for JavaScript takes as long and has none. The Python package is tested by Python.
             .args(["test", "--workspace"])
-            .args(
-                ["raykd-spirv", "xtask-kernels", "xtask-web", "raykd-python"]
-                    .map(|it| format!("--exclude={it}")),
-            )
+            .args(LEFT_OUT.map(|package| format!("--exclude={package}")))
             .args(&args.cargo)
             .env("RAYKD_REQUIRE_GPU", "1")
             .current_dir(root),

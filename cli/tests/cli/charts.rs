@@ -1,5 +1,6 @@
 //! `raykd chart`, `raykd calibrate` and `--quality auto` from outside, on the CPU.
 
+use crate::raykd;
 use raykd::{
     Device, Mesh, Ray,
     plan::{CHOICES, cache_file},
@@ -9,13 +10,8 @@ use serde_json::{Value, json};
 use std::{
     fs,
     path::Path,
-    process::{Command, Output, Stdio},
+    process::{Command, Output},
 };
-
-fn raykd(line: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_raykd"));
-    command.args(line).stdin(Stdio::null()).output().unwrap()
-}
 
 fn told(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)

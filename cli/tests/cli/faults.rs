@@ -1,5 +1,6 @@
 //! What goes wrong around the program: disks, memory, interruptions. Output files appear whole or not at all.
 
+use crate::{names, told};
 use raykd::{Device, Error, KdTree};
 use std::{
     fs,
@@ -15,15 +16,6 @@ fn limited(limits: &str, line: &str, folder: &TempDir) -> Output {
     let line = line.replace("{}", folder.path().to_str().unwrap());
     let script = format!("{limits}; exec '{}' {line}", env!("CARGO_BIN_EXE_raykd"));
     Command::new("bash").args(["-c", &script]).stdin(Stdio::null()).output().unwrap()
-}
-
-fn told(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
-fn names(folder: &TempDir) -> Vec<String> {
-    let entry = |e: Result<fs::DirEntry, _>| e.unwrap().file_name().into_string().unwrap();
-    fs::read_dir(folder.path()).unwrap().map(entry).collect()
 }
 
 /// The commands that write files, each to `out`.
@@ -53,7 +45,11 @@ fn full_disk_keeps_the_old_file() {
         assert_eq!(output.status.code(), Some(1), "{line}: {message}");
         assert!(message.contains(name) && message.contains("too large"), "{line}: {message}");
         assert_eq!(fs::read(&file).unwrap(), b"old");
-        assert!(names(&folder).iter().all(|name| !name.starts_with(".raykd")), "{:?}", names(&folder));
+        assert!(
+            names(folder.path()).iter().all(|name| !name.starts_with(".raykd")),
+            "{:?}",
+            names(folder.path())
+        );
         fs::remove_file(&file).unwrap();
     }
 }

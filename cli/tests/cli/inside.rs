@@ -1,10 +1,8 @@
 //! `raykd inside` and `raykd check` from outside.
 
+use crate::{command, text};
 use serde_json::Value;
-use std::{
-    fs,
-    process::{Command, Output},
-};
+use std::{fs, process::Output};
 use tempfile::TempDir;
 
 /// A folder with a tetrahedron of four triangles that look outward, and the same without the last.
@@ -19,12 +17,7 @@ pub(super) fn folder() -> TempDir {
 }
 
 pub(super) fn raykd(folder: &TempDir, line: &str) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_raykd"));
-    command.current_dir(folder).args(line.split(' ')).output().unwrap()
-}
-
-pub(super) fn text(bytes: &[u8]) -> &str {
-    std::str::from_utf8(bytes).unwrap()
+    command(&line.split(' ').collect::<Vec<_>>()).current_dir(folder).output().unwrap()
 }
 
 #[test]

@@ -16,7 +16,41 @@ mod stress;
 #[cfg(feature = "gpu")]
 mod voxels;
 
-use std::{fs::File, io::BufReader, path::Path};
+use std::{
+    fs::{self, File},
+    io::BufReader,
+    path::Path,
+    process::{Command, Output, Stdio},
+};
+
+fn command(line: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_raykd"));
+    command.args(line).stdin(Stdio::null());
+    command
+}
+
+fn raykd(line: &[&str]) -> Output {
+    command(line).output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> &str {
+    std::str::from_utf8(bytes).unwrap()
+}
+
+/// What a program said beside its output.
+#[cfg(unix)]
+fn told(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+/// The names in a folder, in order.
+#[cfg(unix)]
+fn names(folder: &Path) -> Vec<String> {
+    let mut names: Vec<String> =
+        fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
 
 /// Width, height, and red, green and blue of each pixel.
 fn picture(file: &Path) -> ([u32; 2], Vec<[u8; 3]>) {

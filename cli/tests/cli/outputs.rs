@@ -1,6 +1,7 @@
 //! Files that the program writes: never over what it reads, whole or not at all, with the mode and the owner of what
 //! was there, and nothing left behind.
 
+use crate::{command, names, told};
 use raykd::KdTree;
 use std::{
     fs::{self, Permissions},
@@ -10,7 +11,7 @@ use std::{
         process::{CommandExt as _, ExitStatusExt as _},
     },
     path::{Path, PathBuf},
-    process::{Child, Command, Output, Stdio},
+    process::{Child, Command, Stdio},
     thread,
     time::{Duration, Instant},
 };
@@ -23,13 +24,9 @@ const TERMINATE: i32 = 15;
 
 /// The program in a folder.
 fn raykd(folder: &TempDir, line: &str) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_raykd"));
-    command.args(line.split(' ')).current_dir(folder).stdin(Stdio::null());
+    let mut command = command(&line.split(' ').collect::<Vec<_>>());
+    command.current_dir(folder);
     command
-}
-
-fn told(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
 /// The message of a command that fails.
@@ -44,13 +41,6 @@ fn refused(mut command: Command) -> String {
 fn succeeds(mut command: Command) {
     let output = command.output().unwrap();
     assert!(output.status.success(), "{command:?}: {}", told(&output));
-}
-
-fn names(folder: &Path) -> Vec<String> {
-    let mut names: Vec<String> =
-        fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
-    names.sort();
-    names
 }
 
 /// A folder with a mesh, its tree, rays at it and costs.

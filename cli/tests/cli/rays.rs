@@ -1,6 +1,9 @@
 //! `raykd rays`, and files of numpy for `raykd trace`, from outside.
 
-use super::inside::{folder, raykd, text};
+use crate::{
+    inside::{folder, raykd},
+    text,
+};
 use serde_json::Value;
 use std::fs;
 

@@ -1,10 +1,8 @@
 //! `raykd stress` from outside. Needs a Vulkan adapter; a software one will do.
 
+use crate::text;
 use serde_json::Value;
-use std::{
-    fs,
-    process::{Command, Stdio},
-};
+use std::fs;
 
 /// Keys of every row.
 const KEYS: [&str; 8] =
@@ -12,9 +10,9 @@ const KEYS: [&str; 8] =
 
 /// Exit code, standard output and standard error.
 fn raykd(line: &[&str]) -> (i32, String, String) {
-    let output = Command::new(env!("CARGO_BIN_EXE_raykd")).args(line).stdin(Stdio::null()).output().unwrap();
-    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
-    (output.status.code().unwrap(), text(output.stdout), text(output.stderr))
+    let output = crate::raykd(line);
+    let text = |bytes| text(bytes).to_owned();
+    (output.status.code().unwrap(), text(&output.stdout), text(&output.stderr))
 }
 
 /// Exit code and rows.

@@ -1,6 +1,9 @@
 //! `raykd voxels` from outside.
 
-use crate::inside::{folder, raykd, text};
+use crate::{
+    inside::{folder, raykd},
+    text,
+};
 use serde_json::Value;
 use std::fs;
 

@@ -127,12 +127,14 @@ pub enum MeshError {
         reason: String,
     },
     /// The file has none of the formats that are read.
-    #[error(
-        "{at}: neither OBJ, PLY, STL nor glTF; convert it to one of them (.obj, .ply, .stl, .gltf, .glb, each also .gz)"
-    )]
+    #[error("{at}: neither {formats}; convert it to one of them ({extensions}, each also .gz)")]
     UnknownFormat {
         /// The file.
         at: Place,
+        /// The names of those that are read.
+        formats: String,
+        /// How their files end.
+        extensions: String,
     },
     /// A glTF file has its triangles in an extension, or needs one that may change them.
     #[error("{at}: it needs the glTF extension '{name}', which is not read; export the mesh without it")]
@@ -236,7 +238,7 @@ pub enum MeshError {
         "'{}' is neither a file nor a scene; the scenes are teapot, teapot:LEVEL (1 to {}), {}",
         quoted(name),
         super::teapot::MAX_LEVEL,
-        super::scenes::names()
+        super::fetched::names()
     )]
     UnknownScene {
         /// What was asked for.
@@ -258,7 +260,7 @@ impl MeshError {
         match &mut self {
             Self::TooLong { at, .. }
             | Self::Gzip { at, .. }
-            | Self::UnknownFormat { at }
+            | Self::UnknownFormat { at, .. }
             | Self::Extension { at, .. }
             | Self::NoGltf { at }
             | Self::Malformed { at, .. }

@@ -52,25 +52,23 @@
 mod digest;
 mod edges;
 mod error;
-#[cfg(feature = "gltf")]
-mod gltf;
-#[cfg(feature = "gltf")]
-pub use gltf::files_beside;
+mod fetched;
+mod formats;
 mod load;
-mod obj;
-mod ply;
 mod polygon;
+mod raw;
 mod repair;
 mod rounding;
 mod scenes;
-mod stl;
 mod teapot;
 
 pub(crate) use digest::digest;
 pub use edges::{EdgeCount, Edges};
 pub use error::{MeshError, Place, Spot};
+#[cfg(feature = "gltf")]
+pub use formats::files_beside;
 #[doc(hidden)]
-pub use ply::ply_vertices;
+pub use formats::{extensions as mesh_extensions, known as known_formats, ply_vertices};
 pub(crate) use repair::Measure;
 pub use repair::Repairs;
 pub use scenes::MeshSource;
@@ -80,7 +78,7 @@ pub(crate) use scenes::of_user;
 pub use teapot::teapot_level_for;
 
 use crate::rays::below;
-use load::Raw;
+use raw::{Raw, fits};
 use raykd_shared::limits::MAX_TRIANGLES;
 use std::borrow::Cow;
 use std::path::Path;
@@ -170,7 +168,7 @@ impl Mesh {
     /// # Errors
     /// If the file cannot be read or used, or is larger than that; the message names the line or element.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, MeshError> {
-        load::load(path.as_ref(), None)
+        Self::load_at_most(path.as_ref(), None)
     }
 
     /// Like [`Mesh::load`], but so many bytes are read, packed or unpacked, before it is an error.
@@ -178,7 +176,11 @@ impl Mesh {
     /// # Errors
     /// If the file cannot be read or used, or is larger.
     pub fn load_up_to(path: impl AsRef<Path>, max_bytes: u64) -> Result<Self, MeshError> {
-        load::load(path.as_ref(), Some(max_bytes))
+        Self::load_at_most(path.as_ref(), Some(max_bytes))
+    }
+
+    fn load_at_most(path: &Path, most: Option<u64>) -> Result<Self, MeshError> {
+        load::load(path, most).and_then(Self::with_repairs).map_err(|e| e.in_file(path))
     }
 
     /// Like [`Mesh::load`], of a file that is in memory already. Its name tells the format, by the extension, and is
@@ -187,7 +189,8 @@ impl Mesh {
     /// # Errors
     /// If the bytes cannot be used.
     pub fn from_bytes(name: impl AsRef<Path>, bytes: Vec<u8>) -> Result<Self, MeshError> {
-        load::from_bytes(name.as_ref(), bytes, None)
+        let name = name.as_ref();
+        load::parse(name, bytes, None, None).and_then(Self::with_repairs).map_err(|e| e.in_file(name))
     }
 
     /// The Utah teapot, each of its 32 patches cut into `level` by `level` quads of two triangles: from 1
@@ -313,9 +316,4 @@ fn check<T: Copy + Into<f64>>(positions: &[[T; 3]], triangles: &[[u32; 3]]) -> R
         return Err(MeshError::IndexOutOfRange { at, index: index.into(), first: 0, vertices });
     }
     Ok(())
-}
-
-/// Whether a coordinate is finite in `f32`.
-fn fits(x: f64) -> bool {
-    (x as f32).is_finite()
 }

@@ -5,9 +5,9 @@
 //! Else it is cut by a constrained Delaunay triangulation, which keeps every corner, those on a straight edge too,
 //! so that neighbours still meet without gaps; inside is what an odd number of edges encloses.
 
-use super::load::Raw;
+use super::error::{MeshError, Place, Spot};
+use super::raw::{Polygon, Raw};
 use super::repair::{exponent, power_of_two};
-use super::{MeshError, Place, Spot};
 use rayon::prelude::*;
 use robust::{Coord, orient2d};
 use spade::handles::FixedVertexHandle;
@@ -16,16 +16,6 @@ use spade::{
     Triangulation, mitigate_underflow,
 };
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
-
-/// A face of the file that stands in [`Raw`] as a fan from its first corner.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Polygon {
-    /// Its first triangle, and how many there are.
-    pub(super) first: u32,
-    pub(super) triangles: u32,
-    /// Its line, or its number in a binary file.
-    pub(super) at: u64,
-}
 
 /// What became of a face.
 enum Cut {

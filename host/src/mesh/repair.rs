@@ -1,8 +1,6 @@
 //! The written rule: which triangles take part, and which numbers the kernels get to see.
 
-#[cfg(doc)]
-use super::Mesh;
-use super::{MeshError, Place, Spot};
+use super::error::{MeshError, Place, Spot};
 use raykd_shared::limits::{DUST, LEAST_UNSCALED, MOST_UNSCALED};
 use rayon::prelude::*;
 use robust::{Coord, orient2d};
@@ -38,7 +36,8 @@ pub struct Repairs {
     pub flushed: u32,
     /// Meshes of a glTF file with a skin or morph targets, taken as they are stored.
     pub unposed: u32,
-    /// Coordinates that no `f32` is equal to, after the mesh was moved if it was ([`Mesh::translation`]): rounded.
+    /// Coordinates that no `f32` is equal to, rounded; of a mesh that was moved, after that
+    /// ([`Mesh::translation`](crate::Mesh::translation)).
     pub rounded: u32,
     /// The largest change of a coordinate by that, in the mesh's units.
     pub largest_change: f64,

@@ -1,19 +1,15 @@
 //! Scenes by name: the built-in teapot, the meshes that `cargo xtask scenes` fetches, or any file.
 
-use super::{Mesh, MeshError, error::quoted_bytes, teapot};
+use super::{
+    Mesh,
+    error::{MeshError, quoted_bytes},
+    fetched::FETCHED,
+    teapot,
+};
 use std::ffi::OsStr;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
-
-/// Name and file of the scenes that are fetched.
-const FETCHED: [(&str, &str); 5] = [
-    ("dragon", "dragon.ply.gz"),
-    ("dragon_res2", "dragon_res2.ply.gz"),
-    ("dragon_res3", "dragon_res3.ply.gz"),
-    ("dragon_res4", "dragon_res4.ply.gz"),
-    ("sponza", "sponza.obj"),
-];
 
 /// The level of the scene `teapot`: 992 triangles with area.
 const DEFAULT_LEVEL: u32 = 4;
@@ -154,9 +150,4 @@ pub(crate) fn of_user(variable: &str, at_home: &str, on_mac: &str) -> Option<Pat
     let at_home = if cfg!(target_os = "macos") { on_mac } else { at_home };
     let own = folder(variable).or_else(|| folder("LOCALAPPDATA"));
     Some(own.or_else(|| Some(folder("HOME")?.join(at_home)))?.join("raykd"))
-}
-
-/// The names of the fetched scenes, for messages.
-pub(super) fn names() -> String {
-    FETCHED.map(|(name, _)| name).join(", ")
 }

@@ -13,7 +13,7 @@ use std::{
 };
 
 /// Meshes of so many triangles are looked at as they are.
-const SMALL: usize = 1024;
+const UNSIMPLIFIED: usize = 1024;
 /// How closely to look.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Look {
@@ -106,7 +106,7 @@ pub(super) fn through(mesh: &Mesh) -> f64 {
 /// The mesh with its vertices moved to the middles of coarse cells (Rossignac & Borrel 1993), which leaves few
 /// triangles but no holes: what hid others still does. A small mesh as it is.
 fn coarse(mesh: &Mesh, cells: f32) -> Mesh {
-    if mesh.kept().len() <= SMALL {
+    if mesh.kept().len() <= UNSIMPLIFIED {
         return mesh.clone();
     }
     let (lo, hi) = mesh.bounds();

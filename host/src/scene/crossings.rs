@@ -8,13 +8,11 @@ use super::{
 use crate::{
     Error,
     clock::Instant,
-    exec::{Launch as _, To},
+    exec::To,
+    intersector,
     rays::{AnyPoint, AnyRay},
 };
-use raykd_kernels::trace::{
-    queries::{self, crossings, quick_crossings},
-    undecided,
-};
+use raykd_kernels::trace::queries;
 use raykd_shared::{Crossings, Ray};
 use rayon::prelude::*;
 use std::time::Duration;
@@ -51,25 +49,6 @@ impl Scene {
             self.count_local(&local, &mut counted)?;
         }
         Ok(counted)
-    }
-
-    /// For tests: what `Scene::encode_crossings` makes a GPU do, on any device, and how many rays floats leave
-    /// undecided.
-    ///
-    /// # Errors
-    /// The device failed, or more rays than a batch holds.
-    #[doc(hidden)]
-    pub fn crossings_at_once(&self, rays: &[Ray]) -> Result<(Vec<Crossings>, usize), Error> {
-        let batch = Batch::new(self, rays)?;
-        let crossings = self.device.alloc::<u32>("crossings", 2 * rays.len() as u64)?;
-        let query = || queries::Query { corners: &self.corners, ..batch.query(self) };
-        let quick = quick_crossings::Buffers { query: query() }.over(batch.count);
-        let rest = undecided::Buffers { query: query(), crossings: crossings.out() }.over(batch.count);
-        let (mut found, mut counts): (Vec<[u32; 4]>, _) = (Vec::new(), Vec::new());
-        let counted = crossings.back(To::End(&mut counts, rays.len()));
-        let wanted = vec![batch.hits.back(To::End(&mut found, rays.len())), counted];
-        batch.run(&self.device, &[quick, rest], 0, wanted)?;
-        Ok((counts, found.iter().filter(|found| found[2] != 0).count()))
     }
 
     /// How often the surface goes round each point: 0 outside of a closed mesh, 1 inside if triangles are
@@ -112,45 +91,23 @@ impl Scene {
         Ok(Counted { counts: windings, times, invalid })
     }
 
-    /// Counts for rays that are where the mesh is, as many as fit the device: by floats, then those again that floats
-    /// do not tell of.
+    /// Counts for rays that are where the mesh is, as many as fit the device.
     fn count_local(&self, rays: &[Ray], counted: &mut Counted<Crossings>) -> Result<(), Error> {
-        let (mut found, invalid) = self.dispatch_crossings(rays, true, counted)?;
-        counted.invalid += invalid;
-        let open: Vec<usize> = (0..found.len()).filter(|&i| found[i][2] != 0).collect();
-        if !open.is_empty() {
-            let again: Vec<Ray> = open.iter().map(|&i| rays[i]).collect();
-            let (exact, _) = self.dispatch_crossings(&again, false, counted)?;
-            for (i, exact) in open.into_iter().zip(exact) {
-                found[i] = exact;
-            }
-        }
-        counted.counts.extend(found.iter().map(|&[leaving, entering, ..]| Crossings { leaving, entering }));
-        Ok(())
-    }
-
-    /// What the kernel writes for each ray, or if `quick` that of floats alone, and how many were none.
-    fn dispatch_crossings(
-        &self,
-        rays: &[Ray],
-        quick: bool,
-        counted: &mut Counted<Crossings>,
-    ) -> Result<(Vec<[u32; 4]>, u64), Error> {
         let start = Instant::now();
         let batch = Batch::of_local(self, rays, 1)?;
+        let crossings = self.device.alloc::<u32>("crossings", 2 * rays.len() as u64)?;
         counted.times.upload += start.elapsed();
-        let query = queries::Query { corners: &self.corners, ..batch.query(self) };
-        let step = match quick {
-            true => quick_crossings::Buffers { query }.over(batch.count),
-            false => crossings::Buffers { query }.over(batch.count),
-        };
-        let mut found = Vec::new();
+        let query = || queries::Query { corners: &self.corners, ..batch.query(self) };
+        let more = (batch.counts.out(), &batch.counts);
+        let steps =
+            intersector::crossings(query, || crossings.out(), more).map(|bound| bound.step(batch.count));
         let Traced { times, invalid, .. } = traced(Duration::ZERO, || {
-            let wanted = batch.hits.back(To::End(&mut found, rays.len()));
-            batch.run(&self.device, &[step], 0, vec![wanted])
+            let wanted = crossings.back(To::End(&mut counted.counts, rays.len()));
+            batch.run(&self.device, &steps, 0, vec![wanted])
         })?;
         counted.times += times;
-        Ok((found, invalid))
+        counted.invalid += invalid;
+        Ok(())
     }
 }
 

@@ -4,7 +4,7 @@ use super::Scene;
 use crate::{
     Error, Query, Traversal,
     exec::{Buffer, Device, Gpu, Size},
-    intersector::{Bound, exact_closest},
+    intersector::{self, Bound, exact_closest},
 };
 use raykd_kernels::{
     Bindings as _, Host,
@@ -12,8 +12,7 @@ use raykd_kernels::{
     trace::{
         job::OUTCOME_WORDS,
         prepare::workgroups::{self, WORKGROUPS},
-        queries::{self, quick_crossings},
-        undecided::{self, BLOCK},
+        queries,
     },
 };
 use raykd_shared::{Crossings, Hit, Ray};
@@ -180,9 +179,8 @@ impl Scene {
     }
 
     /// Encodes the counting of crossings as [`Scene::encode`] encodes tracing, for any traversal of the scene:
-    /// `crossings` gets [`Crossings`], 8 bytes a ray, the same bytes as [`Scene::crossings`] gives. What is undecided
-    /// by floats is decided without the host. Besides, 16 bytes a ray are allocated for as long as the commands need
-    /// them.
+    /// `crossings` gets [`Crossings`], 8 bytes a ray, the same bytes as [`Scene::crossings`] gives. Besides, 32 bytes a
+    /// ray are allocated for as long as the commands need them.
     ///
     /// ```no_run
     /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -205,11 +203,12 @@ impl Scene {
         count: impl Into<RayCount<'a>>,
     ) -> Result<Encoded, Error> {
         let job = self.job_in::<Crossings>(encoder, ("crossings", crossings), rays, count.into(), 0)?;
-        let found = self.device.alloc::<[u32; 4]>("crossings by floats", job.most.into())?;
-        let query = || self.bound(&job, &self.corners, rays, found.as_wgpu().as_entire_binding());
-        let quick = Bound::of(quick_crossings::Buffers { query: query() });
-        let rest = Bound::of(undecided::Buffers { query: query(), crossings: bind(crossings) });
-        self.encode_over(encoder, &job, vec![quick, Bound { rays: BLOCK, ..rest }])?;
+        let undecided = self.device.alloc::<[u32; 4]>("undecided triangles", job.most.into())?;
+        let query = || self.bound(&job, &self.corners, rays, undecided.as_wgpu().as_entire_binding());
+        let more = self.device.alloc::<[u32; 4]>("more undecided triangles", job.most.into())?;
+        let more = || more.as_wgpu().as_entire_binding();
+        let kernels = intersector::crossings(query, || bind(crossings), (more(), more()));
+        self.encode_over(encoder, &job, kernels.into())?;
         Ok(job.encoded)
     }
 

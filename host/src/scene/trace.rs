@@ -4,7 +4,7 @@ use super::{Scene, batch::Batch};
 use crate::{
     Error, Query,
     clock::Instant,
-    exec::{Buffer, Groups, OnDevice, Step, To},
+    exec::{Buffer, OnDevice, Step, To},
     intersector::Bound,
     rays::AnyRay,
     traversal::Traversal,
@@ -355,13 +355,7 @@ impl Scene {
         }
         let steps = match self.walk(batch, traversal) {
             Some(step) => vec![step],
-            None => {
-                let groups = |rays| Groups::Fixed(batch.count.div_ceil(rays));
-                let bound = self.bound_to(batch, query).into_iter();
-                bound
-                    .map(|Bound { kernel, buffers, rays }| Step { kernel, buffers, groups: groups(rays) })
-                    .collect()
-            }
+            None => self.bound_to(batch, query).into_iter().map(|bound| bound.step(batch.count)).collect(),
         };
         batch.run(&self.device, &steps, asked(query), vec![batch.hits.back(hits)])
     }

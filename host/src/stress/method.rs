@@ -39,7 +39,7 @@ impl Method {
     /// All of them, raykd's default first.
     pub fn all() -> Vec<Self> {
         let usual = |way| Self { test: Intersector::Strict, way };
-        let others = [Builder::Median, Builder::Zhou, Builder::Exact];
+        let others = Builder::ALL.iter().copied().filter(|&builder| builder != Builder::Binned);
         let ways =
             Traversal::ALL.iter().copied().filter(|t| !matches!(t, Traversal::Stack | Traversal::Brute));
         let mut all: Vec<Self> = Intersector::ALL

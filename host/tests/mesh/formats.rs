@@ -654,6 +654,12 @@ proptest! {
         let _ = read("a.stl", words.join(" "));
     }
 
+}
+
+proptest! {
+    // Of some hundred numbers each.
+    #![proptest_config(ProptestConfig::with_cases(2000))]
+
     /// What is written is what is read, bit for bit.
     #[test]
     fn stl_round_trips(triangles in prop::collection::vec(

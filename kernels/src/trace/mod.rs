@@ -6,8 +6,11 @@
 
 #[macro_use]
 pub mod queries;
+#[macro_use]
+pub mod left;
 #[cfg(target_arch = "x86_64")]
 mod apart;
+pub mod crossings;
 pub mod frame;
 pub mod intersect;
 pub mod job;
@@ -17,4 +20,3 @@ pub mod place;
 pub mod prepare;
 pub mod single;
 pub mod traverse;
-pub mod undecided;

@@ -4,21 +4,19 @@
 #[cfg(target_arch = "x86_64")]
 use super::packet::side_by_side;
 use super::{
-    frame::Frame,
-    intersect::{Intersector, exact::Exact, perturbed::Perturbed, strict::Strict},
-    job::{JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, THREADS, load, loops_are_whole, record},
+    intersect::{Intersector, exact::Exact, strict::Strict},
+    job::{JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, THREADS, load, record},
     traverse::{
         self, Steps,
         leaf::{After, Every, Except},
-        next::{AT_ONCE, Next, WORDS},
-        stack::{ASIDE, walk_keeping},
+        stack::ASIDE,
     },
 };
 use crate::{
     glam::{UVec4, Vec4},
-    mem::{Atomics, Buf, Slots, scratch},
+    mem::{Atomics, Buf, Slots},
 };
-use raykd_shared::{Crossings, MISS, TreeHeader, status};
+use raykd_shared::{MISS, TreeHeader, status};
 
 /// Declares something of the buffers that all queries of the tree bind.
 macro_rules! of_query {
@@ -282,107 +280,6 @@ macro_rules! more {
 more!(Strict, steps::STEPS, except::EXCEPT, all::ALL_HITS);
 more!(Exact, exact_steps::EXACT_STEPS, exact_except::EXACT_EXCEPT, exact_all::EXACT_ALL);
 
-/// Counts the crossings of a ray in its range, see [`perturbed`](super::intersect::perturbed). A walk finds the next
-/// [`AT_ONCE`] of them; mostly the first finds all.
-#[inline(always)]
-pub fn crossed<const QUICK: bool>(
-    ray: &mut Frame,
-    pairs: &Buf<UVec4>,
-    corners: &Buf<Vec4>,
-    steps: &mut Steps,
-) -> Crossings {
-    let mut after = After::NOTHING;
-    let (mut aside, mut own) = (scratch::<u32, ASIDE>(), scratch::<u32, WORDS>());
-    let mut found = Crossings { leaving: 0, entering: 0 };
-    let mut running = true;
-    // 1 until there are no more.
-    let mut open = 1;
-    while running {
-        Next::clear(&mut own);
-        walk_keeping::<Perturbed<QUICK>, Next, false>(
-            ray,
-            pairs,
-            corners,
-            Next(after),
-            false,
-            &mut aside,
-            &mut own,
-            steps,
-        );
-        let count = Next::count(&own);
-        let mut i = 0;
-        while i < count {
-            let (t, triangle, along) = Next::hit(&own, i);
-            found.leaving += along as u32;
-            found.entering += !along as u32;
-            i += 1;
-            if i == AT_ONCE {
-                after.pass(ray, (t, triangle));
-            }
-        }
-        if count < AT_ONCE || steps.status != 0 {
-            running = false;
-            open = 0;
-        }
-    }
-    if open != 0 {
-        steps.status |= status::CUT_SHORT;
-    }
-    found
-}
-
-/// Counts the crossings of ray `i`. Writes how many leave, how many enter, and if `QUICK` 1 where floats do not tell,
-/// in place of a hit.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
-pub fn count_crossings<const QUICK: bool>(
-    i: u32,
-    job: &Buf<u32>,
-    header: &Buf<TreeHeader>,
-    pairs: &Buf<UVec4>,
-    corners: &Buf<Vec4>,
-    rays: &Buf<Vec4>,
-    hits: &mut Buf<UVec4>,
-    outcome: &mut Buf<u32>,
-) {
-    if i < job.at(JOB_RAYS) {
-        let mut ray = load(i, rays, &header.at(0), outcome);
-        let mut steps = Steps::default();
-        let found = crossed::<QUICK>(&mut ray, pairs, corners, &mut steps);
-        if !loops_are_whole(job) {
-            steps.status |= status::CUT_SHORT;
-        }
-        let open = QUICK && steps.status != 0;
-        hits.put(i, UVec4::new(found.leaving, found.entering, open as u32, 0));
-        if steps.status != 0 && !QUICK {
-            outcome.or(OUTCOME_STATUS, steps.status);
-        }
-    }
-}
-
-/// How often a ray crosses the surface, and from which sides.
-pub mod crossings {
-    use super::*;
-
-    of_query! {
-        kernel {
-            /// [`count_crossings`] over all rays.
-            map CROSSINGS = count_crossings::<false>, threads 64, query:
-        } { , {} }
-    }
-}
-
-/// The same where floats tell.
-pub mod quick_crossings {
-    use super::*;
-
-    of_query! {
-        kernel {
-            /// [`count_crossings`] over all rays, by floats.
-            map QUICK_CROSSINGS = count_crossings::<true>, threads 64, query:
-        } { , {} }
-    }
-}
-
 /// The kernels of this file.
 #[cfg(not(target_arch = "spirv"))]
 pub const KERNELS: &[&crate::Kernel] = &[
@@ -394,7 +291,4 @@ pub const KERNELS: &[&crate::Kernel] = &[
     &exact_steps::EXACT_STEPS,
     &exact_except::EXACT_EXCEPT,
     &exact_all::EXACT_ALL,
-    &crossings::CROSSINGS,
-    &quick_crossings::QUICK_CROSSINGS,
-    &super::undecided::UNDECIDED,
 ];

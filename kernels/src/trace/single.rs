@@ -18,7 +18,7 @@ use crate::{
 use raykd_shared::{Hit, Ray, TreeHeader};
 #[cfg(not(target_arch = "spirv"))]
 use {
-    super::{prepare::corners::kept, queries::crossed, traverse::leaf::After},
+    super::{crossings::crossings, prepare::corners::kept, traverse::leaf::After},
     crate::glam::Vec3,
     core::ops::ControlFlow,
     raykd_shared::{Crossings, Node, TreeView},
@@ -154,7 +154,7 @@ impl<'a> Tree<'a> {
     pub fn crossings(&self, ray: &Ray) -> Crossings {
         let (pairs, corners) = (view(self.pairs), view(self.corners));
         let mut frame = Frame::of(ray, self.header);
-        crossed::<false>(&mut frame, &pairs, &corners, &mut Steps::default())
+        crossings(&mut frame, (&pairs, &corners))
     }
 }
 

@@ -15,7 +15,44 @@ macro_rules! query {
 }
 
 mod mem;
-mod trace;
+mod place;
+mod steps;
+
+/// The kernels' sources, and what takes the place of some of them.
+#[path = "../../../kernels/src/trace"]
+#[allow(
+    unreachable_pub,
+    dead_code,
+    reason = "the kernels' sources are public there, and not all is used here"
+)]
+mod trace {
+    pub(crate) use crate::place;
+    pub(crate) use raykd_kernels::trace::{frame, intersect};
+
+    /// What some traversals need beside the tree.
+    pub(crate) mod prepare {
+        pub(crate) mod climb;
+        pub(crate) mod node_boxes;
+        pub(crate) mod parents;
+        pub(crate) mod rope_links;
+    }
+
+    /// The traversals.
+    pub(crate) mod traverse {
+        pub(crate) use crate::steps::Steps;
+        pub(crate) use raykd_kernels::trace::traverse::trail;
+
+        pub(crate) mod backtrack;
+        pub(crate) mod crossing;
+        pub(crate) mod leaf;
+        pub(crate) mod pushdown;
+        pub(crate) mod restart;
+        pub(crate) mod ropes;
+        pub(crate) mod sequential;
+        pub(crate) mod shortstack;
+        pub(crate) mod stack;
+    }
+}
 
 use mem::{Buf, Log, Slots as _};
 use raykd::{Mesh, Ray, Scene, Traversal};

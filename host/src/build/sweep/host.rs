@@ -6,7 +6,7 @@
 
 use super::{
     events::{Axis, List, REFERENCE, Set, bytes, extent},
-    plane::{Plane, cheaper, cheapest_across, face, face_usually},
+    split::{Split, cheaper, cheapest_across, face, face_usually},
 };
 use crate::{
     build::{
@@ -57,7 +57,7 @@ struct Cell {
 
 impl Cell {
     /// The cells below and above a plane.
-    fn cut(&self, plane: &Plane) -> [Self; 2] {
+    fn cut(&self, plane: &Split) -> [Self; 2] {
         let mut halves = [Self { depth: self.depth + 1, ..*self }; 2];
         halves[0].bounds.hi[plane.axis] = plane.at;
         halves[1].bounds.lo[plane.axis] = plane.at;
@@ -65,7 +65,7 @@ impl Cell {
     }
 
     /// The same, where `count` references became those of two sets.
-    fn cut_to(&self, plane: &Plane, count: usize, halves: &[Set; 2]) -> [Self; 2] {
+    fn cut_to(&self, plane: &Split, count: usize, halves: &[Set; 2]) -> [Self; 2] {
         let now: usize = halves.iter().map(|half| half.references.len).sum();
         let growth = growth_left(self.growth, count as u32, now as u32, plane.pays());
         self.cut(plane).map(|half| Self { growth, ..half })
@@ -93,7 +93,7 @@ impl Branch {
 #[derive(Debug)]
 enum Part {
     Grown(Node, Branch),
-    Cut(Plane, Box<[Part; 2]>),
+    Cut(Split, Box<[Part; 2]>),
 }
 
 impl Part {
@@ -284,7 +284,7 @@ impl Builder<'_> {
     }
 
     /// The plane that cuts the node, or none if it becomes a leaf.
-    fn choose(&self, set: &Set, cell: &Cell, parallel: bool) -> Option<Plane> {
+    fn choose(&self, set: &Set, cell: &Cell, parallel: bool) -> Option<Split> {
         let sah = self.sah(cell, set.references.len)?;
         let sweep = |axis, cost| cheapest_across(set, axis, &sah, cost);
         let best = if parallel {
@@ -294,10 +294,10 @@ impl Builder<'_> {
             cheaper(cheaper(x, y), z)
         } else {
             (0..3).fold(None, |best, axis| {
-                sweep(axis, best.map_or(sah.leaf, |plane: Plane| plane.cost)).or(best)
+                sweep(axis, best.map_or(sah.leaf, |plane: Split| plane.cost)).or(best)
             })
         };
-        best.or_else(|| Plane::middle(&sah, set.references.len))
+        best.or_else(|| Split::middle(&sah, set.references.len))
     }
 
     /// What planes cost in a node of so many references, if any may pay.
@@ -309,7 +309,7 @@ impl Builder<'_> {
     }
 
     /// Says where the references of a node go, and what there is of those that are cut.
-    fn share(&self, references: &[Reference], plane: &Plane, cells: &[Cell; 2], shares: &mut Shares) {
+    fn share(&self, references: &[Reference], plane: &Split, cells: &[Cell; 2], shares: &mut Shares) {
         let (at, flat_above) = (plane.at, plane.flat == Flat::Above);
         let (codes, straddling) = (&mut shares.sides, &mut shares.straddling);
         codes.resize(references.len(), 0);
@@ -342,7 +342,7 @@ impl Builder<'_> {
     fn split(
         &self,
         set: &Set,
-        plane: &Plane,
+        plane: &Split,
         cells: &[Cell; 2],
         halves: &mut [Set; 2],
         shares: &mut Shares,

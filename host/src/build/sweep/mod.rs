@@ -7,7 +7,7 @@
 mod events;
 pub(super) mod host;
 pub(super) mod kernels;
-mod plane;
+mod split;
 
 /// Nodes of more references keep the faces of their boxes in order on a device; in others they are counted one by one.
 pub const LISTED: u32 = 64;

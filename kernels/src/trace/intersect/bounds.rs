@@ -56,30 +56,31 @@ pub(super) fn bounds(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> Glance {
     // Where the ray is all but parallel to the plane, nothing is known.
     let known = abs(det) > 4.0 * error;
     if !known {
-        return Glance { near: f32::NEG_INFINITY, later: f32::INFINITY, sure: false };
+        return Glance { near: f32::NEG_INFINITY, later: f32::INFINITY, sure: false, leaving: false };
     }
     // As in [`Exact::may_hit`](super::exact::Exact).
     let (eu, ev, ew) = (half * (y + z + half), half * (z + x + half), half * (x + y + half));
     let sure = ((u > eu) & (v > ev) & (w > ew)) | ((u < -eu) & (v < -ev) & (w < -ew));
+    let along = component(ray.inverse, ray.main);
+    let leaving = (det > 0.0) == (along < 0.0);
     // Across an axis it is met where that says.
     let (distance, way) = level(ray, (a, b, c));
     if abs(way) > 0.0 {
         let (t, wide) = (distance * way, abs(distance * way) * exp2(-20));
-        return Glance { near: t - wide, later: t + wide, sure };
+        return Glance { near: t - wide, later: t + wide, sure, leaving };
     }
     let unit = exp2(-exponent(det));
     let inverse = div(1.0, det * unit);
-    let along = component(ray.inverse, ray.main);
     let t = s.depth(along, u * unit, v * unit, w * unit) * inverse;
     let spread = abs(along) * (high(s.az, high(s.bz, s.cz)) - low(s.az, low(s.bz, s.cz)));
     let off = 4.0 * error * unit * abs(inverse) * spread + 2.0 * ray.pad;
     let (near, later) = (t - off, t + off);
     if (near < 0.0) & (later > 0.0) {
         // The direction's sign along the normal, and with it that of `t`.
-        let forward = (det > 0.0) == (along < 0.0);
-        let ahead = side(ray.origin, ray.pad * exp2(19), (a, b, c)) * if forward { -1 } else { 1 };
-        let (near, later) = (if ahead > 0 { 0.0 } else { near }, if ahead < 0 { -exp2(-126) } else { later });
-        return Glance { near, later, sure };
+        let ahead = side(ray.origin, ray.pad * exp2(19), (a, b, c)) * if leaving { -1 } else { 1 };
+        let least = exp2(-126);
+        let (near, later) = (if ahead > 0 { least } else { near }, if ahead < 0 { -least } else { later });
+        return Glance { near, later, sure, leaving };
     }
-    Glance { near, later, sure }
+    Glance { near, later, sure, leaving }
 }

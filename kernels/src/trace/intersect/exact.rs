@@ -202,6 +202,8 @@ pub(super) struct Met<N = Pair> {
     weights: (N, N),
     det: N,
     inverse: f32,
+    /// The power of two by which edge functions were multiplied for that.
+    unit: f32,
     /// How far weights may be off, as parts of their sum: the second, the third, and what `t`, `u` and `v` are times.
     off: (f32, f32, f32),
 }
@@ -240,7 +242,35 @@ impl<N: Long> Looked<N> {
         if zero {
             (near, later) = (0.0, 0.0);
         }
-        Met { told, near, later, zero, weights: (v, w), det, inverse, off }
+        Met { told, near, later, zero, weights: (v, w), det, inverse, unit, off }
+    }
+}
+
+/// Six times the volume of three points and a fourth, and what it may be off by.
+#[inline(always)]
+fn volume(from: Vec3, (a, b, c): (Vec3, Vec3, Vec3)) -> (Triple, f32) {
+    let seen = move |at: f32, from: f32| Pair::sum(at, -from);
+    let part = move |(a, b, c, d, e): (Pair, Pair, Pair, Pair, Pair)| {
+        let (p, q) = (Triple::of(b).times(Triple::of(c)), Triple::of(d).times(Triple::of(e)));
+        (p.plus(q.negative()).times(Triple::of(a)), abs(a.hi) * (abs(b.hi * c.hi) + abs(d.hi * e.hi)))
+    };
+    let (ax, ay, az) = (seen(a.x, from.x), seen(a.y, from.y), seen(a.z, from.z));
+    let (bx, by, bz) = (seen(b.x, from.x), seen(b.y, from.y), seen(b.z, from.z));
+    let (cx, cy, cz) = (seen(c.x, from.x), seen(c.y, from.y), seen(c.z, from.z));
+    let (x, y, z) = (part((ax, by, cz, bz, cy)), part((ay, bz, cx, bx, cz)), part((az, bx, cy, by, cx)));
+    (x.0.plus(y.0).plus(z.0), exp2(-56) * (x.1 + y.1 + z.1) + exp2(-90))
+}
+
+impl<N: Long> Met<N> {
+    /// Finds `t` by the volume of the triangle and the ray's origin. Where that lies all but in the triangle's plane, the
+    /// mean of depths has lost its digits, and the volume has enough of them.
+    #[inline(always)]
+    fn near_plane(&mut self, ray: &Frame, corners: (Vec3, Vec3, Vec3), dz: f32) {
+        let (six, error) = volume(ray.origin, corners);
+        let along = six.by_power(self.unit).pair().times(Pair { hi: -dz, lo: 0.0 });
+        let t = along.over(self.det.pair(), self.inverse);
+        let off = abs(t.hi) * (self.off.2 + exp2(-38)) + 2.5 * error * abs(self.unit * self.inverse);
+        (self.near, self.later) = rounded(t, off);
     }
 }
 
@@ -260,9 +290,12 @@ fn by<N: Long>(ray: &Frame, id: u32, corners: (Vec3, Vec3, Vec3), best: &Best) -
     if looked.missed {
         return nothing;
     }
-    let met = looked.meet(ray);
+    let mut met = looked.meet(ray);
     if !met.told {
         return Verdict { certain: false, ..nothing };
+    }
+    if N::FIRST && !met.sure() {
+        met.near_plane(ray, corners, looked.dz);
     }
     // Rounding keeps order, so this is certain too, and where the plane is met does not hang on signs of
     // weights.

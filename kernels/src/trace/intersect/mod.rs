@@ -88,6 +88,8 @@ pub struct Glance {
     pub later: f32,
     /// Whether the line surely passes through it.
     pub sure: bool,
+    /// Whether then along its normal.
+    pub leaving: bool,
 }
 
 /// A triangle test. Triangles come as leaves keep them: what [`Intersector::lay_out`] made of them, `w` of

@@ -20,6 +20,8 @@ pub trait Long: Copy + Default {
     const WEIGHT: f32;
     /// Whether directions must have all their digits.
     const WHOLE: bool;
+    /// Whether there are others to turn to where these do not tell.
+    const FIRST: bool;
 
     /// The same number.
     fn of(pair: Pair) -> Self;
@@ -75,6 +77,7 @@ impl Long for Pair {
     const DEPTH: f32 = exp2(-39);
     const WEIGHT: f32 = exp2(-41);
     const WHOLE: bool = false;
+    const FIRST: bool = true;
 
     #[inline(always)]
     fn of(pair: Pair) -> Self {

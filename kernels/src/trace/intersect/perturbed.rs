@@ -18,21 +18,19 @@
 //! signed crossings, leaving less entering, are the winding number of `o + s`: a number of the point, not of the
 //! direction, since `s` does not depend on `d`.
 //!
-//! Signs are exact: floats with bounds of their errors tell nearly all, then come the stages of [`exact`].
-//! The `t` of what floats tell is that of [`strict`](super::strict), else it is exact too; a triangle's comes by the
-//! same way whenever a ray meets it, so hits keep their order. Where `t` is 0, or rounds to it, it is [`AT_ORIGIN`] or
-//! the negative of that, by the second rule.
+//! Signs are exact, and `t` is rounded correctly, by the stages of [`exact`]. Where `t` is 0, or rounds to it, it is
+//! [`AT_ORIGIN`] or the negative of that, by the second rule.
 
 use super::{
     Best, Intersector,
     exact::{self, Edge, Exact},
     integers,
-    pair::Pair,
-    strict::shear,
+    pair::{Long, Pair},
+    triple::Triple,
 };
 use crate::{
     glam::{Vec3, Vec4},
-    math::{abs, component, div, exp2, exponent, high, low, product_difference_wide},
+    math::{exp2, product_difference_wide},
     trace::frame::Frame,
 };
 
@@ -40,15 +38,9 @@ use crate::{
 pub const AT_ORIGIN: f32 = exp2(-126);
 
 /// The test. Of a hit `det` is 1 if the ray leaves by the triangle, that is along its normal, and -1 if it enters; `u`
-/// and `v` are not found.
-///
-/// If `QUICK`, by floats alone. Of a triangle that they do not tell it then says that a loop was left early: the ray is
-/// for the whole test, and there is no need to go on.
+/// and `v` are not found, and if not `ORDERED`, `t` neither: hits are then in the ray's range, in no order.
 #[derive(Clone, Copy, Debug)]
-pub struct Perturbed<const QUICK: bool> {
-    /// The end of the ray's range: in leaves the best hit stands for it.
-    t_max: f32,
-}
+pub struct Perturbed<const ORDERED: bool>;
 
 /// `p - q`, and whether that is exact.
 #[inline(always)]
@@ -81,7 +73,7 @@ fn first((x, y, z): (i32, i32, i32)) -> i32 {
 
 /// The sign of `d . (p x q)` from the perturbed origin, `edge` being that of `q` and `p`; 0 if that is not certain.
 #[inline(always)]
-fn sign(edge: Edge, turned: bool, p: Vec3, q: Vec3, d: Vec3) -> i32 {
+fn sign<N: Long>(edge: Edge<N>, turned: bool, p: Vec3, q: Vec3, d: Vec3) -> i32 {
     if !edge.certain {
         0
     } else if edge.positive | edge.negative {
@@ -113,33 +105,16 @@ struct Verdict {
     t: f32,
 }
 
-/// What floats tell. A sheared corner is off by at most a quarter of the pad, see [`Exact::may_hit`], and so are edge
-/// functions by the half of what is compared here; `t` hangs on them by how far the corners' depths are apart.
+/// What pairs or triples tell.
 #[inline(always)]
-fn by_floats(ray: &Frame, t_max: f32, (a, b, c): (Vec3, Vec3, Vec3)) -> Verdict {
-    let s = shear(ray, a, b, c);
-    let half = 0.5 * ray.pad;
-    let (x, y, z) = (abs(s.ax) + abs(s.ay), abs(s.bx) + abs(s.by), abs(s.cx) + abs(s.cy));
-    let (eu, ev, ew) = (ray.pad * (y + z + half), ray.pad * (z + x + half), ray.pad * (x + y + half));
-    let (u, v, w) = s.edges();
-    let positive = (u > eu) & (v > ev) & (w > ew);
-    let negative = (u < -eu) & (v < -ev) & (w < -ew);
-    let unit = exp2(-exponent(u + v + w));
-    let (u, v, w) = (u * unit, v * unit, w * unit);
-    let inverse = div(1.0, u + v + w);
-    let t = s.depth(component(ray.inverse, ray.main), u, v, w) * inverse;
-    let along = component(ray.inverse, ray.main);
-    let spread = abs(along) * (high(s.az, high(s.bz, s.cz)) - low(s.az, low(s.bz, s.cz)));
-    let off = (eu + ev + ew) * unit * abs(inverse) * spread + ray.pad;
-    let certain = s.is_plain() & (positive | negative) & (t - off > ray.t_min) & (t + off < t_max);
-    // With the main component of the direction positive, edge functions and volumes have opposite signs.
-    Verdict { certain, crossed: true, leaving: positive == (along < 0.0), t }
-}
-
-#[inline(always)]
-fn by_pairs(ray: &Frame, id: u32, (a, b, c): (Vec3, Vec3, Vec3), best: &Best) -> Verdict {
+fn by<N: Long, const ORDERED: bool>(
+    ray: &Frame,
+    id: u32,
+    (a, b, c): (Vec3, Vec3, Vec3),
+    best: &Best,
+) -> Verdict {
     let nothing = Verdict { certain: true, crossed: false, leaving: false, t: 0.0 };
-    let looked = exact::look::<Pair>(ray, (a, b, c));
+    let looked = exact::look::<N>(ray, (a, b, c));
     if looked.missed {
         return nothing;
     }
@@ -155,9 +130,11 @@ fn by_pairs(ray: &Frame, id: u32, (a, b, c): (Vec3, Vec3, Vec3), best: &Best) ->
         return Verdict { certain: false, ..nothing };
     }
     let (mut near, mut later) = (met.near, met.later);
-    let mut certain = met.sure();
     // At 0 it is for the rule.
-    certain &= !(near == 0.0);
+    let mut certain = met.sure() & !(near == 0.0);
+    if !ORDERED {
+        certain |= (near > ray.t_min) & (later < best.t) & (later < ray.t_max);
+    }
     if !certain && near <= 0.0 && later >= 0.0 {
         // The perturbed volume has the other sign.
         let normal = in_plane(ray.origin, (a, b, c));
@@ -178,13 +155,13 @@ fn by_pairs(ray: &Frame, id: u32, (a, b, c): (Vec3, Vec3, Vec3), best: &Best) ->
     Verdict { certain, crossed: true, leaving: u > 0, t: near }
 }
 
-impl<const QUICK: bool> Intersector for Perturbed<QUICK> {
+impl<const ORDERED: bool> Intersector for Perturbed<ORDERED> {
     const LOOPS: bool = true;
     const WHOLE: bool = true;
 
     #[inline(always)]
-    fn new(ray: &Frame) -> Self {
-        Self { t_max: ray.t_max }
+    fn new(_ray: &Frame) -> Self {
+        Self
     }
 
     #[inline(always)]
@@ -195,22 +172,22 @@ impl<const QUICK: bool> Intersector for Perturbed<QUICK> {
     #[inline(always)]
     fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool {
         let (a, b, c) = (a.truncate(), b.truncate(), c.truncate());
-        let mut found = by_floats(ray, self.t_max, (a, b, c));
+        let mut found = by::<Pair, ORDERED>(ray, id, (a, b, c), best);
         let mut whole = true;
-        if !QUICK && !found.certain {
-            found = by_pairs(ray, id, (a, b, c), best);
+        if !found.certain {
+            found = by::<Triple, ORDERED>(ray, id, (a, b, c), best);
         }
-        if !QUICK && !found.certain {
+        if !found.certain {
             let passed = integers::pass(ray.origin, ray.heading, a, b, c);
             let near = if passed.ahead { AT_ORIGIN } else { -AT_ORIGIN };
             let t = if passed.t == 0.0 { near } else { passed.t };
             found = Verdict { certain: true, crossed: passed.crossed, leaving: passed.leaving, t };
             whole = passed.whole;
         }
-        if found.certain & found.crossed {
+        if found.crossed {
             let det = if found.leaving { 1.0 } else { -1.0 };
             best.offer(ray, Best { t: found.t, triangle: id, u: 0.0, v: 0.0, det });
         }
-        found.certain & whole
+        whole
     }
 }

@@ -68,6 +68,7 @@ impl Long for Triple {
     const DEPTH: f32 = exp2(-58);
     const WEIGHT: f32 = exp2(-60);
     const WHOLE: bool = true;
+    const FIRST: bool = false;
 
     #[inline(always)]
     fn of(pair: Pair) -> Self {

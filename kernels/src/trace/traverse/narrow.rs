@@ -18,11 +18,11 @@ use crate::{
     trace::{
         frame::Frame,
         intersect::{Best, Intersector, exact::Exact},
-        job::{JOB_RAYS, OUTCOME_LEFT, OUTCOME_STATUS, loops_are_whole},
+        job::{JOB_RAYS, OUTCOME_LEFT, OUTCOME_STATUS, load, loops_are_whole, record},
         queries::SHARED,
     },
 };
-use raykd_shared::{MISS, TreeHeader, status};
+use raykd_shared::{TreeHeader, status};
 
 /// How many triangles are kept of a ray.
 const MOST: u32 = 8;
@@ -34,10 +34,14 @@ const FIRST: u32 = 1;
 const EACH: u32 = 3;
 const WORDS: usize = (FIRST + MOST * EACH) as usize;
 
-/// Stands for the fourth reference if there are too many.
-pub(super) const TOO_MANY: u32 = MISS - 1;
-/// Stands beside the first reference if more than four are listed.
+/// Stands beside the fourth of a ray's references, in place of a hit's `v`, which has neither this bit nor the next.
+pub(super) const LISTED: u32 = 0x4000_0000;
+/// The same if four more are apart.
 pub(super) const LONG: u32 = 0x8000_0000;
+/// Stands for the fourth reference if there are too many.
+pub(super) const TOO_MANY: u32 = u32::MAX;
+/// Stands for no reference.
+pub(super) const NONE: u32 = LISTED - 1;
 
 /// Keeps the triangles of which one may be the closest hit. `t` of the best is the highest that the closest hit's may
 /// be.
@@ -52,10 +56,17 @@ impl Narrow {
         own.put(FIRST + EACH * i + 2, near.to_bits());
     }
 
-    /// What lists triangle `i`, [`MISS`] if there is none.
+    /// What lists triangle `i`.
     #[inline(always)]
     fn reference(own: &impl Slots<u32>, i: u32) -> u32 {
-        if i < own.at(COUNT) { own.at(FIRST + EACH * i + 1) } else { MISS }
+        if i < own.at(COUNT) { own.at(FIRST + EACH * i + 1) } else { NONE }
+    }
+
+    /// What lists four of them, the last with a mark.
+    #[inline(always)]
+    fn four(own: &impl Slots<u32>, first: u32, mark: u32) -> UVec4 {
+        let (x, y) = (Self::reference(own, first), Self::reference(own, first + 1));
+        UVec4::new(x, y, Self::reference(own, first + 2), Self::reference(own, first + 3) | mark)
     }
 
     /// Forgets the triangles that are surely behind `t`, and adds one if it is not there.
@@ -108,8 +119,8 @@ impl Choice for Narrow {
     }
 }
 
-/// Writes of every ray of a workgroup which references list the triangles that may be the closest hit: four in place
-/// of the hit, four more apart.
+/// Writes of every ray of a workgroup which references list the triangles that may be the closest hit: four in place of
+/// the hit, four more apart; a miss where there are none.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn narrow(
     group: Group,
@@ -126,26 +137,25 @@ pub fn narrow(
     lanes!(group, |lane| {
         let i = group.id * group.width + lane;
         if i < job.at(JOB_RAYS) {
-            let ray = &mut Frame::new(rays.at(2 * i), rays.at(2 * i + 1), &header.at(0));
+            let ray = &mut load(i, rays, &header.at(0), outcome);
             let (aside, own) = (&mut aside::<ASIDE, SHARED>(shared, lane), &mut scratch::<u32, WORDS>());
             let steps = &mut Steps::default();
             own.put(COUNT, 0);
             walk_keeping::<Exact, Narrow, false>(ray, pairs, corners, Narrow, false, aside, own, steps);
             let count = own.at(COUNT);
-            let long = if count > 4 { LONG } else { 0 };
-            let last = if count > MOST { TOO_MANY } else { Narrow::reference(own, 3) };
-            if count > MOST {
+            if count == 0 {
+                hits.put(i, record(ray, &Best::NOTHING));
+            } else if count <= 4 {
+                hits.put(i, Narrow::four(own, 0, LISTED));
+            } else if count <= MOST {
+                hits.put(i, Narrow::four(own, 0, LONG));
+                more.put(i, Narrow::four(own, 4, 0));
+            } else {
+                hits.put(i, UVec4::new(NONE, NONE, NONE, TOO_MANY));
                 outcome.or(OUTCOME_LEFT, 1);
             }
-            let (x, y, z) = (Narrow::reference(own, 0), Narrow::reference(own, 1), Narrow::reference(own, 2));
-            hits.put(i, UVec4::new(x | long, y, z, last));
-            if count > 4 {
-                let (x, y) = (Narrow::reference(own, 4), Narrow::reference(own, 5));
-                let (z, w) = (Narrow::reference(own, 6), Narrow::reference(own, 7));
-                more.put(i, UVec4::new(x, y, z, w));
-            }
             if steps.status != 0 || !loops_are_whole(job) {
-                outcome.or(OUTCOME_STATUS, steps.status | status::CUT_SHORT);
+                outcome.or(OUTCOME_STATUS, status::CUT_SHORT);
             }
         }
     });

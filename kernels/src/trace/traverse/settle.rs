@@ -1,19 +1,18 @@
 //! Closest hits of the exact test, second kernel: the triangles that [`narrow`](super::narrow) found are tested.
 
-use super::narrow::{LONG, TOO_MANY};
+use super::narrow::{LISTED, LONG, NONE, TOO_MANY};
 #[cfg(not(target_arch = "spirv"))]
 use crate::trace::queries::Query;
 use crate::{
     glam::{UVec4, Vec4},
     mem::{Atomics, Buf, Slots},
     trace::{
+        frame::Frame,
         intersect::{Best, NORMAL, exact::Exact},
-        job::{JOB_RAYS, OUTCOME_STATUS, load, record},
+        job::{JOB_RAYS, OUTCOME_STATUS, record},
     },
 };
-use raykd_shared::{MISS, TreeHeader, status};
-
-const NONE: UVec4 = UVec4::new(MISS, MISS, MISS, MISS);
+use raykd_shared::{TreeHeader, status};
 
 /// Settles which of its triangles is the closest hit of ray `i`.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
@@ -29,22 +28,24 @@ pub fn settle(
     more: &Buf<UVec4>,
 ) {
     if i < job.at(JOB_RAYS) {
-        let ray = load(i, rays, &header.at(0), outcome).whole();
         let first = hits.at(i);
-        if first.w != TOO_MANY {
-            let long = first.x != MISS && first.x & LONG != 0;
-            let mut later = if long { more.at(i) } else { NONE };
-            let mut left = if long { UVec4::new(first.x & !LONG, first.y, first.z, first.w) } else { first };
+        if (first.w & (LISTED | LONG) != 0) & (first.w != TOO_MANY) {
+            let ray = Frame::new(rays.at(2 * i), rays.at(2 * i + 1), &header.at(0)).whole();
+            let mut left = UVec4::new(first.x, first.y, first.z, first.w & NONE);
+            let mut later = UVec4::new(NONE, NONE, NONE, NONE);
+            if first.w & LONG != 0 {
+                later = more.at(i);
+            }
             let mut best = Best::NOTHING;
+            let mut running = true;
             // 1 until there are no more.
-            let mut open = (left.x != MISS) as u32;
-            let mut running = open != 0;
+            let mut open = 1;
             while running {
                 let (a, b, c) = corners.three(3 * left.x);
                 running = Exact.settle(&ray, a.w.to_bits() & !NORMAL, (a, b, c), &mut best);
                 left = UVec4::new(left.y, left.z, left.w, later.x);
-                later = UVec4::new(later.y, later.z, later.w, MISS);
-                if running && left.x == MISS {
+                later = UVec4::new(later.y, later.z, later.w, NONE);
+                if running && left.x == NONE {
                     running = false;
                     open = 0;
                 }

@@ -37,7 +37,7 @@ pub(crate) enum Good {
 }
 
 /// What came of a try; wrong is what panicked, hung, crashed or gave an unexpected answer.
-pub(crate) type Outcome = Result<Good, String>;
+pub(crate) type Judged = Result<Good, String>;
 
 /// What came of tries.
 #[derive(Debug, Default)]
@@ -49,7 +49,7 @@ pub(crate) struct Tally {
 
 impl Tally {
     /// Tries something that may panic.
-    pub(crate) fn attempt(&mut self, what: &str, work: impl FnOnce() -> Outcome) {
+    pub(crate) fn attempt(&mut self, what: &str, work: impl FnOnce() -> Judged) {
         match catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| Err(panicked(panic.as_ref()))) {
             Ok(Good::Right) => self.right += 1,
             Ok(Good::Refused) => self.refused += 1,
@@ -80,7 +80,7 @@ impl Case {
         Self { name: name.into(), run: Box::new(run) }
     }
 
-    pub(crate) fn one(name: impl Into<String>, run: impl Fn() -> Outcome + 'static) -> Self {
+    pub(crate) fn one(name: impl Into<String>, run: impl Fn() -> Judged + 'static) -> Self {
         Self::many(name, move |tally| tally.attempt("", &run))
     }
 }
@@ -263,12 +263,12 @@ impl Ran {
     }
 
     /// Success.
-    pub(crate) fn succeeded(&self) -> Outcome {
+    pub(crate) fn succeeded(&self) -> Judged {
         if self.status.success() { Ok(Good::Right) } else { Err(self.unexpected("success")) }
     }
 
     /// An error with a short message that has these words.
-    pub(crate) fn refused(&self, words: &[&str]) -> Outcome {
+    pub(crate) fn refused(&self, words: &[&str]) -> Judged {
         let spoken = self.err.contains("error: ") && !self.err.contains("panicked") && self.err.len() < 4000;
         let told = words.iter().all(|word| self.err.contains(word));
         if matches!(self.status.code(), Some(1 | 2)) && spoken && told {
@@ -279,7 +279,7 @@ impl Ran {
     }
 
     /// Success, or an error with a message.
-    pub(crate) fn either(&self) -> Outcome {
+    pub(crate) fn either(&self) -> Judged {
         if self.status.success() { Ok(Good::Right) } else { self.refused(&[]) }
     }
 }

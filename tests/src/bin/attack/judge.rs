@@ -1,6 +1,6 @@
 //! What hits must be: asked of the oracle, on triangles that raykd never saw.
 
-use crate::harness::{Good, Outcome, holds, raykd, run};
+use crate::harness::{Good, Judged, holds, raykd, run};
 use raykd::{
     Hit, Ray,
     rays::Random,
@@ -80,7 +80,7 @@ impl Reference {
     }
 
     /// Has the program trace a file, and judges what it says. A refusal is one.
-    pub(crate) fn trace(&self, folder: &Path, file: &str) -> Outcome {
+    pub(crate) fn trace(&self, folder: &Path, file: &str) -> Judged {
         let rays = self.rays();
         let bytes: &[u8] = bytemuck::cast_slice(&rays);
         fs::write(folder.join("rays"), bytes).map_err(|e| e.to_string())?;

@@ -1,6 +1,6 @@
 //! A program that calls the library as no sane one would, by one thread and by two.
 
-use crate::harness::{Case, Good, Outcome, Tally, holds};
+use crate::harness::{Case, Good, Judged, Tally, holds};
 use raykd::{
     BuildOptions, Builder, Device, DeviceKind, Error, Hit, Intersector, KdTree, Mesh, Query, Ray,
     ResidentRays, Scene, Stepped, Traversal,
@@ -45,7 +45,7 @@ pub(crate) fn cases() -> Vec<Case> {
     all
 }
 
-fn said<T>(result: Result<T, impl std::fmt::Display>) -> Outcome {
+fn said<T>(result: Result<T, impl std::fmt::Display>) -> Judged {
     match result {
         Ok(_) => Ok(Good::Right),
         Err(error) => {
@@ -58,7 +58,7 @@ fn said<T>(result: Result<T, impl std::fmt::Display>) -> Outcome {
     }
 }
 
-fn must_fail<T>(result: Result<T, impl std::fmt::Display>) -> Outcome {
+fn must_fail<T>(result: Result<T, impl std::fmt::Display>) -> Judged {
     match said(result)? {
         Good::Refused => Ok(Good::Refused),
         Good::Right => Err("accepted".to_owned()),

@@ -1,7 +1,7 @@
 //! What a system sets bounds to, and signals in the middle of a write.
 
 use crate::{
-    harness::{Case, Good, Outcome, Tally, holds, program, run, start},
+    harness::{Case, Good, Judged, Tally, holds, program, run, start},
     places::{contents, folder},
 };
 use flate2::{Compression, write::GzEncoder};
@@ -31,6 +31,22 @@ const WRITERS: [&str; 4] = [
     "build teapot:12 --builder exact --device cpu -o out.png",
 ];
 
+/// What a shell can take away from a program.
+const LIMITS: [&str; 12] = [
+    "ulimit -n 4",
+    "ulimit -n 6",
+    "ulimit -n 10",
+    "ulimit -s 512",
+    "ulimit -s 1024",
+    "exec >&-",
+    "exec 2>&-",
+    "exec <&-",
+    "exec >&- 2>&- <&-",
+    "unset HOME PATH",
+    "umask 777",
+    "umask 0",
+];
+
 pub(crate) fn cases() -> Vec<Case> {
     let mut all = Vec::new();
     // Of memory, in megabytes: enough, or a message. What Rust says before it aborts, where a list cannot grow, is one.
@@ -48,65 +64,19 @@ pub(crate) fn cases() -> Vec<Case> {
     for file in ["zero", "bomb"] {
         all.push(Case::one(format!("limits/endless mesh, {file}"), move || endless(file)));
     }
-    let limits = [
-        "ulimit -n 4",
-        "ulimit -n 6",
-        "ulimit -n 10",
-        "ulimit -s 512",
-        "ulimit -s 1024",
-        "exec >&-",
-        "exec 2>&-",
-        "exec <&-",
-        "exec >&- 2>&- <&-",
-        "unset HOME PATH",
-        "umask 777",
-        "umask 0",
-    ];
     for line in WRITERS {
-        for limit in limits {
-            all.push(Case::one(format!("limits/{limit}, {line}"), move || {
-                let folder = folder();
-                let ran = run(&mut under(limit, folder.path(), line))?;
-                // Who cannot be told anything must still be told by the exit code.
-                let code = ran.status.code().ok_or_else(|| format!("{}: {}", ran.status, ran.err))?;
-                let whole = tidy(folder.path(), code == 0)?;
-                holds(code <= 1 && whole == (code == 0), || {
-                    format!("exit code {code}, written: {whole}; {}", ran.err)
-                })?;
-                if limit.contains("2>") { Ok(Good::Right) } else { ran.either() }
-            }));
+        for limit in LIMITS {
+            all.push(Case::one(format!("limits/{limit}, {line}"), move || limited(limit, line)));
         }
         for kilobytes in [0, 1, 4, 16] {
             for trap in ["", "trap '' XFSZ; "] {
                 all.push(Case::one(format!("limits/{trap}file of {kilobytes} KB, {line}"), move || {
-                    let folder = folder();
-                    fs::write(folder.path().join("out.png"), "old").map_err(|e| e.to_string())?;
-                    let before = contents(folder.path());
-                    let limit = format!("{trap}ulimit -f {kilobytes}");
-                    let output = under(&limit, folder.path(), line).output().map_err(|e| e.to_string())?;
-                    let told = String::from_utf8_lossy(&output.stderr);
-                    holds(output.status.code() == Some(1) && told.contains("too large"), || {
-                        format!("{}: {told}", output.status)
-                    })?;
-                    holds(contents(folder.path()) == before, || "files changed".to_owned())?;
-                    Ok(Good::Refused)
+                    short_file(&format!("{trap}ulimit -f {kilobytes}"), line)
                 }));
             }
         }
     }
-    all.push(Case::one("limits/seconds of a processor", || {
-        let folder = folder();
-        let before = contents(folder.path());
-        let ran = run(&mut under(
-            "ulimit -S -t 1",
-            folder.path(),
-            "build teapot:300 --builder exact --device cpu -o out.png",
-        ))?;
-        const XCPU: i32 = 24;
-        holds(ran.status.signal() == Some(XCPU), || format!("{}: {}", ran.status, ran.err))?;
-        holds(contents(folder.path()) == before, || "files changed".to_owned())?;
-        Ok(Good::Right)
-    }));
+    all.push(Case::one("limits/seconds of a processor", short_time));
     for signal in ["HUP", "INT", "QUIT", "TERM", "KILL"] {
         for old in [true, false] {
             all.push(Case::many(
@@ -119,26 +89,10 @@ pub(crate) fn cases() -> Vec<Case> {
             ));
         }
     }
-    all.push(Case::one("limits/HUP that is to be ignored", || {
-        let folder = folder();
-        let running = writing(folder.path(), "trap '' HUP;")?;
-        send("HUP", running.child.id())?;
-        running.finish()?.succeeded()
-    }));
+    all.push(Case::one("limits/HUP that is to be ignored", ignored_signal));
     all.push(Case::many("limits/TERM at any time", any_time));
     all.push(Case::many("limits/two writers of one file", two_writers));
-    all.push(Case::one("limits/costs that cannot be kept", || {
-        let folder = folder();
-        let mut command = under("", folder.path(), "build m.obj --quality auto --device cpu --threads 1");
-        let running = start(command.env("RAYKD_CACHE", "/proc/none"));
-        // Measuring takes minutes; that it begins is enough.
-        thread::sleep(Duration::from_secs(2));
-        send("TERM", running.child.id())?;
-        let ran = running.finish()?;
-        let noted = ran.err.contains("cannot be kept") && ran.err.contains("measuring");
-        holds(ran.status.signal() == Some(15) && noted, || format!("{}: {}", ran.status, ran.err))?;
-        Ok(Good::Right)
-    }));
+    all.push(Case::one("limits/costs that cannot be kept", unkept_costs));
     all
 }
 
@@ -151,7 +105,7 @@ fn tidy(folder: &Path, expected: bool) -> Result<bool, String> {
     Ok(there)
 }
 
-fn memory(megabytes: u32, line: &str) -> Outcome {
+fn memory(megabytes: u32, line: &str) -> Judged {
     let folder = folder();
     let ran = run(&mut under(&format!("ulimit -v {}", megabytes << 10), folder.path(), line))?;
     let there = tidy(folder.path(), ran.status.success())?;
@@ -168,8 +122,65 @@ fn memory(megabytes: u32, line: &str) -> Outcome {
     Ok(Good::Refused)
 }
 
+fn limited(limit: &str, line: &str) -> Judged {
+    let folder = folder();
+    let ran = run(&mut under(limit, folder.path(), line))?;
+    // Who cannot be told anything must still be told by the exit code.
+    let code = ran.status.code().ok_or_else(|| format!("{}: {}", ran.status, ran.err))?;
+    let whole = tidy(folder.path(), code == 0)?;
+    holds(code <= 1 && whole == (code == 0), || format!("exit code {code}, written: {whole}; {}", ran.err))?;
+    if limit.contains("2>") { Ok(Good::Right) } else { ran.either() }
+}
+
+fn short_file(limit: &str, line: &str) -> Judged {
+    let folder = folder();
+    fs::write(folder.path().join("out.png"), "old").map_err(|e| e.to_string())?;
+    let before = contents(folder.path());
+    let output = under(limit, folder.path(), line).output().map_err(|e| e.to_string())?;
+    let told = String::from_utf8_lossy(&output.stderr);
+    holds(output.status.code() == Some(1) && told.contains("too large"), || {
+        format!("{}: {told}", output.status)
+    })?;
+    holds(contents(folder.path()) == before, || "files changed".to_owned())?;
+    Ok(Good::Refused)
+}
+
+fn short_time() -> Judged {
+    let folder = folder();
+    let before = contents(folder.path());
+    let ran = run(&mut under(
+        "ulimit -S -t 1",
+        folder.path(),
+        "build teapot:300 --builder exact --device cpu -o out.png",
+    ))?;
+    const XCPU: i32 = 24;
+    holds(ran.status.signal() == Some(XCPU), || format!("{}: {}", ran.status, ran.err))?;
+    holds(contents(folder.path()) == before, || "files changed".to_owned())?;
+    Ok(Good::Right)
+}
+
+fn ignored_signal() -> Judged {
+    let folder = folder();
+    let running = writing(folder.path(), "trap '' HUP;")?;
+    send("HUP", running.child.id())?;
+    running.finish()?.succeeded()
+}
+
+fn unkept_costs() -> Judged {
+    let folder = folder();
+    let mut command = under("", folder.path(), "build m.obj --quality auto --device cpu --threads 1");
+    let running = start(command.env("RAYKD_CACHE", "/proc/none"));
+    // Measuring takes minutes; that it begins is enough.
+    thread::sleep(Duration::from_secs(2));
+    send("TERM", running.child.id())?;
+    let ran = running.finish()?;
+    let noted = ran.err.contains("cannot be kept") && ran.err.contains("measuring");
+    holds(ran.status.signal() == Some(15) && noted, || format!("{}: {}", ran.status, ran.err))?;
+    Ok(Good::Right)
+}
+
 /// A mesh that has no end, or 4 GB of nothing.
-fn endless(file: &str) -> Outcome {
+fn endless(file: &str) -> Judged {
     let folder = folder();
     let name = if file == "zero" { "/dev/zero".to_owned() } else { "bomb.obj.gz".to_owned() };
     if file == "bomb" {
@@ -210,7 +221,7 @@ fn send(signal: &str, to: u32) -> Result<(), String> {
     Ok(())
 }
 
-fn stopped(signal: &str, old: bool, delay: u64) -> Outcome {
+fn stopped(signal: &str, old: bool, delay: u64) -> Judged {
     let folder = folder();
     let out = folder.path().join("out.png");
     if old {

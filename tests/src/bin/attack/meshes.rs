@@ -1,7 +1,7 @@
 //! Mesh files: right ones in every spelling there is, and broken ones.
 
 use crate::{
-    harness::{Case, Good, Outcome, holds, raykd, run},
+    harness::{Case, Good, Judged, holds, raykd, run},
     judge::Reference,
 };
 use flate2::{Compression, write::GzEncoder};
@@ -43,7 +43,7 @@ pub(crate) fn cases() -> Vec<Case> {
         .collect()
 }
 
-fn attempt(folder: &Path, name: &str, expect: &Expect) -> Outcome {
+fn attempt(folder: &Path, name: &str, expect: &Expect) -> Judged {
     let build = || run(raykd(folder, "build --json --device cpu --threads 1 --").arg(name));
     match expect {
         Right(mesh) => {
@@ -90,142 +90,160 @@ fn attempt(folder: &Path, name: &str, expect: &Expect) -> Outcome {
 const V: &str = "v 0 0 0\nv 4 0 0\nv 0 4 0\nv 0 0 4\n";
 const F: &str = "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
 
+/// Names without their ending, and texts.
+type Texts = Vec<(&'static str, String)>;
+
+fn files_of<const N: usize>(ending: &str, groups: [(Expect, Texts); N]) -> impl Iterator<Item = File> {
+    groups.into_iter().flat_map(move |(expect, texts)| {
+        texts
+            .into_iter()
+            .map(move |(name, text)| (format!("{name}.{ending}"), text.into_bytes(), expect.clone()))
+    })
+}
+
 fn obj() -> Vec<File> {
     let tetra = Reference::tetra();
     // The last vertex is nobody's corner: where one is lost, indices still name some.
     let whole = format!("{V}v 9 9 9\n{F}");
-    let mut files: Vec<File> = Vec::new();
-    let mut add = |expect: &Expect, all: Vec<(&str, String)>| {
-        for (name, text) in all {
-            files.push((format!("{name}.obj"), text.into_bytes(), expect.clone()));
-        }
-    };
-    let v = |from: &str, to: &str| whole.replacen(from, to, 1);
-    add(
-        &Right(tetra.clone()),
-        vec![
-            ("plain", whole.clone()),
-            ("crlf", whole.replace('\n', "\r\n")),
-            ("no-last-line-end", whole.trim_end().to_owned()),
-            ("tabs", whole.replace(' ', "\t")),
-            ("spaces", whole.replace(' ', "   ").replace('\n', "  \n  ")),
-            ("blank-lines", whole.replace('\n', "\n\n\n")),
-            ("negative", format!("{V}f -4 -2 -3\nf -4 -3 -1\nf -4 -1 -2\nf -3 -2 -1\n")),
-            ("faces-first", format!("{F}{V}")),
-            ("mixed-signs", format!("{V}f 1 -2 2\nf 1 2 -1\nf 1 4 -2\nf -3 3 4\n")),
-            ("texture", format!("{V}vt 0 0\nf 1/1 3/1 2/1\nf 1/1 2/1 4/1\nf 1/1 4/1 3/1\nf 2/1 3/1 4/1\n")),
-            (
-                "normals",
-                format!(
-                    "{V}vn 0 0 1\nf 1//1 3//1 2//1\nf 1//1 2//1 4//1\nf 1//1 4//1 3//1\nf 2//1 3//1 4//1\n"
-                ),
-            ),
-            ("both", format!("{V}vt 0 0\nvn 0 0 1\n{}", F.replace("f 1", "f 1/1/1").replace(" 2", " 2/1/1"))),
-            ("bad-normals", format!("{V}vn nan inf x\nvt\n{F}")),
-            ("colours", whole.replace("0 0 0\n", "0 0 0 1 0.5 0\n")),
-            ("weights", V.replace('\n', " 1.0\n") + F),
-            ("materials", format!("mtllib none.mtl\no a b\ng x y z\ns off\nusemtl none\n{whole}")),
-            ("points-and-lines", format!("{V}p 1 2\nl 1 2 3\n{F}")),
-            ("exponents", v("4 0 0", "4e0 0E-3 +0.0e+2")),
-            ("dots", v("4 0 0", "4. .0 -.0")),
-            ("long-numbers", v("4 0 0", &format!("4.{} 0 0", "0".repeat(5000)))),
-            ("comments", whole.replace('\n', " # 9 9 9\n")),
-            ("comment-lines", whole.replace('\n', "\n# v 1 2 3 f 1 2 3\n")),
-            ("long-comment", format!("#{}\n{whole}", "x".repeat(3_000_000))),
-            ("nul-in-comment", format!("# \0\0\n{whole}")),
-            ("joined-face", v("f 1 3 2", "f 1 \\\n3 \\\n2")),
-            ("joined-vertex", v("v 4 0 0", "v 4 \\\r\n0 0")),
-            ("many-blank-lines", format!("{V}{}{F}", "\n".repeat(1_000_000))),
-        ],
-    );
-    add(
-        &Either(tetra),
-        vec![
-            ("byte-order-mark", format!("\u{feff}{whole}")),
-            ("comment-backslash", format!("# a path c:\\\n{whole}")),
-            ("end-comment-backslash", v("v 4 0 0\n", "v 4 0 0 # \\\n")),
-            ("lone-returns", whole.replace('\n', "\r")),
-            ("return-in-line", v("v 4 0 0", "v 4\r0 0")),
-            ("return-between", v("v 4 0 0\n", "v 4 0 0\r")),
-            ("vertical-tab", whole.replace("v ", "v\u{b}")),
-            ("form-feed", whole.replace("v ", "v\u{c}")),
-            ("no-break-space", whole.replace("v ", "v\u{a0}")),
-            ("no-break-space-inside", v("v 4 0 0", "v 4\u{a0}0 0")),
-            ("zero-width-space", v("v 4 0 0", "\u{200b}v 4 0 0")),
-            ("line-separator", v("v 4 0 0\n", "v 4 0 0\u{2028}")),
-            ("upper-case", whole.to_uppercase()),
-            ("backslash-space", v("f 1 3 2", "f 1 3 \\ \n2")),
-            ("backslash-at-end", format!("{}\\", whole.trim_end())),
-            ("four-slashes", v("f 1 3 2", "f 1/1/1/1 3 2")),
-            ("trailing-word", v("f 1 3 2", "f 1 3 2 x")),
-            ("nul-in-line", v("v 4 0 0", "v 4 0 0\0")),
-            ("escape", v("v 4 0 0", "v 4 0 0\u{1b}[2J")),
-        ],
-    );
-    let index = |i: &str| format!("{V}f 1 3 2\nf 1 2 {i}\n");
-    add(
-        &Refused(&["line 6"]),
-        vec![
-            ("index-zero", index("0")),
-            ("index-past", index("5")),
-            ("index-before", index("-5")),
-            ("index-2-31", index("2147483648")),
-            ("index-2-32", index("4294967299")),
-            ("index-2-63", index("9223372036854775808")),
-            ("index-below", index("-9223372036854775808")),
-            ("index-huge", index(&"9".repeat(5000))),
-            ("index-float", index("4.0")),
-            ("index-word", index("x")),
-            ("index-empty", index("/1")),
-            ("two-corners", format!("{V}f 1 3 2\nf 1 2\n")),
-            ("one-corner", format!("{V}f 1 3 2\nf 1\n")),
-            ("no-corner", format!("{V}f 1 3 2\nf\n")),
-        ],
-    );
-    let number = |x: &str| v("v 4 0 0", &format!("v 4 {x} 0"));
-    add(
-        &Refused(&["line 2"]),
-        vec![
-            ("nan", number("nan")),
-            ("infinite", number("-inf")),
-            ("too-large", number("1e39")),
-            ("too-large-double", number("1e400")),
-            ("comma", number("0,5")),
-            ("hexadecimal", number("0x1p3")),
-            ("word", number("x")),
-            ("many-digits-word", number(&format!("{}x", "1".repeat(100_000)))),
-            ("fortran", number("1d3")),
-            ("two-numbers", v("v 4 0 0", "v 4 0")),
-            ("no-numbers", v("v 4 0 0", "v")),
-            ("commas", v("v 4 0 0", "v 4,0,0")),
-        ],
-    );
-    add(
-        &Refused(&[]),
-        vec![
-            ("empty", String::new()),
-            ("comment-only", "# nothing\n".to_owned()),
-            ("vertices-only", V.to_owned()),
-            ("faces-only", F.to_owned()),
-            ("page", "<!DOCTYPE html><html><body>404</body></html>".to_owned()),
-            ("nuls", "\0".repeat(5000)),
-            ("one-backslash", "\\".to_owned()),
-            ("tiny", whole.replace('4', "1e-42")),
-        ],
-    );
+    let groups = [
+        (Right(tetra.clone()), obj_right(&whole)),
+        (Either(tetra.clone()), obj_either(&whole)),
+        (Refused(&["line 6"]), obj_wrong_faces()),
+        (Refused(&["line 2"]), obj_wrong_numbers(&whole)),
+        (Refused(&[]), obj_wrong(&whole)),
+    ];
+    let mut files: Vec<File> = files_of("obj", groups).collect();
     let sixteen: Vec<u8> = format!("\u{feff}{whole}").encode_utf16().flat_map(u16::to_le_bytes).collect();
     files.push(("utf-16.obj".to_owned(), sixteen, Refused(&[])));
     let after = |line: &str| format!("{V}{line}\n{F}").into_bytes();
     files.push(("unknown-word.obj".to_owned(), after("xyzzy 1 2 3"), Refused(&["line", "xyzzy"])));
     files.push(("call.obj".to_owned(), after("call other.obj"), Refused(&["line", "call"])));
     let latin = format!("# caf\u{e9}\n{whole}").chars().map(|c| c as u8).collect();
-    files.push(("latin-1.obj".to_owned(), latin, Right(Reference::tetra())));
+    files.push(("latin-1.obj".to_owned(), latin, Right(tetra.clone())));
     // The same as whatever it is called.
     for name in ["upper.OBJ", "no-extension", "wörld 🌍.obj", "-dash.obj", "a=b;c&d'e.obj"] {
-        files.push((name.to_owned(), whole.clone().into_bytes(), Right(Reference::tetra())));
+        files.push((name.to_owned(), whole.clone().into_bytes(), Right(tetra.clone())));
     }
-    files.push(("an-obj.ply".to_owned(), whole.into_bytes(), Either(Reference::tetra())));
+    files.push(("an-obj.ply".to_owned(), whole.into_bytes(), Either(tetra)));
     files
+}
+
+/// Right ones.
+fn obj_right(whole: &str) -> Texts {
+    let v = |from: &str, to: &str| whole.replacen(from, to, 1);
+    vec![
+        ("plain", whole.to_owned()),
+        ("crlf", whole.replace('\n', "\r\n")),
+        ("no-last-line-end", whole.trim_end().to_owned()),
+        ("tabs", whole.replace(' ', "\t")),
+        ("spaces", whole.replace(' ', "   ").replace('\n', "  \n  ")),
+        ("blank-lines", whole.replace('\n', "\n\n\n")),
+        ("negative", format!("{V}f -4 -2 -3\nf -4 -3 -1\nf -4 -1 -2\nf -3 -2 -1\n")),
+        ("faces-first", format!("{F}{V}")),
+        ("mixed-signs", format!("{V}f 1 -2 2\nf 1 2 -1\nf 1 4 -2\nf -3 3 4\n")),
+        ("texture", format!("{V}vt 0 0\nf 1/1 3/1 2/1\nf 1/1 2/1 4/1\nf 1/1 4/1 3/1\nf 2/1 3/1 4/1\n")),
+        (
+            "normals",
+            format!("{V}vn 0 0 1\nf 1//1 3//1 2//1\nf 1//1 2//1 4//1\nf 1//1 4//1 3//1\nf 2//1 3//1 4//1\n"),
+        ),
+        ("both", format!("{V}vt 0 0\nvn 0 0 1\n{}", F.replace("f 1", "f 1/1/1").replace(" 2", " 2/1/1"))),
+        ("bad-normals", format!("{V}vn nan inf x\nvt\n{F}")),
+        ("colours", whole.replace("0 0 0\n", "0 0 0 1 0.5 0\n")),
+        ("weights", V.replace('\n', " 1.0\n") + F),
+        ("materials", format!("mtllib none.mtl\no a b\ng x y z\ns off\nusemtl none\n{whole}")),
+        ("points-and-lines", format!("{V}p 1 2\nl 1 2 3\n{F}")),
+        ("exponents", v("4 0 0", "4e0 0E-3 +0.0e+2")),
+        ("dots", v("4 0 0", "4. .0 -.0")),
+        ("long-numbers", v("4 0 0", &format!("4.{} 0 0", "0".repeat(5000)))),
+        ("comments", whole.replace('\n', " # 9 9 9\n")),
+        ("comment-lines", whole.replace('\n', "\n# v 1 2 3 f 1 2 3\n")),
+        ("long-comment", format!("#{}\n{whole}", "x".repeat(3_000_000))),
+        ("nul-in-comment", format!("# \0\0\n{whole}")),
+        ("joined-face", v("f 1 3 2", "f 1 \\\n3 \\\n2")),
+        ("joined-vertex", v("v 4 0 0", "v 4 \\\r\n0 0")),
+        ("many-blank-lines", format!("{V}{}{F}", "\n".repeat(1_000_000))),
+    ]
+}
+
+/// Ones that may be taken for right.
+fn obj_either(whole: &str) -> Texts {
+    let v = |from: &str, to: &str| whole.replacen(from, to, 1);
+    vec![
+        ("byte-order-mark", format!("\u{feff}{whole}")),
+        ("comment-backslash", format!("# a path c:\\\n{whole}")),
+        ("end-comment-backslash", v("v 4 0 0\n", "v 4 0 0 # \\\n")),
+        ("lone-returns", whole.replace('\n', "\r")),
+        ("return-in-line", v("v 4 0 0", "v 4\r0 0")),
+        ("return-between", v("v 4 0 0\n", "v 4 0 0\r")),
+        ("vertical-tab", whole.replace("v ", "v\u{b}")),
+        ("form-feed", whole.replace("v ", "v\u{c}")),
+        ("no-break-space", whole.replace("v ", "v\u{a0}")),
+        ("no-break-space-inside", v("v 4 0 0", "v 4\u{a0}0 0")),
+        ("zero-width-space", v("v 4 0 0", "\u{200b}v 4 0 0")),
+        ("line-separator", v("v 4 0 0\n", "v 4 0 0\u{2028}")),
+        ("upper-case", whole.to_uppercase()),
+        ("backslash-space", v("f 1 3 2", "f 1 3 \\ \n2")),
+        ("backslash-at-end", format!("{}\\", whole.trim_end())),
+        ("four-slashes", v("f 1 3 2", "f 1/1/1/1 3 2")),
+        ("trailing-word", v("f 1 3 2", "f 1 3 2 x")),
+        ("nul-in-line", v("v 4 0 0", "v 4 0 0\0")),
+        ("escape", v("v 4 0 0", "v 4 0 0\u{1b}[2J")),
+    ]
+}
+
+/// Wrong in line 6.
+fn obj_wrong_faces() -> Texts {
+    let index = |i: &str| format!("{V}f 1 3 2\nf 1 2 {i}\n");
+    vec![
+        ("index-zero", index("0")),
+        ("index-past", index("5")),
+        ("index-before", index("-5")),
+        ("index-2-31", index("2147483648")),
+        ("index-2-32", index("4294967299")),
+        ("index-2-63", index("9223372036854775808")),
+        ("index-below", index("-9223372036854775808")),
+        ("index-huge", index(&"9".repeat(5000))),
+        ("index-float", index("4.0")),
+        ("index-word", index("x")),
+        ("index-empty", index("/1")),
+        ("two-corners", format!("{V}f 1 3 2\nf 1 2\n")),
+        ("one-corner", format!("{V}f 1 3 2\nf 1\n")),
+        ("no-corner", format!("{V}f 1 3 2\nf\n")),
+    ]
+}
+
+/// Wrong in line 2.
+fn obj_wrong_numbers(whole: &str) -> Texts {
+    let v = |from: &str, to: &str| whole.replacen(from, to, 1);
+    let number = |x: &str| v("v 4 0 0", &format!("v 4 {x} 0"));
+    vec![
+        ("nan", number("nan")),
+        ("infinite", number("-inf")),
+        ("too-large", number("1e39")),
+        ("too-large-double", number("1e400")),
+        ("comma", number("0,5")),
+        ("hexadecimal", number("0x1p3")),
+        ("word", number("x")),
+        ("many-digits-word", number(&format!("{}x", "1".repeat(100_000)))),
+        ("fortran", number("1d3")),
+        ("two-numbers", v("v 4 0 0", "v 4 0")),
+        ("no-numbers", v("v 4 0 0", "v")),
+        ("commas", v("v 4 0 0", "v 4,0,0")),
+    ]
+}
+
+/// Wrong as a whole.
+fn obj_wrong(whole: &str) -> Texts {
+    vec![
+        ("empty", String::new()),
+        ("comment-only", "# nothing\n".to_owned()),
+        ("vertices-only", V.to_owned()),
+        ("faces-only", F.to_owned()),
+        ("page", "<!DOCTYPE html><html><body>404</body></html>".to_owned()),
+        ("nuls", "\0".repeat(5000)),
+        ("one-backslash", "\\".to_owned()),
+        ("tiny", whole.replace('4', "1e-42")),
+    ]
 }
 
 fn polygons() -> Vec<File> {
@@ -420,141 +438,144 @@ fn ply() -> Vec<File> {
     files
 }
 
+const VERTEX: &str = "element vertex 4\nproperty float x\nproperty float y\nproperty float z\n";
+const FACE: &str = "element face 4\nproperty list uchar int vertex_indices\n";
+const POINTS: &str = "0 0 0\n4 0 0\n0 4 0\n0 0 4\n";
+const CORNERS: &str = "3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
+
+fn text_ply(header: &str, body: &str) -> String {
+    format!("ply\nformat ascii 1.0\n{header}end_header\n{body}")
+}
+
 /// Headers and text.
 fn ply_spellings() -> Vec<File> {
     let tetra = Reference::tetra();
-    let text = |header: &str, body: &str| format!("ply\nformat ascii 1.0\n{header}end_header\n{body}");
-    let vertex = "element vertex 4\nproperty float x\nproperty float y\nproperty float z\n";
-    let face = "element face 4\nproperty list uchar int vertex_indices\n";
-    let (points, faces) = ("0 0 0\n4 0 0\n0 4 0\n0 0 4\n", "3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n");
-    let whole = text(&format!("{vertex}{face}"), &format!("{points}{faces}"));
-    let list = |name: &str, header: &str, body: &str| (format!("{name}.ply"), text(header, body));
-    let right = [
-        ("plain.ply".to_owned(), whole.clone()),
-        ("crlf.ply".to_owned(), whole.replace('\n', "\r\n")),
-        ("vertex-index.ply".to_owned(), whole.replace("vertex_indices", "vertex_index")),
-        (
-            "comments.ply".to_owned(),
-            whole.replace("end_header", "comment end_header here\nobj_info x\nend_header"),
-        ),
-        ("dots.ply".to_owned(), whole.replace("\n4 0 0", "\n4. .0 -.0")),
-        list(
+    let whole = text_ply(&format!("{VERTEX}{FACE}"), &format!("{POINTS}{CORNERS}"));
+    let named = [("no-extension-ply", Right(tetra.clone())), ("ply-in.obj", Either(tetra.clone()))];
+    let named = named.map(|(name, expect)| (name.to_owned(), whole.clone().into_bytes(), expect));
+    let groups = [
+        (Right(tetra.clone()), ply_right(&whole)),
+        (Either(tetra), ply_either(&whole)),
+        (Refused(&[]), ply_refused(&whole)),
+    ];
+    files_of("ply", groups).chain(named).collect()
+}
+
+/// Right ones.
+fn ply_right(whole: &str) -> Texts {
+    let listed = |name, header: &str, body: &str| (name, text_ply(header, body));
+    vec![
+        ("plain", whole.to_owned()),
+        ("crlf", whole.replace('\n', "\r\n")),
+        ("vertex-index", whole.replace("vertex_indices", "vertex_index")),
+        ("comments", whole.replace("end_header", "comment end_header here\nobj_info x\nend_header")),
+        ("dots", whole.replace("\n4 0 0", "\n4. .0 -.0")),
+        listed(
             "zyx",
-            &format!("{}{face}", vertex.replace("x\n", "w\n").replace("z\n", "x\n").replace("w\n", "z\n")),
-            &format!("0 0 0\n0 0 4\n0 4 0\n4 0 0\n{faces}"),
+            &format!("{}{FACE}", VERTEX.replace("x\n", "w\n").replace("z\n", "x\n").replace("w\n", "z\n")),
+            &format!("0 0 0\n0 0 4\n0 4 0\n4 0 0\n{CORNERS}"),
         ),
-        list(
+        listed(
             "more-properties",
             &format!(
-                "element vertex 4\nproperty uchar red\nproperty float x\nproperty list uchar float more\nproperty float y\nproperty float z\nproperty double q\n{face}property uchar flags\n"
+                "element vertex 4\nproperty uchar red\nproperty float x\nproperty list uchar float more\nproperty float y\nproperty float z\nproperty double q\n{FACE}property uchar flags\n"
             ),
             "1 0 2 8 9 0 0 7\n1 4 0 0 0 7\n1 0 1 5 4 0 7\n1 0 0 0 4 7\n3 0 2 1 9\n3 0 1 3 9\n3 0 3 2 9\n3 1 2 3 9\n",
         ),
-        list(
+        listed(
             "other-elements",
             &format!(
-                "element camera 1\nproperty float f\n{vertex}element edge 1\nproperty int a\nproperty list uchar int b\n{face}element last 1\nproperty float q\n"
+                "element camera 1\nproperty float f\n{VERTEX}element edge 1\nproperty int a\nproperty list uchar int b\n{FACE}element last 1\nproperty float q\n"
             ),
-            &format!("5\n{points}1 2 8 8\n{faces}7\n"),
+            &format!("5\n{POINTS}1 2 8 8\n{CORNERS}7\n"),
         ),
-        list("faces-first", &format!("{face}{vertex}"), &format!("{faces}{points}")),
-        ("blank-lines.ply".to_owned(), whole.replace("\n0 4 0", "\n\n\n0 4 0")),
-        ("spaces.ply".to_owned(), whole.replace("\n4 0 0", "\n  4\t 0   0  ")),
-        ("no-last-line-end.ply".to_owned(), whole.trim_end().to_owned()),
-        ("no-extension-ply".to_owned(), whole.clone()),
-    ];
-    let either = [
-        ("ply-in.obj".to_owned(), whole.clone()),
-        ("byte-order-mark.ply".to_owned(), format!("\u{feff}{whole}")),
-        (
-            "line-numbers.ply".to_owned(),
-            whole.replace("float", "float32").replace("uchar int", "uint8 int32"),
-        ),
-        list(
+        listed("faces-first", &format!("{FACE}{VERTEX}"), &format!("{CORNERS}{POINTS}")),
+        ("blank-lines", whole.replace("\n0 4 0", "\n\n\n0 4 0")),
+        ("spaces", whole.replace("\n4 0 0", "\n  4\t 0   0  ")),
+        ("no-last-line-end", whole.trim_end().to_owned()),
+    ]
+}
+
+/// Ones that may be taken for right.
+fn ply_either(whole: &str) -> Texts {
+    let listed = |name, header: &str, body: &str| (name, text_ply(header, body));
+    vec![
+        ("byte-order-mark", format!("\u{feff}{whole}")),
+        ("line-numbers", whole.replace("float", "float32").replace("uchar int", "uint8 int32")),
+        listed(
             "two-face-elements",
             &format!(
-                "{vertex}element face 2\nproperty list uchar int vertex_indices\nelement face 2\nproperty list uchar int vertex_indices\n"
+                "{VERTEX}element face 2\nproperty list uchar int vertex_indices\nelement face 2\nproperty list uchar int vertex_indices\n"
             ),
-            &format!("{points}{faces}"),
+            &format!("{POINTS}{CORNERS}"),
         ),
-        list(
+        listed(
             "two-vertex-elements",
             &format!(
-                "element vertex 2\nproperty float x\nproperty float y\nproperty float z\n{}{face}",
-                vertex.replace('4', "2")
+                "element vertex 2\nproperty float x\nproperty float y\nproperty float z\n{}{FACE}",
+                VERTEX.replace('4', "2")
             ),
-            &format!("{points}{faces}"),
+            &format!("{POINTS}{CORNERS}"),
         ),
-        list(
+        listed(
             "duplicate-property",
             &format!(
-                "element vertex 4\nproperty float x\nproperty float x\nproperty float y\nproperty float z\n{face}"
+                "element vertex 4\nproperty float x\nproperty float x\nproperty float y\nproperty float z\n{FACE}"
             ),
-            &format!("0 0 0 0\n4 4 0 0\n0 0 4 0\n0 0 0 4\n{faces}"),
+            &format!("0 0 0 0\n4 4 0 0\n0 0 4 0\n0 0 0 4\n{CORNERS}"),
         ),
-        ("more-words.ply".to_owned(), whole.replace("\n4 0 0", "\n4 0 0 9")),
-        ("more-face-words.ply".to_owned(), whole.replace("3 0 1 3", "3 0 1 3 2")),
-        ("more-lines.ply".to_owned(), format!("{whole}1 2 3\n")),
-        (
-            "one-line.ply".to_owned(),
-            text(&format!("{vertex}{face}"), &format!("{points}{faces}").replace('\n', " ")),
-        ),
-        list(
+        ("more-words", whole.replace("\n4 0 0", "\n4 0 0 9")),
+        ("more-face-words", whole.replace("3 0 1 3", "3 0 1 3 2")),
+        ("more-lines", format!("{whole}1 2 3\n")),
+        ("one-line", text_ply(&format!("{VERTEX}{FACE}"), &format!("{POINTS}{CORNERS}").replace('\n', " "))),
+        listed(
             "strips",
-            &format!("{vertex}element tristrips 1\nproperty list int int vertex_indices\n"),
-            &format!("{points}14 0 2 1 -1 0 1 3 -1 0 3 2 -1 1 2\n"),
+            &format!("{VERTEX}element tristrips 1\nproperty list int int vertex_indices\n"),
+            &format!("{POINTS}14 0 2 1 -1 0 1 3 -1 0 3 2 -1 1 2\n"),
         ),
-        list(
+        listed(
             "whole-strips",
-            &format!("{vertex}element tristrips 1\nproperty list int int vertex_indices\n"),
-            &format!("{points}15 0 2 1 -1 0 1 3 -1 0 3 2 -1 1 2 3\n"),
+            &format!("{VERTEX}element tristrips 1\nproperty list int int vertex_indices\n"),
+            &format!("{POINTS}15 0 2 1 -1 0 1 3 -1 0 3 2 -1 1 2 3\n"),
         ),
-        ("version-2.ply".to_owned(), whole.replace("ascii 1.0", "ascii 2.0")),
-        ("upper-case.ply".to_owned(), whole.to_uppercase()),
-        ("returns.ply".to_owned(), whole.replace('\n', "\r")),
-    ];
-    let refused = [
-        ("index-past.ply".to_owned(), whole.replace("3 1 2 3", "3 1 2 4")),
-        ("index-before.ply".to_owned(), whole.replace("3 1 2 3", "3 1 2 -1")),
-        ("index-float.ply".to_owned(), whole.replace("3 1 2 3", "3 1 2 2.5")),
-        ("index-huge.ply".to_owned(), whole.replace("3 1 2 3", "3 1 2 99999999999999999999")),
-        ("count-2.ply".to_owned(), whole.replace("3 1 2 3", "2 1 2")),
-        ("count-0.ply".to_owned(), whole.replace("3 1 2 3", "0")),
-        ("count-negative.ply".to_owned(), whole.replace("3 1 2 3", "-3 1 2 3")),
-        ("count-huge.ply".to_owned(), whole.replace("3 1 2 3", "4000000000 1 2 3")),
-        ("too-few.ply".to_owned(), whole.replace("3 1 2 3", "4 1 2 3")),
-        ("nan.ply".to_owned(), whole.replace("\n4 0 0", "\n4 nan 0")),
-        ("word.ply".to_owned(), whole.replace("\n4 0 0", "\n4 x 0")),
-        ("two-numbers.ply".to_owned(), whole.replace("\n4 0 0", "\n4 0")),
-        ("more-vertices.ply".to_owned(), whole.replace("vertex 4", "vertex 5")),
-        ("fewer-vertices.ply".to_owned(), whole.replace("vertex 4", "vertex 3")),
-        ("more-faces.ply".to_owned(), whole.replace("face 4", "face 5")),
-        ("all-vertices.ply".to_owned(), whole.replace("vertex 4", "vertex 18446744073709551615")),
-        ("all-faces.ply".to_owned(), whole.replace("face 4", "face 4294967295")),
-        ("negative-vertices.ply".to_owned(), whole.replace("vertex 4", "vertex -4")),
-        ("no-z.ply".to_owned(), whole.replace("property float z\n", "")),
-        ("no-end.ply".to_owned(), whole.replace("end_header\n", "")),
-        ("no-format.ply".to_owned(), whole.replace("format ascii 1.0\n", "")),
-        ("ebcdic.ply".to_owned(), whole.replace("ascii", "ebcdic")),
-        ("no-faces.ply".to_owned(), text(vertex, points)),
-        ("empty.ply".to_owned(), String::new()),
-        ("magic-only.ply".to_owned(), "ply\n".to_owned()),
-        ("quad.ply".to_owned(), whole.replace("list uchar int", "list uchar quad")),
-        ("list-x.ply".to_owned(), whole.replace("float x", "list uchar float x")),
-        (
-            "long-name.ply".to_owned(),
-            whole.replace("property float x", &format!("property {} x", "n".repeat(100_000))),
-        ),
-    ];
-    let group = |files: Vec<(String, String)>, expect: &Expect| -> Vec<File> {
-        files.into_iter().map(|(name, text)| (name, text.into_bytes(), expect.clone())).collect()
-    };
-    [
-        group(right.into(), &Right(tetra.clone())),
-        group(either.into(), &Either(tetra)),
-        group(refused.into(), &Refused(&[])),
+        ("version-2", whole.replace("ascii 1.0", "ascii 2.0")),
+        ("upper-case", whole.to_uppercase()),
+        ("returns", whole.replace('\n', "\r")),
     ]
-    .concat()
+}
+
+/// Wrong ones.
+fn ply_refused(whole: &str) -> Texts {
+    vec![
+        ("index-past", whole.replace("3 1 2 3", "3 1 2 4")),
+        ("index-before", whole.replace("3 1 2 3", "3 1 2 -1")),
+        ("index-float", whole.replace("3 1 2 3", "3 1 2 2.5")),
+        ("index-huge", whole.replace("3 1 2 3", "3 1 2 99999999999999999999")),
+        ("count-2", whole.replace("3 1 2 3", "2 1 2")),
+        ("count-0", whole.replace("3 1 2 3", "0")),
+        ("count-negative", whole.replace("3 1 2 3", "-3 1 2 3")),
+        ("count-huge", whole.replace("3 1 2 3", "4000000000 1 2 3")),
+        ("too-few", whole.replace("3 1 2 3", "4 1 2 3")),
+        ("nan", whole.replace("\n4 0 0", "\n4 nan 0")),
+        ("word", whole.replace("\n4 0 0", "\n4 x 0")),
+        ("two-numbers", whole.replace("\n4 0 0", "\n4 0")),
+        ("more-vertices", whole.replace("vertex 4", "vertex 5")),
+        ("fewer-vertices", whole.replace("vertex 4", "vertex 3")),
+        ("more-faces", whole.replace("face 4", "face 5")),
+        ("all-vertices", whole.replace("vertex 4", "vertex 18446744073709551615")),
+        ("all-faces", whole.replace("face 4", "face 4294967295")),
+        ("negative-vertices", whole.replace("vertex 4", "vertex -4")),
+        ("no-z", whole.replace("property float z\n", "")),
+        ("no-end", whole.replace("end_header\n", "")),
+        ("no-format", whole.replace("format ascii 1.0\n", "")),
+        ("ebcdic", whole.replace("ascii", "ebcdic")),
+        ("no-faces", text_ply(VERTEX, POINTS)),
+        ("empty", String::new()),
+        ("magic-only", "ply\n".to_owned()),
+        ("quad", whole.replace("list uchar int", "list uchar quad")),
+        ("list-x", whole.replace("float x", "list uchar float x")),
+        ("long-name", whole.replace("property float x", &format!("property {} x", "n".repeat(100_000)))),
+    ]
 }
 
 /// The tetrahedron as STL has it.

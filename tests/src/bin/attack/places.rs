@@ -1,7 +1,7 @@
 //! Where outputs go: onto inputs, into places that are not to be written, over files that are to stay as they are.
 
 use crate::{
-    harness::{Case, Good, Outcome, Tally, holds, program, raykd, run},
+    harness::{Case, Good, Judged, Tally, holds, program, raykd, run},
     judge::Reference,
 };
 use raykd::KdTree;
@@ -50,7 +50,7 @@ pub(crate) fn contents(folder: &Path) -> Vec<(String, u32, Vec<u8>)> {
 }
 
 /// Something that must be refused and change nothing.
-fn changes_nothing(folder: &Path, command: &mut Command, words: &[&str]) -> Outcome {
+fn changes_nothing(folder: &Path, command: &mut Command, words: &[&str]) -> Judged {
     let before = contents(folder);
     let done = run(command)?.refused(words);
     holds(contents(folder) == before, || format!("files changed; {done:?}"))?;

@@ -1,6 +1,6 @@
 //! Tree files with valid checksums that are not what a build writes.
 
-use crate::harness::{Case, Good, Outcome, Tally, holds};
+use crate::harness::{Case, Good, Judged, Tally, holds};
 use raykd::{
     BuildOptions, Builder, Device, KdTree, Mesh, Ray, Scene, Traversal,
     internals::Cpu,
@@ -58,7 +58,7 @@ impl Base {
     }
 
     /// Refused, or right by every traversal.
-    fn attempt(&self, file: &[u8]) -> Outcome {
+    fn attempt(&self, file: &[u8]) -> Judged {
         let Ok(tree) = KdTree::from_bytes(file) else { return Ok(Good::Refused) };
         for &traversal in Traversal::ALL {
             let Ok(mut scene) = Scene::with_tree(&self.device, &self.mesh, &tree) else {
@@ -169,7 +169,7 @@ fn lengths(base: &Base, tally: &mut Tally) {
     }
 }
 
-fn refused(base: &Base, file: &[u8]) -> Outcome {
+fn refused(base: &Base, file: &[u8]) -> Judged {
     match base.attempt(file)? {
         Good::Refused => Ok(Good::Refused),
         Good::Right => Err("accepted".to_owned()),

@@ -95,7 +95,7 @@ fn legend(figure: &Figure) -> Vec<Vec<&Series>> {
 
 fn font() -> anyhow::Result<()> {
     static DONE: OnceLock<bool> = OnceLock::new();
-    let bytes = include_bytes!("../../assets/charts.ttf");
+    let bytes = include_bytes!("../../../assets/charts.ttf");
     let done = DONE.get_or_init(|| register_font("sans-serif", FontStyle::Normal, bytes).is_ok());
     done.then_some(()).context("the charts' font cannot be read: this program was built wrong")
 }

@@ -19,7 +19,7 @@ use raykd_shared::Node;
 
 /// A plane that cuts a node.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Plane {
+pub(super) struct Split {
     pub(super) axis: usize,
     pub(super) at: f32,
     /// Where references go that lie in it.
@@ -29,7 +29,7 @@ pub(super) struct Plane {
     pub(super) most: [usize; 2],
 }
 
-impl Plane {
+impl Split {
     /// [`Sah::middle`] of a node of so many references.
     pub(super) fn middle(sah: &Sah, count: usize) -> Option<Self> {
         let SplitPlane { axis, at, .. } = sah.middle(count as u32);
@@ -45,7 +45,7 @@ impl Plane {
 }
 
 /// The cheapest plane across an axis, if one costs less than `cost`.
-pub(super) fn cheapest_across(set: &Set, axis: usize, sah: &Sah, cost: f32) -> Option<Plane> {
+pub(super) fn cheapest_across(set: &Set, axis: usize, sah: &Sah, cost: f32) -> Option<Split> {
     let events = set.axes[axis].events.all();
     let across = sah.across(axis as u32);
     let mut sweep = Sweep { events, axis, across, best: None, cost, number: 0 };
@@ -85,7 +85,7 @@ struct Sweep<'a> {
     axis: usize,
     across: Across,
     /// The cheapest so far, and the number of its event.
-    best: Option<Plane>,
+    best: Option<Split>,
     cost: f32,
     number: usize,
 }
@@ -178,7 +178,7 @@ impl Sweep<'_> {
         if cost < self.cost || number < self.number {
             let flat = if flats >> chosen & 1 == 1 { Flat::Below } else { Flat::Above };
             let most = [belows[chosen], aboves[chosen]].map(|n| n as usize);
-            self.best = Some(Plane { axis: self.axis, at: at[chosen], flat, cost, most });
+            self.best = Some(Split { axis: self.axis, at: at[chosen], flat, cost, most });
             (self.cost, self.number) = (cost, number);
         }
     }
@@ -186,7 +186,7 @@ impl Sweep<'_> {
 
 /// The cheaper one, the first if they cost the same.
 #[inline(always)]
-pub(super) fn cheaper(a: Option<Plane>, b: Option<Plane>) -> Option<Plane> {
+pub(super) fn cheaper(a: Option<Split>, b: Option<Split>) -> Option<Split> {
     match (a, b) {
         (Some(a), Some(b)) => Some(if b.cost < a.cost { b } else { a }),
         (a, b) => a.or(b),
@@ -196,7 +196,7 @@ pub(super) fn cheaper(a: Option<Plane>, b: Option<Plane>) -> Option<Plane> {
 /// The cheapest plane across an axis of a small node, if one costs less than `cost`: every face is weighed
 /// against every box.
 #[inline(always)]
-fn faces_of(references: &[Reference], axis: usize, across: &Across, cost: f32) -> Option<Plane> {
+fn faces_of(references: &[Reference], axis: usize, across: &Across, cost: f32) -> Option<Split> {
     let faces = |i: usize| extent(&references[i].bounds, axis);
     let mut flat = Flat::Above;
     let (mut least, mut at) = cheapest(references.len(), faces, across, flat, |at, _| at);
@@ -206,12 +206,12 @@ fn faces_of(references: &[Reference], axis: usize, across: &Across, cost: f32) -
             (flat, least, at) = (Flat::Below, other, there);
         }
     }
-    (least < cost).then_some(Plane { axis, at, flat, cost: least, most: [references.len(); 2] })
+    (least < cost).then_some(Split { axis, at, flat, cost: least, most: [references.len(); 2] })
 }
 
 /// The cheapest plane of a small node, if one costs less than a leaf.
 #[inline(always)]
-pub(super) fn face(references: &[Reference], sah: &Sah) -> Option<Plane> {
+pub(super) fn face(references: &[Reference], sah: &Sah) -> Option<Split> {
     let mut best = None;
     for axis in 0..3 {
         best = cheaper(best, faces_of(references, axis, &sah.across(axis as u32), sah.leaf));
@@ -221,6 +221,6 @@ pub(super) fn face(references: &[Reference], sah: &Sah) -> Option<Plane> {
 
 /// The same, compiled for the usual instructions.
 #[cfg_attr(target_arch = "x86_64", target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt"))]
-pub(super) unsafe fn face_usually(references: &[Reference], sah: &Sah) -> Option<Plane> {
+pub(super) unsafe fn face_usually(references: &[Reference], sah: &Sah) -> Option<Split> {
     face(references, sah)
 }

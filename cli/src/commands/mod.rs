@@ -1,21 +1,21 @@
 //! The commands that there are.
 
-use crate::{
-    bench::BenchArgs,
-    build::BuildArgs,
-    calibrate::CalibrateArgs,
-    chart::ChartArgs,
-    check::CheckArgs,
-    devices::DevicesArgs,
-    inside::InsideArgs,
-    rays::RaysArgs,
-    render::RenderArgs,
-    stress::StressArgs,
-    task::{On, Task},
-    trace::TraceArgs,
-    voxels::VoxelsArgs,
-};
+mod bench;
+mod build;
+mod calibrate;
+mod chart;
+mod check;
+mod devices;
+mod inside;
+mod rays;
+mod render;
+mod stress;
+mod trace;
+mod voxels;
+
+use crate::task::{On, Task};
 use clap::{CommandFactory as _, Parser, Subcommand, error::ErrorKind};
+use raykd::internals::mesh_extensions;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -33,7 +33,7 @@ Examples:
   raykd calibrate                        measure costs, for --quality auto
   raykd devices                          what raykd can run on
 
-A scene is a mesh file (.obj, .ply, .stl, .gltf, .glb, each also .gz) or a name: teapot,
+A scene is a mesh file (EXTENSIONS, each also .gz) or a name: teapot,
 teapot:LEVEL, dragon, dragon_res2, dragon_res3, dragon_res4, sponza (`cargo xtask scenes` gets all
 but the teapot).
 
@@ -41,7 +41,7 @@ Exit code: 0 success, 1 an error or a difference between devices, 2 wrong usage.
 
 /// kd-trees for ray tracing triangle meshes: one kernel source, identical bytes on CPU and GPU.
 #[derive(Debug, Parser)]
-#[command(name = "raykd", version, after_help = EXAMPLES, arg_required_else_help = true)]
+#[command(name = "raykd", version, after_help = EXAMPLES.replace("EXTENSIONS", &mesh_extensions()), arg_required_else_help = true)]
 pub(super) struct Args {
     #[command(subcommand)]
     pub command: Command,
@@ -49,18 +49,18 @@ pub(super) struct Args {
 
 #[derive(Debug, Subcommand)]
 pub(super) enum Command {
-    Bench(BenchArgs),
-    Build(BuildArgs),
-    Trace(TraceArgs),
-    Rays(RaysArgs),
-    Inside(InsideArgs),
-    Check(CheckArgs),
-    Voxels(VoxelsArgs),
-    Render(RenderArgs),
-    Devices(DevicesArgs),
-    Stress(StressArgs),
-    Chart(ChartArgs),
-    Calibrate(CalibrateArgs),
+    Bench(bench::BenchArgs),
+    Build(build::BuildArgs),
+    Trace(trace::TraceArgs),
+    Rays(rays::RaysArgs),
+    Inside(inside::InsideArgs),
+    Check(check::CheckArgs),
+    Voxels(voxels::VoxelsArgs),
+    Render(render::RenderArgs),
+    Devices(devices::DevicesArgs),
+    Stress(stress::StressArgs),
+    Chart(chart::ChartArgs),
+    Calibrate(calibrate::CalibrateArgs),
 }
 
 impl Command {

@@ -3,10 +3,8 @@
 //! `ply-rs-bw` reads the header and binary elements. Text elements are read here: version 4.0.1 refuses
 //! numbers such as `.5` and `1.`, and takes three times as long.
 
-use super::error::quoted_bytes;
-use super::load::{Raw, decimal, split_line, unmarked};
-use super::polygon::Polygon;
-use super::{MeshError, Place, Spot, fits};
+use crate::mesh::error::{MeshError, Place, Spot, quoted_bytes};
+use crate::mesh::raw::{Polygon, Raw, decimal, fits, split_line, unmarked};
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{
     BeginList, ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult, PropertyType,
@@ -14,6 +12,12 @@ use ply_rs_bw::ply::{
 };
 use raykd_shared::limits::MAX_TRIANGLES;
 use std::io::ErrorKind;
+
+/// Whether a file begins as one does.
+pub(super) fn begins(bytes: &[u8]) -> bool {
+    let text = unmarked(bytes);
+    text.starts_with(b"ply\n") || text.starts_with(b"ply\r")
+}
 
 /// The mesh of a PLY file, its triangles numbered in the order of the faces.
 pub(super) fn parse(bytes: &[u8]) -> Result<Raw, MeshError> {

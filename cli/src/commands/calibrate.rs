@@ -1,8 +1,9 @@
 //! `raykd calibrate`: what trees cost on this machine's devices.
 
+use super::chart::Checked;
 use crate::{
     args::WhichArgs,
-    chart::Checked,
+    costs::measure,
     files::Files,
     machine::Machines,
     notes::Notes,
@@ -11,13 +12,10 @@ use crate::{
 };
 use anyhow::bail;
 use clap::Parser;
-use raykd::{
-    Device, Error,
-    plan::{CHOICES, Calibration, create_cache_file},
-};
+use raykd::plan::{CHOICES, create_cache_file};
 use std::{
     io::{StdoutLock, Write as _},
-    path::{Path, PathBuf},
+    path::PathBuf,
     process::ExitCode,
 };
 
@@ -104,52 +102,4 @@ fn run(args: &CalibrateArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
         writeln!(out, "{table}\nkept in {}\n", path.display())?;
     }
     Ok(())
-}
-
-fn measure(device: &Device, notes: &Notes) -> Result<Calibration, Error> {
-    Calibration::measure(device, |done| {
-        notes.stage(format_args!(
-            "measuring what trees cost on the {}, {:.0} %",
-            device.kind().name().to_uppercase(),
-            100.0 * done
-        ));
-    })
-}
-
-/// The costs of a device: from the file given, or the cache, or measured now and kept there.
-pub(super) fn costs(device: &Device, file: Option<&Path>, notes: &Notes) -> Result<Calibration, Error> {
-    if let Some(path) = file {
-        return Calibration::load(path, device);
-    }
-    kept_or(device, notes, || measure(device, notes))
-}
-
-/// The costs kept in the cache, or new ones, kept there if that can be.
-fn kept_or(
-    device: &Device,
-    notes: &Notes,
-    measure: impl FnOnce() -> Result<Calibration, Error>,
-) -> Result<Calibration, Error> {
-    match Calibration::from_cache(device) {
-        Some(Ok(found)) => return Ok(found),
-        Some(Err(error)) => notes.note(error),
-        None => {}
-    }
-    let place = create_cache_file(device);
-    let once = match &place {
-        Ok(_) => "once",
-        Err(error) => {
-            notes.note(format_args!("costs cannot be kept: {error}; name another folder by RAYKD_CACHE"));
-            "for this run"
-        }
-    };
-    notes.note(format_args!(
-        "measuring what trees cost on this {}, {once}",
-        device.kind().name().to_uppercase()
-    ));
-    let calibration = measure()?;
-    if let Err(error) = place.map_or(Ok(()), |path| calibration.save(&path)) {
-        notes.note(format_args!("costs could not be kept: {error}"));
-    }
-    Ok(calibration)
 }

@@ -5,10 +5,8 @@
 //! which play no part here, can make it fail. So it is given a copy of the lines that make geometry, checked on the
 //! way.
 
-use super::error::quoted_bytes;
-use super::load::{Raw, not_halfway, split_line, unmarked};
-use super::polygon::Polygon;
-use super::{MeshError, Place, fits};
+use crate::mesh::error::{MeshError, Place, quoted_bytes};
+use crate::mesh::raw::{Polygon, Raw, fits, not_halfway, split_line, unmarked};
 use raykd_shared::limits::MAX_TRIANGLES;
 use std::borrow::Cow;
 
@@ -78,13 +76,25 @@ const OTHERS: [&[u8]; 34] = [
     b"refl",
 ];
 
-/// Whether a line of an OBJ file may begin with this word.
-pub(super) fn is_statement(word: &[u8]) -> bool {
+/// Whether the first word is a statement.
+pub(super) fn begins(bytes: &[u8]) -> bool {
+    let mut rest = unmarked(bytes);
+    while !rest.is_empty() {
+        let (line, next) = split_line(rest);
+        if let Some(word) = words(line).next() {
+            return is_statement(word);
+        }
+        rest = next;
+    }
+    false
+}
+
+fn is_statement(word: &[u8]) -> bool {
     GEOMETRY.contains(&word) || OTHERS.contains(&word)
 }
 
 /// The words of a line, up to a comment.
-pub(super) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
+fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     let line = line.split(|&b| b == b'#').next().unwrap_or_default();
     line.split(|b| b.is_ascii_whitespace() || *b == b'\x0b').filter(|w| !w.is_empty())
 }
@@ -232,7 +242,7 @@ fn out_of_range(line: u64, index: i64, vertices: i64) -> MeshError {
     MeshError::IndexOutOfRange { at: Place::line(line), index, first: 1, vertices: vertices.unsigned_abs() }
 }
 
-/// A word that is a finite coordinate, written so that `tobj` reads [`decimal`](super::load::decimal).
+/// A word that is a finite coordinate, written so that `tobj` reads [`decimal`](crate::mesh::raw::decimal).
 fn coordinate(word: &[u8], line: u64) -> Result<Cow<'_, str>, MeshError> {
     let number = std::str::from_utf8(word).ok().and_then(|text| Some((text, text.parse().ok()?)));
     match number {

@@ -8,8 +8,8 @@
 //! primitive by primitive. Corners keep the file's order, in mirrored nodes too; strips turn every other triangle
 //! round, as glTF says.
 
-use super::load::{Raw, unmarked};
-use super::{MeshError, Place, fits};
+use crate::mesh::error::{MeshError, Place};
+use crate::mesh::raw::{Raw, Source, fits, unmarked};
 use crate::read;
 use base64::{Engine as _, engine};
 use raykd_shared::limits::MAX_TRIANGLES;
@@ -143,7 +143,8 @@ const HARMLESS: [&str; 8] = [
 
 /// The mesh of a glTF file. Buffers in files of their own are read from `folder`, if there is one: with the file itself
 /// no more than `limit` bytes.
-pub(super) fn parse(bytes: &[u8], folder: Option<&Path>, limit: u64) -> Result<Raw, MeshError> {
+pub(super) fn parse(Source { bytes, folder, most }: Source<'_>) -> Result<Raw, MeshError> {
+    let limit = most.unwrap_or_else(read::default_max_bytes);
     let (json, blob) = if bytes.starts_with(b"glTF") { chunks(bytes)? } else { (bytes, None) };
     let document: Document = serde_json::from_slice(json).map_err(|e| {
         let (at, what) = (Place::line(e.line() as u64), e.to_string());

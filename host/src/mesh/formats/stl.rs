@@ -6,8 +6,8 @@
 //! Every triangle has three vertices of its own: corner `k` of triangle `i` is vertex `3 i + k`. Normals are passed
 //! over.
 
-use super::load::{Raw, decimal};
-use super::{MeshError, Place, fits};
+use crate::mesh::error::{MeshError, Place};
+use crate::mesh::raw::{Raw, decimal, fits, unmarked};
 use raykd_shared::limits::MAX_TRIANGLES;
 
 /// Bytes before the triangles of a binary file, its last four their number.
@@ -46,13 +46,18 @@ fn count(bytes: &[u8]) -> Option<u32> {
     head.last_chunk().map(|count| u32::from_le_bytes(*count))
 }
 
+/// Whether a file is one, as far as can be told without reading it.
+pub(super) fn begins(bytes: &[u8]) -> bool {
+    is_binary(bytes) || is_text(unmarked(bytes))
+}
+
 /// Whether a file has the length that its header says.
-pub(super) fn is_binary(bytes: &[u8]) -> bool {
+fn is_binary(bytes: &[u8]) -> bool {
     count(bytes).is_some_and(|count| bytes.len() as u64 == HEAD as u64 + u64::from(count) * RECORD as u64)
 }
 
 /// Whether a file begins as a text file does.
-pub(super) fn is_text(bytes: &[u8]) -> bool {
+fn is_text(bytes: &[u8]) -> bool {
     // A binary file may begin so too; it holds zeros soon, at the latest in its number of triangles.
     let words = lines(bytes).map(|(_, words)| words).find(|words| !words.is_empty());
     words.is_some_and(|words| is(words[0], "solid")) && !bytes.iter().take(HEAD).any(|&b| b == 0)

@@ -1,0 +1,57 @@
+//! What trees cost on a device, for `--quality auto`: measured once, and kept.
+
+use crate::notes::Notes;
+use raykd::{
+    Device, Error,
+    plan::{Calibration, create_cache_file},
+};
+use std::path::Path;
+
+/// Measures it anew.
+pub(super) fn measure(device: &Device, notes: &Notes) -> Result<Calibration, Error> {
+    Calibration::measure(device, |done| {
+        notes.stage(format_args!(
+            "measuring what trees cost on the {}, {:.0} %",
+            device.kind().name().to_uppercase(),
+            100.0 * done
+        ));
+    })
+}
+
+/// The costs of a device: from the file given, or the cache, or measured now and kept there.
+pub(super) fn costs(device: &Device, file: Option<&Path>, notes: &Notes) -> Result<Calibration, Error> {
+    if let Some(path) = file {
+        return Calibration::load(path, device);
+    }
+    kept_or(device, notes, || measure(device, notes))
+}
+
+/// The costs kept in the cache, or new ones, kept there if that can be.
+fn kept_or(
+    device: &Device,
+    notes: &Notes,
+    measure: impl FnOnce() -> Result<Calibration, Error>,
+) -> Result<Calibration, Error> {
+    match Calibration::from_cache(device) {
+        Some(Ok(found)) => return Ok(found),
+        Some(Err(error)) => notes.note(error),
+        None => {}
+    }
+    let place = create_cache_file(device);
+    let once = match &place {
+        Ok(_) => "once",
+        Err(error) => {
+            notes.note(format_args!("costs cannot be kept: {error}; name another folder by RAYKD_CACHE"));
+            "for this run"
+        }
+    };
+    notes.note(format_args!(
+        "measuring what trees cost on this {}, {once}",
+        device.kind().name().to_uppercase()
+    ));
+    let calibration = measure()?;
+    if let Err(error) = place.map_or(Ok(()), |path| calibration.save(&path)) {
+        notes.note(format_args!("costs could not be kept: {error}"));
+    }
+    Ok(calibration)
+}

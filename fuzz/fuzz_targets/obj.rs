@@ -1,4 +1,0 @@
-//! Any bytes as an OBJ file: a mesh or an error, and a mesh can be built and traced.
-#![no_main]
-
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| raykd_fuzz::mesh("fuzz.obj", bytes));

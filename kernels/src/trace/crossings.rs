@@ -1,0 +1,317 @@
+//! How often rays cross the surface, and from which sides, by the rule of [`perturbed`](super::intersect::perturbed).
+//!
+//! A first kernel walks the tree. It counts what floats tell of, and lists what they do not: triangles that the ray
+//! passes at an edge or a vertex, or in whose plane it starts. A second kernel decides those; where there were too many,
+//! it walks once more, by the exact test.
+
+#[cfg(not(target_arch = "spirv"))]
+use super::queries::Query;
+use super::{
+    frame::Frame,
+    intersect::{Best, Intersector, NORMAL, exact::Exact, perturbed::Perturbed},
+    job::{JOB_RAYS, OUTCOME_LEFT, OUTCOME_STATUS, load, loops_are_whole},
+    left::MARKS,
+    queries::SHARED,
+    traverse::{
+        Steps,
+        leaf::{After, Choice},
+        next::{self, AT_ONCE, Next},
+        stack::{ASIDE, walk_keeping},
+    },
+};
+use crate::{
+    Group,
+    glam::{UVec4, Vec4},
+    mem::{Atomics, Buf, Slots, aside, scratch},
+};
+use raykd_shared::{Crossings, MISS, TreeHeader, status};
+
+/// How many triangles are kept of a ray, so that each counts once.
+const MOST: u32 = 28;
+/// How many of them may be undecided.
+const MOST_OPEN: u32 = 8;
+/// How many there are.
+const KEPT: u32 = 0;
+/// By how many the ray surely leaves.
+const LEAVING: u32 = 1;
+/// How many are undecided, more than [`MOST_OPEN`] if there was no room.
+const OPEN: u32 = 2;
+/// The references that list those.
+const REFERENCES: u32 = 3;
+/// Numbers of all.
+const IDS: u32 = REFERENCES + MOST_OPEN;
+const WORDS: usize = (IDS + MOST) as usize;
+
+/// Stands beside how many crossings leave while some are undecided.
+const UNDECIDED: u32 = 0x8000_0000;
+/// Stands for how many leave if the ray must walk once more.
+const TOO_MANY: u32 = u32::MAX;
+
+/// Counts the triangles that floats tell of, and lists the others.
+#[derive(Clone, Copy, Debug)]
+struct Tally;
+
+impl Tally {
+    #[inline(always)]
+    fn has(own: &impl Slots<u32>, id: u32) -> bool {
+        let count = own.at(KEPT);
+        let (mut i, mut there) = (0, false);
+        while i < count {
+            there |= own.at(IDS + i) == id;
+            i += 1;
+        }
+        there
+    }
+
+    /// The reference that lists undecided triangle `i`, [`MISS`] if there is none.
+    #[inline(always)]
+    fn reference(own: &impl Slots<u32>, i: u32) -> u32 {
+        if i < own.at(OPEN) { own.at(REFERENCES + i) } else { MISS }
+    }
+
+    /// Those of four, from the first on.
+    #[inline(always)]
+    fn four(own: &impl Slots<u32>, first: u32) -> UVec4 {
+        let (x, y) = (Self::reference(own, first), Self::reference(own, first + 1));
+        UVec4::new(x, y, Self::reference(own, first + 2), Self::reference(own, first + 3))
+    }
+}
+
+impl Choice for Tally {
+    #[inline(always)]
+    fn test<I: Intersector>(
+        self,
+        _by: I,
+        ray: &Frame,
+        (id, at): (u32, u32),
+        corners: (Vec4, Vec4, Vec4),
+        best: &mut Best,
+        own: &mut impl Slots<u32>,
+    ) -> bool {
+        let seen = Exact.glance(ray, corners);
+        let passed = seen.later < ray.t_min || seen.near > best.t;
+        if !passed && !Self::has(own, id) {
+            let told = seen.sure & (seen.near > ray.t_min) & (seen.later < best.t);
+            let (count, open) = (own.at(KEPT), own.at(OPEN));
+            if (count < MOST) & (told | (open < MOST_OPEN)) {
+                own.put(KEPT, count + 1);
+                own.put(IDS + count, id);
+                if told {
+                    own.put(LEAVING, own.at(LEAVING) + seen.leaving as u32);
+                } else {
+                    own.put(OPEN, open + 1);
+                    own.put(REFERENCES + open, at);
+                }
+            } else {
+                own.put(OPEN, MOST_OPEN + 1);
+                // Nothing lies before this, so the walk ends.
+                best.t = f32::NEG_INFINITY;
+                best.triangle = id;
+            }
+        }
+        true
+    }
+}
+
+/// Walks the tree, with [`WORDS`] to keep.
+#[inline(always)]
+fn tally(
+    ray: &mut Frame,
+    (pairs, corners): (&Buf<UVec4>, &Buf<Vec4>),
+    aside: &mut impl Slots<u32>,
+    own: &mut impl Slots<u32>,
+    steps: &mut Steps,
+) {
+    own.put(KEPT, 0);
+    own.put(LEAVING, 0);
+    own.put(OPEN, 0);
+    walk_keeping::<Exact, Tally, false>(ray, pairs, corners, Tally, false, aside, own, steps);
+}
+
+/// Decides triangles of a ray that has its whole origin, of which nothing but that they may be crossed is known: what
+/// they add. False if a driver left a loop early.
+#[inline(always)]
+fn decide(ray: &Frame, corners: &Buf<Vec4>, (mut listed, mut later): (UVec4, UVec4)) -> (Crossings, bool) {
+    let mut found = Crossings { leaving: 0, entering: 0 };
+    let mut running = listed.x != MISS;
+    // 1 until there are no more.
+    let mut open = running as u32;
+    while running {
+        let (a, b, c) = corners.three(3 * listed.x);
+        let mut best = Best { t: ray.t_max, ..Best::NOTHING };
+        running = Perturbed::<false>.test(ray, a.w.to_bits() & !NORMAL, a, b, c, &mut best);
+        let crossed = best.triangle != MISS;
+        found.leaving += (crossed & (best.det > 0.0)) as u32;
+        found.entering += (crossed & (best.det < 0.0)) as u32;
+        listed = UVec4::new(listed.y, listed.z, listed.w, later.x);
+        later = UVec4::new(later.y, later.z, later.w, MISS);
+        if running && listed.x == MISS {
+            running = false;
+            open = 0;
+        }
+    }
+    (found, open == 0)
+}
+
+/// Counts by the exact test alone. A walk finds the next [`AT_ONCE`] crossings; mostly the first finds all.
+#[inline(always)]
+fn walked(ray: &mut Frame, (pairs, corners): (&Buf<UVec4>, &Buf<Vec4>), steps: &mut Steps) -> Crossings {
+    let mut after = After::NOTHING;
+    let (mut aside, mut own) = (scratch::<u32, ASIDE>(), scratch::<u32, { next::WORDS }>());
+    let mut found = Crossings { leaving: 0, entering: 0 };
+    let mut running = true;
+    // 1 until there are no more.
+    let mut open = 1;
+    while running {
+        Next::clear(&mut own);
+        walk_keeping::<Perturbed<true>, Next, false>(
+            ray,
+            pairs,
+            corners,
+            Next(after),
+            false,
+            &mut aside,
+            &mut own,
+            steps,
+        );
+        let count = Next::count(&own);
+        let mut i = 0;
+        while i < count {
+            let (t, triangle, along) = Next::hit(&own, i);
+            found.leaving += along as u32;
+            found.entering += !along as u32;
+            i += 1;
+            if i == AT_ONCE {
+                after.pass(ray, (t, triangle));
+            }
+        }
+        if count < AT_ONCE || steps.status != 0 {
+            running = false;
+            open = 0;
+        }
+    }
+    if open != 0 {
+        steps.status |= status::CUT_SHORT;
+    }
+    found
+}
+
+/// The crossings of one ray in its range.
+#[inline(always)]
+#[cfg(not(target_arch = "spirv"))]
+pub(super) fn crossings(ray: &mut Frame, tree: (&Buf<UVec4>, &Buf<Vec4>)) -> Crossings {
+    let (own, steps) = (&mut scratch::<u32, WORDS>(), &mut Steps::default());
+    tally(ray, tree, &mut [0; ASIDE], own, steps);
+    if own.at(OPEN) > MOST_OPEN {
+        return walked(ray, tree, steps);
+    }
+    let (leaving, open) = (own.at(LEAVING), own.at(OPEN));
+    let entering = own.at(KEPT) - open - leaving;
+    let (more, _) = decide(ray, tree.1, (Tally::four(own, 0), Tally::four(own, 4)));
+    Crossings { leaving: leaving + more.leaving, entering: entering + more.entering }
+}
+
+/// Counts for every ray of a workgroup. Writes how many crossings leave and how many enter; where some are undecided,
+/// that is marked, and the references that list their triangles stand in place of a hit and in `more`.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+pub fn count(
+    group: Group,
+    shared: &mut [u32; SHARED],
+    job: &Buf<u32>,
+    header: &Buf<TreeHeader>,
+    pairs: &Buf<UVec4>,
+    corners: &Buf<Vec4>,
+    rays: &Buf<Vec4>,
+    hits: &mut Buf<UVec4>,
+    outcome: &mut Buf<u32>,
+    crossings: &mut Buf<u32>,
+    more: &mut Buf<UVec4>,
+) {
+    lanes!(group, |lane| {
+        let i = group.id * group.width + lane;
+        if i < job.at(JOB_RAYS) {
+            let ray = &mut load(i, rays, &header.at(0), outcome);
+            let (aside, own) = (&mut aside::<ASIDE, SHARED>(shared, lane), &mut scratch::<u32, WORDS>());
+            let steps = &mut Steps::default();
+            tally(ray, (pairs, corners), aside, own, steps);
+            let (leaving, open) = (own.at(LEAVING), own.at(OPEN));
+            let marked = if open > 0 { leaving | UNDECIDED } else { leaving };
+            let many = open > MOST_OPEN;
+            crossings.put(2 * i, if many { TOO_MANY } else { marked });
+            crossings.put(2 * i + 1, if many { 0 } else { own.at(KEPT) - open - leaving });
+            if open > 0 {
+                hits.put(i, Tally::four(own, 0));
+                more.put(i, Tally::four(own, 4));
+                outcome.or(OUTCOME_LEFT, 1);
+            }
+            if steps.status != 0 || !loops_are_whole(job) {
+                outcome.or(OUTCOME_STATUS, status::CUT_SHORT);
+            }
+        }
+    });
+}
+
+/// Decides in block `group.id` what [`count`] has left undecided.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+pub fn settle(
+    group: Group,
+    marks: &mut [u32; MARKS],
+    job: &Buf<u32>,
+    header: &Buf<TreeHeader>,
+    pairs: &Buf<UVec4>,
+    corners: &Buf<Vec4>,
+    rays: &Buf<Vec4>,
+    hits: &Buf<UVec4>,
+    outcome: &mut Buf<u32>,
+    crossings: &mut Buf<u32>,
+    more: &Buf<UVec4>,
+) {
+    answer_left!(group, marks, job, outcome, |i| crossings.at(2 * i) & UNDECIDED != 0, |i| {
+        let mut ray = Frame::new(rays.at(2 * i), rays.at(2 * i + 1), &header.at(0));
+        let (leaving, entering) = (crossings.at(2 * i), crossings.at(2 * i + 1));
+        if leaving == TOO_MANY {
+            let steps = &mut Steps::default();
+            let found = walked(&mut ray, (pairs, corners), steps);
+            crossings.put(2 * i, found.leaving);
+            crossings.put(2 * i + 1, found.entering);
+            if steps.status != 0 {
+                outcome.or(OUTCOME_STATUS, steps.status);
+            }
+        } else {
+            let (found, whole) = decide(&ray.whole(), corners, (hits.at(i), more.at(i)));
+            crossings.put(2 * i, (leaving & !UNDECIDED) + found.leaving);
+            crossings.put(2 * i + 1, entering + found.entering);
+            if !whole {
+                outcome.or(OUTCOME_STATUS, status::CUT_SHORT);
+            }
+        }
+    });
+}
+
+/// The first kernel.
+pub mod count_crossings {
+    use super::*;
+
+    of_query! {
+        kernel {
+            /// [`count`] over all rays.
+            group COUNT = count, threads 64, shared [shared: SHARED], query:
+        } { , { 7 crossings: write u32, 8 more: write UVec4 } }
+    }
+}
+
+/// The second.
+pub mod settle_crossings {
+    use super::*;
+
+    of_query! {
+        kernel {
+            /// [`settle`] over all blocks.
+            group SETTLE = settle, threads 64, shared [marks: MARKS], query:
+        } { , { 7 crossings: write u32, 8 more: read UVec4 } }
+    }
+}
+
+/// The kernels of this file.
+#[cfg(not(target_arch = "spirv"))]
+pub const KERNELS: &[&crate::Kernel] = &[&count_crossings::COUNT, &settle_crossings::SETTLE];
