@@ -142,7 +142,7 @@ fn a_device_that_flushes_subnormals_finds_the_same() {
             rays.push(Ray { t_min: f32::NEG_INFINITY, ..Ray::new(middle, way) });
         }
         let header = *Scene::build(cpu(), &mesh, &BuildOptions::default()).unwrap().header();
-        for (test, hits) in Intersector::ALL.into_iter().zip(&mut hits) {
+        for (test, hits) in Intersector::ALL.iter().zip(&mut hits) {
             let hits_of = |flush| test.with(HitsOf { mesh: &mesh, header: &header, rays: &rays, flush });
             let kept = hits_of(false);
             same(test.name(), &kept, &hits_of(true)).unwrap();
