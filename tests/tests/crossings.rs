@@ -268,11 +268,13 @@ fn speed_of_winding_numbers() {
 }
 
 /// Points of closed meshes by three directions each, half of them at vertices, edges and planes of triangles: run it with
-/// `--ignored --nocapture` on a real GPU; `RAYKD_POINTS` is how many.
+/// `--ignored --nocapture` on a real GPU, or with `RAYKD_POINTS_ON=cpu` on the CPU; `RAYKD_POINTS` is how many.
 #[test]
 #[ignore = "takes minutes without a real GPU"]
 fn no_point_of_a_hundred_million_is_inside_by_one_direction_alone() {
     let count = std::env::var("RAYKD_POINTS").map_or(100_000_000, |n| n.parse::<usize>().unwrap());
+    let on_cpu = std::env::var("RAYKD_POINTS_ON").is_ok_and(|device| device == "cpu");
+    let device = if on_cpu { raykd_tests::cpu() } else { raykd_tests::gpu() };
     let mut random = Random::new(1);
     let lattice = loose(&closed(0, &mut random));
     let sphere = loose(&outward(&icosphere(4)));
@@ -282,7 +284,7 @@ fn no_point_of_a_hundred_million_is_inside_by_one_direction_alone() {
         assert!(mesh.edges().are_closed());
         let corners = |t: &[u32; 3]| t.map(|v| mesh.positions()[v as usize]);
         let triangles: Vec<[Point; 3]> = mesh.triangles().iter().map(corners).collect();
-        let scene = Scene::build(raykd_tests::gpu(), mesh, &BuildOptions::default()).unwrap();
+        let scene = Scene::build(device, mesh, &BuildOptions::default()).unwrap();
         let (lo, hi) = mesh.bounds();
         let (mut done, mut inside) = (0, 0);
         while done < count / meshes.len() {

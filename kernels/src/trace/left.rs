@@ -7,12 +7,11 @@ pub const BLOCK: u32 = 1024;
 /// Words of its marks.
 pub const MARKS: usize = BLOCK as usize / 32;
 
-/// The ray that is marked with so many before it, or the number of all if there are no more.
+/// The ray of a block that is marked with so many before it, or [`BLOCK`] if there are no more.
 #[inline(always)]
-pub fn marked_after<const WORDS: usize>(before: u32, marks: &[u32; WORDS]) -> u32 {
-    let all = 32 * WORDS as u32;
-    let (mut rest, mut word, mut found) = (before, 0, all);
-    while word < WORDS as u32 && found == all {
+pub fn marked_after(before: u32, marks: &[u32; MARKS]) -> u32 {
+    let (mut rest, mut word, mut found) = (before, 0, BLOCK);
+    while word < MARKS as u32 && found == BLOCK {
         let mut bits = marks.at(word);
         let count = bits.count_ones();
         if rest < count {

@@ -3,9 +3,10 @@
 //!
 //! Stages, each for what the one before leaves open: floats turn away triangles that the ray passes at more than they
 //! round, or that surely lie behind it or a hit that it has; pairs of floats ([`pair`](super::pair)) find signs and
-//! quotients with bounds of their errors; what those do not decide, one triangle of some hundreds, triples do
-//! ([`triple`](super::triple)); and what is left after those, hardly any, integers do ([`integers`]). The
-//! filters follow Shewchuk 1997, the sheared edge functions Woop, Benthin & Wald 2013.
+//! quotients with bounds of their errors, but for a `t` next to 0, which the volume of triangle and origin gives; what
+//! those do not decide, one triangle of some hundreds, triples do ([`triple`](super::triple)); and what is left after
+//! those, hardly any, integers do ([`integers`]). The filters follow Shewchuk 1997, the sheared edge functions Woop,
+//! Benthin & Wald 2013.
 //!
 //! Since answers are exact, neighbours need not agree about anything, and what was decided in which stage
 //! does not show. Numbers of any size count, but origins' that would be subnormal in the scaled scene, and

@@ -18,15 +18,14 @@
 //! signed crossings, leaving less entering, are the winding number of `o + s`: a number of the point, not of the
 //! direction, since `s` does not depend on `d`.
 //!
-//! Signs are exact, and `t` is rounded correctly, by the stages of [`exact`]. Where `t` is 0, or rounds to it, it is
-//! [`AT_ORIGIN`] or the negative of that, by the second rule.
+//! Signs are exact, and `t` is rounded correctly: by pairs of floats and, where those do not tell, by integers, as in
+//! [`exact`]. Where `t` is 0, or rounds to it, it is [`AT_ORIGIN`] or the negative of that, by the second rule.
 
 use super::{
     Best, Intersector,
     exact::{self, Edge, Exact},
     integers,
-    pair::{Long, Pair},
-    triple::Triple,
+    pair::Pair,
 };
 use crate::{
     glam::{Vec3, Vec4},
@@ -73,7 +72,7 @@ fn first((x, y, z): (i32, i32, i32)) -> i32 {
 
 /// The sign of `d . (p x q)` from the perturbed origin, `edge` being that of `q` and `p`; 0 if that is not certain.
 #[inline(always)]
-fn sign<N: Long>(edge: Edge<N>, turned: bool, p: Vec3, q: Vec3, d: Vec3) -> i32 {
+fn sign(edge: Edge, turned: bool, p: Vec3, q: Vec3, d: Vec3) -> i32 {
     if !edge.certain {
         0
     } else if edge.positive | edge.negative {
@@ -105,16 +104,16 @@ struct Verdict {
     t: f32,
 }
 
-/// What pairs or triples tell.
+/// What pairs tell.
 #[inline(always)]
-fn by<N: Long, const ORDERED: bool>(
+fn by_pairs<const ORDERED: bool>(
     ray: &Frame,
     id: u32,
     (a, b, c): (Vec3, Vec3, Vec3),
     best: &Best,
 ) -> Verdict {
     let nothing = Verdict { certain: true, crossed: false, leaving: false, t: 0.0 };
-    let looked = exact::look::<N>(ray, (a, b, c));
+    let looked = exact::look::<Pair>(ray, (a, b, c));
     if looked.missed {
         return nothing;
     }
@@ -172,11 +171,8 @@ impl<const ORDERED: bool> Intersector for Perturbed<ORDERED> {
     #[inline(always)]
     fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool {
         let (a, b, c) = (a.truncate(), b.truncate(), c.truncate());
-        let mut found = by::<Pair, ORDERED>(ray, id, (a, b, c), best);
+        let mut found = by_pairs::<ORDERED>(ray, id, (a, b, c), best);
         let mut whole = true;
-        if !found.certain {
-            found = by::<Triple, ORDERED>(ray, id, (a, b, c), best);
-        }
         if !found.certain {
             let passed = integers::pass(ray.origin, ray.heading, a, b, c);
             let near = if passed.ahead { AT_ORIGIN } else { -AT_ORIGIN };
