@@ -240,9 +240,11 @@ pub fn count(
             crossings.put(2 * i, if many { TOO_MANY } else { marked });
             crossings.put(2 * i + 1, if many { 0 } else { own.at(KEPT) - open - leaving });
             if open > 0 {
+                outcome.or(OUTCOME_LEFT, 1);
+            }
+            if open > 0 && !many {
                 hits.put(i, Tally::four(own, 0));
                 more.put(i, Tally::four(own, 4));
-                outcome.or(OUTCOME_LEFT, 1);
             }
             if steps.status != 0 || !loops_are_whole(job) {
                 outcome.or(OUTCOME_STATUS, status::CUT_SHORT);
