@@ -1,6 +1,6 @@
 //! What trees cost on a device, for `--quality auto`: measured once, and kept.
 
-use crate::notes::Notes;
+use crate::{hints, notes::Notes};
 use raykd::{
     Device, Error,
     plan::{Calibration, create_cache_file},
@@ -34,7 +34,7 @@ fn kept_or(
 ) -> Result<Calibration, Error> {
     match Calibration::from_cache(device) {
         Some(Ok(found)) => return Ok(found),
-        Some(Err(error)) => notes.note(error),
+        Some(Err(error)) => notes.note(hints::told(&error)),
         None => {}
     }
     let place = create_cache_file(device);

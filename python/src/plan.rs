@@ -42,7 +42,7 @@ fn costs(py: Python<'_>, device: &Device, file: Option<&Path>) -> PyResult<Calib
     }
     match Calibration::from_cache(device) {
         Some(Ok(found)) => return Ok(found),
-        Some(Err(error)) => warn(py, &error.to_string())?,
+        Some(Err(error)) => warn(py, &format!("{error}; `raykd calibrate` measures anew"))?,
         None => {}
     }
     let place = create_cache_file(device);
