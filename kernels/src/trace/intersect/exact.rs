@@ -283,8 +283,9 @@ impl<N> Met<N> {
     }
 }
 
-/// The answer by pairs or triples.
-#[inline(always)]
+/// The answer by pairs or triples. A page loads every byte of each copy, so there it has one.
+#[cfg_attr(target_arch = "wasm32", inline(never))]
+#[cfg_attr(not(target_arch = "wasm32"), inline(always))]
 fn by<N: Long>(ray: &Frame, id: u32, corners: (Vec3, Vec3, Vec3), best: &Best) -> Verdict {
     let nothing = Verdict { certain: true, hit: false, t: 0.0, u: 0.0, v: 0.0 };
     let looked = look::<N>(ray, corners);
