@@ -259,6 +259,8 @@ fn crossings_in_own_buffers_are_those_of_the_batch() -> Result<(), Failure> {
     let host = Scene::build(cpu(), &own.mesh, &BuildOptions::default())?;
     let expected = host.crossings(&rays)?;
     assert_eq!(expected.invalid, 1);
+    let undecided = host.undecided(&rays)?;
+    assert!((100..1000).contains(&undecided), "{undecided} rays");
     let blank = vec![Crossings { leaving: 7, entering: 7 }; 5100];
     let number = own.buffer(&[4321u32], Use::STORAGE);
     // The traversal of the scene has no part in this.

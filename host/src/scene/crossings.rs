@@ -8,11 +8,11 @@ use super::{
 use crate::{
     Error,
     clock::Instant,
-    exec::To,
+    exec::{Buffer, Step, To},
     intersector,
     rays::{AnyPoint, AnyRay},
 };
-use raykd_kernels::trace::queries;
+use raykd_kernels::trace::{crossings::UNDECIDED, queries};
 use raykd_shared::{Crossings, Ray};
 use rayon::prelude::*;
 use std::time::Duration;
@@ -91,16 +91,28 @@ impl Scene {
         Ok(Counted { counts: windings, times, invalid })
     }
 
+    /// For tests: of how many rays the first kernel leaves triangles to the second.
+    ///
+    /// # Errors
+    /// The device failed, or more rays than a batch holds.
+    #[doc(hidden)]
+    pub fn undecided(&self, rays: &[Ray]) -> Result<usize, Error> {
+        let batch = Batch::new(self, rays)?;
+        let crossings = self.device.alloc("crossings", 2 * rays.len() as u64)?;
+        let [first, _] = self.counting(&batch, &crossings);
+        let mut found: Vec<Crossings> = Vec::new();
+        let wanted = crossings.back(To::End(&mut found, rays.len()));
+        batch.run(&self.device, &[first], 0, vec![wanted])?;
+        Ok(found.iter().filter(|found| found.leaving & UNDECIDED != 0).count())
+    }
+
     /// Counts for rays that are where the mesh is, as many as fit the device.
     fn count_local(&self, rays: &[Ray], counted: &mut Counted<Crossings>) -> Result<(), Error> {
         let start = Instant::now();
         let batch = Batch::of_local(self, rays, 1)?;
-        let crossings = self.device.alloc::<u32>("crossings", 2 * rays.len() as u64)?;
+        let crossings = self.device.alloc("crossings", 2 * rays.len() as u64)?;
         counted.times.upload += start.elapsed();
-        let query = || queries::Query { corners: &self.corners, ..batch.query(self) };
-        let more = (batch.counts.out(), &batch.counts);
-        let steps =
-            intersector::crossings(query, || crossings.out(), more).map(|bound| bound.step(batch.count));
+        let steps = self.counting(&batch, &crossings);
         let Traced { times, invalid, .. } = traced(Duration::ZERO, || {
             let wanted = crossings.back(To::End(&mut counted.counts, rays.len()));
             batch.run(&self.device, &steps, 0, vec![wanted])
@@ -108,6 +120,13 @@ impl Scene {
         counted.times += times;
         counted.invalid += invalid;
         Ok(())
+    }
+
+    /// Both kernels over a batch.
+    fn counting<'a>(&'a self, batch: &'a Batch, crossings: &'a Buffer<u32>) -> [Step<'a>; 2] {
+        let query = || queries::Query { corners: &self.corners, ..batch.query(self) };
+        let more = (batch.counts.out(), &batch.counts);
+        intersector::crossings(query, || crossings.out(), more).map(|bound| bound.step(batch.count))
     }
 }
 

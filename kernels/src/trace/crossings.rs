@@ -11,6 +11,7 @@ use super::{
     intersect::{Best, Intersector, NORMAL, exact::Exact, perturbed::Perturbed},
     job::{JOB_RAYS, OUTCOME_LEFT, OUTCOME_STATUS, load, loops_are_whole},
     left::MARKS,
+    listed::{Listed, NONE, four},
     queries::SHARED,
     traverse::{
         Steps,
@@ -34,16 +35,18 @@ const MOST_OPEN: u32 = 8;
 const KEPT: u32 = 0;
 /// By how many the ray surely leaves.
 const LEAVING: u32 = 1;
+/// By how many it surely enters.
+const ENTERING: u32 = 2;
 /// How many are undecided, more than [`MOST_OPEN`] if there was no room.
-const OPEN: u32 = 2;
+const OPEN: u32 = 3;
 /// The references that list those.
-const REFERENCES: u32 = 3;
+const REFERENCES: u32 = 4;
 /// Numbers of all.
 const IDS: u32 = REFERENCES + MOST_OPEN;
 const WORDS: usize = (IDS + MOST) as usize;
 
 /// Stands beside how many crossings leave while some are undecided.
-const UNDECIDED: u32 = 0x8000_0000;
+pub const UNDECIDED: u32 = 0x8000_0000;
 /// Stands for how many leave if the ray must walk once more.
 const TOO_MANY: u32 = u32::MAX;
 
@@ -63,17 +66,10 @@ impl Tally {
         there
     }
 
-    /// The reference that lists undecided triangle `i`, [`MISS`] if there is none.
-    #[inline(always)]
-    fn reference(own: &impl Slots<u32>, i: u32) -> u32 {
-        if i < own.at(OPEN) { own.at(REFERENCES + i) } else { MISS }
-    }
-
-    /// Those of four, from the first on.
+    /// Four references that list undecided triangles, from number `first` on.
     #[inline(always)]
     fn four(own: &impl Slots<u32>, first: u32) -> UVec4 {
-        let (x, y) = (Self::reference(own, first), Self::reference(own, first + 1));
-        UVec4::new(x, y, Self::reference(own, first + 2), Self::reference(own, first + 3))
+        four(own, (REFERENCES, 1), own.at(OPEN), first)
     }
 }
 
@@ -97,7 +93,8 @@ impl Choice for Tally {
                 own.put(KEPT, count + 1);
                 own.put(IDS + count, id);
                 if told {
-                    own.put(LEAVING, own.at(LEAVING) + seen.leaving as u32);
+                    let way = if seen.leaving { LEAVING } else { ENTERING };
+                    own.put(way, own.at(way) + 1);
                 } else {
                     own.put(OPEN, open + 1);
                     own.put(REFERENCES + open, at);
@@ -124,33 +121,27 @@ fn tally(
 ) {
     own.put(KEPT, 0);
     own.put(LEAVING, 0);
+    own.put(ENTERING, 0);
     own.put(OPEN, 0);
     walk_keeping::<Exact, Tally, false>(ray, pairs, corners, Tally, false, aside, own, steps);
 }
 
 /// Decides triangles of a ray that has its whole origin, of which nothing but that they may be crossed is known: what
-/// they add. False if a driver left a loop early.
+/// they add. False if a driver left a loop of the test early.
 #[inline(always)]
-fn decide(ray: &Frame, corners: &Buf<Vec4>, (mut listed, mut later): (UVec4, UVec4)) -> (Crossings, bool) {
+fn decide(ray: &Frame, corners: &Buf<Vec4>, mut listed: Listed) -> (Crossings, bool) {
     let mut found = Crossings { leaving: 0, entering: 0 };
-    let mut running = listed.x != MISS;
-    // 1 until there are no more.
-    let mut open = running as u32;
-    while running {
-        let (a, b, c) = corners.three(3 * listed.x);
+    let mut whole = true;
+    while listed.first() != NONE {
+        let (a, b, c) = corners.three(3 * listed.first());
         let mut best = Best { t: ray.t_max, ..Best::NOTHING };
-        running = Perturbed::<false>.test(ray, a.w.to_bits() & !NORMAL, a, b, c, &mut best);
+        whole &= Perturbed::<false>.test(ray, a.w.to_bits() & !NORMAL, a, b, c, &mut best);
         let crossed = best.triangle != MISS;
         found.leaving += (crossed & (best.det > 0.0)) as u32;
         found.entering += (crossed & (best.det < 0.0)) as u32;
-        listed = UVec4::new(listed.y, listed.z, listed.w, later.x);
-        later = UVec4::new(later.y, later.z, later.w, MISS);
-        if running && listed.x == MISS {
-            running = false;
-            open = 0;
-        }
+        listed.pass();
     }
-    (found, open == 0)
+    (found, whole)
 }
 
 /// Counts by the exact test alone. A walk finds the next [`AT_ONCE`] crossings; mostly the first finds all.
@@ -160,8 +151,6 @@ fn walked(ray: &mut Frame, (pairs, corners): (&Buf<UVec4>, &Buf<Vec4>), steps: &
     let (mut aside, mut own) = (scratch::<u32, ASIDE>(), scratch::<u32, { next::WORDS }>());
     let mut found = Crossings { leaving: 0, entering: 0 };
     let mut running = true;
-    // 1 until there are no more.
-    let mut open = 1;
     while running {
         Next::clear(&mut own);
         walk_keeping::<Perturbed<true>, Next, false>(
@@ -185,13 +174,7 @@ fn walked(ray: &mut Frame, (pairs, corners): (&Buf<UVec4>, &Buf<Vec4>), steps: &
                 after.pass(ray, (t, triangle));
             }
         }
-        if count < AT_ONCE || steps.status != 0 {
-            running = false;
-            open = 0;
-        }
-    }
-    if open != 0 {
-        steps.status |= status::CUT_SHORT;
+        running = count == AT_ONCE && steps.status == 0;
     }
     found
 }
@@ -205,10 +188,8 @@ pub(super) fn crossings(ray: &mut Frame, tree: (&Buf<UVec4>, &Buf<Vec4>)) -> Cro
     if own.at(OPEN) > MOST_OPEN {
         return walked(ray, tree, steps);
     }
-    let (leaving, open) = (own.at(LEAVING), own.at(OPEN));
-    let entering = own.at(KEPT) - open - leaving;
-    let (more, _) = decide(ray, tree.1, (Tally::four(own, 0), Tally::four(own, 4)));
-    Crossings { leaving: leaving + more.leaving, entering: entering + more.entering }
+    let (more, _) = decide(ray, tree.1, Listed::new(Tally::four(own, 0), Tally::four(own, 4)));
+    Crossings { leaving: own.at(LEAVING) + more.leaving, entering: own.at(ENTERING) + more.entering }
 }
 
 /// Counts for every ray of a workgroup. Writes how many crossings leave and how many enter; where some are undecided,
@@ -235,10 +216,10 @@ pub fn count(
             let steps = &mut Steps::default();
             tally(ray, (pairs, corners), aside, own, steps);
             let (leaving, open) = (own.at(LEAVING), own.at(OPEN));
-            let marked = if open > 0 { leaving | UNDECIDED } else { leaving };
             let many = open > MOST_OPEN;
+            let marked = if open > 0 { leaving | UNDECIDED } else { leaving };
             crossings.put(2 * i, if many { TOO_MANY } else { marked });
-            crossings.put(2 * i + 1, if many { 0 } else { own.at(KEPT) - open - leaving });
+            crossings.put(2 * i + 1, own.at(ENTERING));
             if open > 0 {
                 outcome.or(OUTCOME_LEFT, 1);
             }
@@ -280,7 +261,7 @@ pub fn settle(
                 outcome.or(OUTCOME_STATUS, steps.status);
             }
         } else {
-            let (found, whole) = decide(&ray.whole(), corners, (hits.at(i), more.at(i)));
+            let (found, whole) = decide(&ray.whole(), corners, Listed::new(hits.at(i), more.at(i)));
             crossings.put(2 * i, (leaving & !UNDECIDED) + found.leaving);
             crossings.put(2 * i + 1, entering + found.entering);
             if !whole {

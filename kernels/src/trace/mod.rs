@@ -14,6 +14,7 @@ pub mod crossings;
 pub mod frame;
 pub mod intersect;
 pub mod job;
+pub mod listed;
 #[cfg(target_arch = "x86_64")]
 pub mod packet;
 pub mod place;

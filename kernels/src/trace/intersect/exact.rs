@@ -270,6 +270,7 @@ impl<N: Long> Met<N> {
         let (six, error) = volume(ray.origin, corners);
         let along = six.by_power(self.unit).pair().times(Pair { hi: -dz, lo: 0.0 });
         let t = along.over(self.det.pair(), self.inverse);
+        // The direction along the main axis is less than 2, and there is room for rounding.
         let off = abs(t.hi) * (self.off.2 + exp2(-38)) + 2.5 * error * abs(self.unit * self.inverse);
         (self.near, self.later) = rounded(t, off);
     }

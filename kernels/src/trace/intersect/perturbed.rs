@@ -132,7 +132,7 @@ fn by_pairs<const ORDERED: bool>(
     // At 0 it is for the rule.
     let mut certain = met.sure() & !(near == 0.0);
     if !ORDERED {
-        certain |= (near > ray.t_min) & (later < best.t) & (later < ray.t_max);
+        certain |= (near > ray.t_min) & (later < ray.t_max);
     }
     if !certain && near <= 0.0 && later >= 0.0 {
         // The perturbed volume has the other sign.

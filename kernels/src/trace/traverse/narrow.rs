@@ -19,6 +19,7 @@ use crate::{
         frame::Frame,
         intersect::{Best, Intersector, exact::Exact},
         job::{JOB_RAYS, OUTCOME_LEFT, OUTCOME_STATUS, load, loops_are_whole, record},
+        listed::{NONE, four},
         queries::SHARED,
     },
 };
@@ -40,8 +41,6 @@ pub(super) const LISTED: u32 = 0x4000_0000;
 pub(super) const LONG: u32 = 0x8000_0000;
 /// Stands for the fourth reference if there are too many.
 pub(super) const TOO_MANY: u32 = u32::MAX;
-/// Stands for no reference.
-pub(super) const NONE: u32 = LISTED - 1;
 
 /// Keeps the triangles of which one may be the closest hit. `t` of the best is the highest that the closest hit's may
 /// be.
@@ -56,17 +55,10 @@ impl Narrow {
         own.put(FIRST + EACH * i + 2, near.to_bits());
     }
 
-    /// What lists triangle `i`.
+    /// Four references that list triangles, from number `first` on.
     #[inline(always)]
-    fn reference(own: &impl Slots<u32>, i: u32) -> u32 {
-        if i < own.at(COUNT) { own.at(FIRST + EACH * i + 1) } else { NONE }
-    }
-
-    /// What lists four of them, the last with a mark.
-    #[inline(always)]
-    fn four(own: &impl Slots<u32>, first: u32, mark: u32) -> UVec4 {
-        let (x, y) = (Self::reference(own, first), Self::reference(own, first + 1));
-        UVec4::new(x, y, Self::reference(own, first + 2), Self::reference(own, first + 3) | mark)
+    fn four(own: &impl Slots<u32>, first: u32) -> UVec4 {
+        four(own, (FIRST + 1, EACH), own.at(COUNT), first)
     }
 
     /// Forgets the triangles that are surely behind `t`, and adds one if it is not there.
@@ -145,11 +137,13 @@ pub fn narrow(
             let count = own.at(COUNT);
             if count == 0 {
                 hits.put(i, record(ray, &Best::NOTHING));
-            } else if count <= 4 {
-                hits.put(i, Narrow::four(own, 0, LISTED));
             } else if count <= MOST {
-                hits.put(i, Narrow::four(own, 0, LONG));
-                more.put(i, Narrow::four(own, 4, 0));
+                let first = Narrow::four(own, 0);
+                let mark = if count > 4 { LONG } else { LISTED };
+                hits.put(i, UVec4::new(first.x, first.y, first.z, first.w | mark));
+                if count > 4 {
+                    more.put(i, Narrow::four(own, 4));
+                }
             } else {
                 hits.put(i, UVec4::new(NONE, NONE, NONE, TOO_MANY));
                 outcome.or(OUTCOME_LEFT, 1);

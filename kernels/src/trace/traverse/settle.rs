@@ -1,6 +1,6 @@
 //! Closest hits of the exact test, second kernel: the triangles that [`narrow`](super::narrow) found are tested.
 
-use super::narrow::{LISTED, LONG, NONE, TOO_MANY};
+use super::narrow::{LISTED, LONG, TOO_MANY};
 #[cfg(not(target_arch = "spirv"))]
 use crate::trace::queries::Query;
 use crate::{
@@ -10,6 +10,7 @@ use crate::{
         frame::Frame,
         intersect::{Best, NORMAL, exact::Exact},
         job::{JOB_RAYS, OUTCOME_STATUS, record},
+        listed::{Listed, NONE},
     },
 };
 use raykd_shared::{TreeHeader, status};
@@ -31,21 +32,20 @@ pub fn settle(
         let first = hits.at(i);
         if (first.w & (LISTED | LONG) != 0) & (first.w != TOO_MANY) {
             let ray = Frame::new(rays.at(2 * i), rays.at(2 * i + 1), &header.at(0)).whole();
-            let mut left = UVec4::new(first.x, first.y, first.z, first.w & NONE);
             let mut later = UVec4::new(NONE, NONE, NONE, NONE);
             if first.w & LONG != 0 {
                 later = more.at(i);
             }
+            let mut listed = Listed::new(UVec4::new(first.x, first.y, first.z, first.w & NONE), later);
             let mut best = Best::NOTHING;
             let mut running = true;
             // 1 until there are no more.
             let mut open = 1;
             while running {
-                let (a, b, c) = corners.three(3 * left.x);
+                let (a, b, c) = corners.three(3 * listed.first());
                 running = Exact.settle(&ray, a.w.to_bits() & !NORMAL, (a, b, c), &mut best);
-                left = UVec4::new(left.y, left.z, left.w, later.x);
-                later = UVec4::new(later.y, later.z, later.w, NONE);
-                if running && left.x == NONE {
+                listed.pass();
+                if running && listed.first() == NONE {
                     running = false;
                     open = 0;
                 }
