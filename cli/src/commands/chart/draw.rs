@@ -141,6 +141,7 @@ fn draw<DB: DrawingBackend>(root: &Area<DB>, figure: &Figure, k: i32) -> anyhow:
         let dots = DashedPathElement::new(ends, 2 * k, 3 * k, BLACK.stroke_width(k as u32));
         above.draw(&dots).map_err(plain)?;
     }
+    let mut written = Vec::new();
     for series in &figure.series {
         let points: Vec<_> = series.marks.iter().map(|mark| at(mark.x, mark.y)).collect();
         line(&above, series, &points, k)?;
@@ -154,7 +155,7 @@ fn draw<DB: DrawingBackend>(root: &Area<DB>, figure: &Figure, k: i32) -> anyhow:
             } else {
                 shape(&above, series, point, k)?;
             }
-            label(&above, &mark.label, point, k, series.look == Look::Bars)?;
+            label(&above, &mark.label, point, k, series.look == Look::Bars, &mut written)?;
         }
     }
     for (row, entries) in legend(figure).into_iter().enumerate() {
@@ -236,24 +237,41 @@ fn shape<DB: DrawingBackend>(
     Ok(())
 }
 
-/// Words beside a point: to its left where there is no room to its right.
+/// Where words are: left, top, right and bottom.
+type Place = [i32; 4];
+
+/// Words beside a point: to its right if there is room and nothing is written, else to its left, above or below.
 fn label<DB: DrawingBackend>(
     area: &Area<DB>,
     text: &str,
     (x, y): (i32, i32),
     k: i32,
     inside: bool,
+    written: &mut Vec<Place>,
 ) -> anyhow::Result<()> {
     if text.is_empty() {
         return Ok(());
     }
     let style = ("sans-serif", 13 * k).into_font();
-    let (width, _) = area.estimate_text_size(text, &style.clone().into_text_style(area)).map_err(plain)?;
-    let left = x + 9 * k + width as i32 > SIZE[0] as i32 * k;
-    let (side, dx) = if left { (HPos::Right, -9 * k) } else { (HPos::Left, 9 * k) };
-    let colour = if left && inside { WHITE } else { BLACK };
-    let style = style.color(&colour).pos(Pos::new(side, VPos::Center));
-    area.draw(&Text::new(text.to_owned(), (x + dx, y), style)).map_err(plain)
+    let (width, height) =
+        area.estimate_text_size(text, &style.clone().into_text_style(area)).map_err(plain)?;
+    let (width, height) = (width as i32, height as i32);
+    let place = |left: i32, middle: i32| [left, middle - height / 2, left + width, middle + height / 2];
+    let beside = [x + 9 * k, x - 9 * k - width].map(|left| place(left, y));
+    let over = [y - 16 * k, y + 16 * k].map(|middle| place(x - width / 2, middle));
+    let fits = |at: &&Place| at[0] >= 0 && at[2] <= SIZE[0] as i32 * k;
+    let is_free = |at: &&Place| !written.iter().any(|other| meet(at, other));
+    let all = || beside.iter().chain(&over).filter(fits);
+    let at = *all().find(is_free).or_else(|| all().next()).unwrap_or(&beside[1]);
+    written.push(at);
+    let colour = if at[0] < x && inside { WHITE } else { BLACK };
+    let style = style.color(&colour).pos(Pos::new(HPos::Left, VPos::Center));
+    area.draw(&Text::new(text.to_owned(), (at[0], (at[1] + at[3]) / 2), style)).map_err(plain)
+}
+
+/// Whether two places overlap.
+fn meet(a: &Place, b: &Place) -> bool {
+    a[0] < b[2] && b[0] < a[2] && a[1] < b[3] && b[1] < a[3]
 }
 
 #[cfg(test)]
@@ -281,6 +299,27 @@ mod tests {
             y: Axis::new("Mray/s", Scale::Linear),
             series,
             grid: Grid::default(),
+        }
+    }
+
+    /// Where the words are that a drawing begins with `start`.
+    fn places_of(svg: &str, start: &str) -> Vec<(String, String)> {
+        let texts = svg.split("<text ").filter(|text| text.contains(start));
+        let number =
+            |text: &str, name: &str| text.split(name).nth(1).unwrap().split('"').next().unwrap().to_owned();
+        texts.map(|text| (number(text, "x=\""), number(text, "y=\""))).collect()
+    }
+
+    #[test]
+    fn words_at_one_point_are_written_apart() {
+        let mut figure = figure();
+        for name in ["word one", "word two", "word three", "word four"] {
+            figure.series[2].mark(9.0, 3.5, name);
+        }
+        let places = places_of(&svg(&figure).unwrap(), "\nword ");
+        assert_eq!(places.len(), 4, "{places:?}");
+        for (i, place) in places.iter().enumerate() {
+            assert!(!places[..i].contains(place), "{places:?}");
         }
     }
 

@@ -25,12 +25,6 @@ impl Peer {
     fn mrays(&self) -> f64 {
         4.0 / [self.mrays_a, self.mrays_b, self.mrays_c, self.mrays_d].iter().map(|m| 1.0 / m).sum::<f64>()
     }
-
-    /// Whether their labels would meet.
-    fn is_beside(&self, other: &Self) -> bool {
-        let near = |a: f64, b: f64, times: f64| a < b * times && b < a * times;
-        near(self.build_ms, other.build_ms, 1.8) && near(self.mrays(), other.mrays(), 1.1)
-    }
 }
 
 pub(super) fn read(path: &Path) -> anyhow::Result<Vec<Peer>> {
@@ -58,9 +52,7 @@ fn figure(scene: &str, peers: &[Peer]) -> Figure {
     for (kind, p) in of().enumerate() {
         let wrong = if p.wrong == 0 { "no wrong hit".to_owned() } else { format!("{} wrong", p.wrong) };
         let mut marks = Series::new(format!("{}: {wrong}", p.peer), Look::Marks, kind, p.wrong > 0);
-        // Of labels that would meet the first stands; the legend has all.
-        let meets = of().take(kind).any(|other| p.is_beside(other));
-        marks.mark(p.build_ms, p.mrays(), if meets { "" } else { &p.peer });
+        marks.mark(p.build_ms, p.mrays(), &p.peer);
         series.push(marks);
         let rates = [p.build_ms, p.mrays_a, p.mrays_b, p.mrays_c, p.mrays_d, p.mrays()].map(three);
         let counts = [p.wrong.to_string(), p.unclear.to_string()];
