@@ -134,15 +134,17 @@ fn box_at(boxes: &[u32; BOXES], at: u32) -> Bounds {
 }
 
 /// How many of the `number` references whose low faces on an axis stand at `from` lie below and above planes
-/// at `low` and `high`. Read four at a time: what may follow them ends nowhere.
+/// at `low` and `high`. Read four at a time: what may follow them ends nowhere. Floats count, since a GPU adds
+/// them beside comparing.
 #[inline(always)]
-fn sides(boxes: &[u32; BOXES], from: u32, number: u32, low: f32, high: f32) -> [(u32, u32); 2] {
-    let mut sides = [(number, 0); 2];
+fn sides(boxes: &[u32; BOXES], from: u32, number: u32, low: f32, high: f32) -> [(f32, f32); 2] {
+    let mut sides = [(number as f32, 0.0); 2];
+    let one_if = |holds: bool| if holds { 1.0 } else { 0.0 };
     let mut count = |lo: u32, hi: u32| {
         let (lo, hi) = (f32::from_bits(lo), f32::from_bits(hi));
         let mut at_plane = |k: usize, at: f32| {
-            sides[k].0 -= ((lo >= at) & (hi > at)) as u32;
-            sides[k].1 += (hi > at) as u32;
+            sides[k].0 -= one_if((lo >= at) & (hi > at));
+            sides[k].1 += one_if(hi > at);
         };
         at_plane(0, low);
         at_plane(1, high);
@@ -248,8 +250,7 @@ fn candidate(boxes: &[u32; BOXES], node: Last, sah: &Sah, lane: u32) -> (f32, u3
     if BY_MEMBER { of_member(boxes, node, sah, lane) } else { of_axis(boxes, node, sah, lane) }
 }
 
-/// [`candidate`] for a lane that has one member, on several axes side by side: as many as members fit the
-/// group's width.
+/// [`candidate`] for a lane that has the faces of a member on an axis: of each 32 such pairs, by axes, one.
 #[inline(always)]
 fn of_member(boxes: &[u32; BOXES], node: Last, sah: &Sah, lane: u32) -> (f32, u32) {
     let mut best = sah.leaf;
@@ -260,22 +261,21 @@ fn of_member(boxes: &[u32; BOXES], node: Last, sah: &Sah, lane: u32) -> (f32, u3
             pick = face * TREELET + member;
         }
     };
-    let width = 32 - (node.number - 1).leading_zeros();
-    let member = lane & ones(width);
-    if member < node.number {
-        let mut axis = lane >> width;
-        while axis < 3 {
-            let across = sah.across(axis);
-            let first = 2 * axis * PITCH + node.from;
-            let low = f32::from_bits(boxes.at(first + member));
-            let high = f32::from_bits(boxes.at(first + PITCH + member));
-            if across.holds(low) | across.holds(high) {
-                let [at_low, at_high] = sides(boxes, first, node.number, low, high);
-                weigh(across.cut(low, at_low.0 as f32, at_low.1 as f32), 2 * axis, member);
-                weigh(across.cut(high, at_high.0 as f32, at_high.1 as f32), 2 * axis + 1, member);
-            }
-            axis += TREELET >> width;
+    let number = node.number;
+    let mut pair = lane;
+    while pair < 3 * number {
+        let axis = (pair >= number) as u32 + (pair >= 2 * number) as u32;
+        let member = pair - axis * number;
+        let across = sah.across(axis);
+        let first = 2 * axis * PITCH + node.from;
+        let low = f32::from_bits(boxes.at(first + member));
+        let high = f32::from_bits(boxes.at(first + PITCH + member));
+        if across.holds(low) | across.holds(high) {
+            let [at_low, at_high] = sides(boxes, first, number, low, high);
+            weigh(across.cut(low, at_low.0, at_low.1), 2 * axis, member);
+            weigh(across.cut(high, at_high.0, at_high.1), 2 * axis + 1, member);
         }
+        pair += TREELET;
     }
     (best, pick)
 }
