@@ -13,6 +13,9 @@ use core::{
     ops::{Add, BitAnd, BitOr, Mul, Not, Sub},
 };
 
+/// How many.
+pub(crate) const SIDE_BY_SIDE: u32 = 8;
+
 /// Instructions of AVX2.
 macro_rules! avx2 {
     ($instructions:expr) => {

@@ -6,13 +6,13 @@ use super::{
     frame::Frame,
     intersect::{Best, strict::Strict},
     job::{load, record},
-    packet::SIDE_BY_SIDE,
     traverse::{
         crossing::crossed,
         leaf::{self, Every},
     },
 };
 use crate::{
+    eight::SIDE_BY_SIDE,
     glam::{UVec4, Vec4},
     math::{Sides, high, low},
     mem::{Buf, Slots, Stack},

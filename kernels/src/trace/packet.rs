@@ -18,15 +18,12 @@ use super::{
 };
 use crate::{
     Group,
-    eight::Eight,
+    eight::{Eight, SIDE_BY_SIDE},
     glam::{UVec4, Vec3, Vec4},
     math::{Digits, Sides, abs, div, exp2, high},
     mem::{Buf, Slots, Stack},
 };
 use raykd_shared::{MISS, Node, TreeHeader, limits::MAX_DEPTH};
-
-/// How many rays go together.
-pub const SIDE_BY_SIDE: u32 = 8;
 
 /// How near to each other rays start that go together, of the scene's largest extent.
 const NEAR: f32 = 1.0 / 16.0;
