@@ -13,7 +13,7 @@ use core::{
     ops::{Add, BitAnd, BitOr, Mul, Not, Sub},
 };
 
-/// How many.
+/// How many numbers stand in a register, and so how many rays are answered at once.
 pub(crate) const SIDE_BY_SIDE: u32 = 8;
 
 /// Instructions of AVX2.

@@ -75,8 +75,8 @@ const ABOVE: u32 = 8;
 const MASK: u32 = 9;
 const OWN: usize = 10;
 
-/// Whether a lane weighs the faces of one member of the node, for which it reads the boxes of four at a time.
-/// A CPU's lane weighs all on an axis, eight in a vector.
+/// Whether a lane weighs the faces of one member on an axis, for which it reads the boxes of four at a time. A
+/// CPU's lane weighs all on an axis, eight in a vector.
 const BY_MEMBER: bool = ON_GPU;
 
 /// Lanes that weigh a node's candidates.
@@ -134,8 +134,8 @@ fn box_at(boxes: &[u32; BOXES], at: u32) -> Bounds {
 }
 
 /// How many of the `number` references whose low faces on an axis stand at `from` lie below and above planes
-/// at `low` and `high`. Read four at a time: what may follow them ends nowhere. Floats count, since a GPU adds
-/// them beside comparing.
+/// at `low` and `high`. Read four at a time: what may follow them ends nowhere. The counts are floats: a GPU
+/// adds those in other units than it compares in, integers in the same.
 #[inline(always)]
 fn sides(boxes: &[u32; BOXES], from: u32, number: u32, low: f32, high: f32) -> [(f32, f32); 2] {
     let mut sides = [(number as f32, 0.0); 2];
@@ -250,7 +250,7 @@ fn candidate(boxes: &[u32; BOXES], node: Last, sah: &Sah, lane: u32) -> (f32, u3
     if BY_MEMBER { of_member(boxes, node, sah, lane) } else { of_axis(boxes, node, sah, lane) }
 }
 
-/// [`candidate`] for a lane that has the faces of a member on an axis: of each 32 such pairs, by axes, one.
+/// [`candidate`] where the lanes share out the pairs of a member and an axis, axis by axis.
 #[inline(always)]
 fn of_member(boxes: &[u32; BOXES], node: Last, sah: &Sah, lane: u32) -> (f32, u32) {
     let mut best = sah.leaf;
