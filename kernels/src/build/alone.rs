@@ -44,7 +44,7 @@ pub fn alone(
             let params = params.at(0);
             fill(group, table, rate, &item, refs, item.first, item.count);
             find(group, table, found, &params, depth, &item);
-            let plane = chosen(found);
+            let plane = chosen(table, found);
             let clips = (params.rule & rule::CLIP) != 0;
             let mut done = 0;
             while done < item.count {
@@ -81,7 +81,7 @@ pub fn alone(
 
 kernel! {
     /// [`alone`] over all active nodes of a level.
-    group ALONE = alone, threads 64, shared [table: TABLE, rate: 3, found: FOUND, sums: 2], {
+    group ALONE = alone, threads 96, shared [table: TABLE, rate: 3, found: FOUND, sums: 2], {
         0 params: read BuildParams, 1 positions: read f32, 2 indices: read u32, 3 level: read u32,
         4 active: read UVec4, 5 refs: write UVec4, 6 planes: write UVec2, 7 sizes: write u32, 8 hists: write u32,
         9 sides: write UVec2,

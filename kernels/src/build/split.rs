@@ -8,25 +8,35 @@ use super::{
     scan::{serial, serial_back},
 };
 use crate::{
-    Group,
+    Group, ON_GPU,
     glam::{UVec2, UVec4},
     math::{Listed, Number, Wide as Bins, component},
-    mem::{Atomics, Buf, Slots},
+    mem::{Atomics, Buf, PerLane, Slots},
 };
 use raykd_shared::{BuildParams, limits::BINS, rule};
 
-// What is found: the cheapest plane by each border, what it costs, its axis and its place;
-const AXES: u32 = BINS;
-const PLACES: u32 = 2 * BINS;
-/// what the cheapest of all costs, or the node as a leaf;
-const COST: u32 = 3 * BINS;
-/// and by which border it is, or [`NONE`].
-const BORDER: u32 = COST + 1;
-/// If by none, [`SplitPlane::words`] of the plane there is instead.
-const INSTEAD: u32 = BORDER + 1;
+/// How many lanes share out the axes of a border: a GPU waits for the arithmetic, a CPU for the comparisons at the end.
+const SHARES: u32 = if ON_GPU { 3 } else { 1 };
+/// Lanes that weigh planes.
+const WEIGHING: u32 = SHARES * BINS / Bins::WIDTH;
+/// How many cheapest planes they find.
+const PLANES: u32 = SHARES * BINS;
+
+// What is found: what the cheapest of all planes costs, or the node as a leaf;
+const COST: u32 = 0;
+/// and which it is, see [`key`], or [`NONE`].
+const PICK: u32 = 1;
+/// If none, [`SplitPlane::words`] of the plane there is instead.
+const INSTEAD: u32 = 2;
 /// Words of that.
 pub const FOUND: usize = INSTEAD as usize + 2;
 const NONE: u32 = u32::MAX;
+
+// Where the cheapest planes stand in the table, once all are weighed: what they cost, their axes and places.
+const COSTS: u32 = BEFORE;
+const AXES: u32 = COSTS + PLANES;
+const PLACES: u32 = AXES + PLANES;
+const _: () = assert!(PLACES + PLANES <= TABLE as u32, "they fit");
 /// Nothing ends in the bin, or its first start is not told.
 const BEFORE_ALL: f32 = f32::NEG_INFINITY;
 /// Nothing starts in the bin.
@@ -62,7 +72,7 @@ fn start(group: Group, table: &mut [u32; TABLE], found: &mut [u32; FOUND], leaf:
         }
         if lane == 0 {
             found.put(COST, leaf);
-            found.put(BORDER, NONE);
+            found.put(PICK, NONE);
             let words = instead.words();
             found.put(INSTEAD, words.x);
             found.put(INSTEAD + 1, words.y);
@@ -71,7 +81,7 @@ fn start(group: Group, table: &mut [u32; TABLE], found: &mut [u32; FOUND], leaf:
 }
 
 /// The cheapest planes by some borders: what they cost, their axes and places.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 struct Best {
     cost: Bins,
     axis: Bins,
@@ -143,8 +153,8 @@ impl Borders {
     }
 }
 
-/// Finds the plane of a node whose histogram stands in `table`, and changes that: a lane a border, or some,
-/// ties to the lowest border, then axis. See [`chosen`].
+/// Finds the plane of a node whose histogram stands in `table`, and changes that: a lane has a border on an axis, or
+/// some on all. See [`key`] and [`chosen`].
 #[inline(always)]
 pub fn find(
     group: Group,
@@ -173,11 +183,12 @@ pub fn find(
         }
     });
     let longest = longest_axis(item.hi - item.lo);
-    lanes!(group, ..BINS / Bins::WIDTH, |lane| {
+    let mut bests = PerLane::<Best, { WEIGHING as usize }>::default();
+    lanes!(group, ..WEIGHING, |lane| {
         let all = Bins::all;
-        let bin = lane * Bins::WIDTH;
+        let bin = lane * Bins::WIDTH % BINS;
         let mut best = Best { cost: all(f32::INFINITY), axis: all(0.0), at: all(0.0) };
-        let mut axis = 0;
+        let mut axis = lane * Bins::WIDTH / BINS;
         while axis < 3 {
             let (lo, hi) = (component(item.lo, axis), component(item.hi, axis));
             let borders = Borders::new(table, bin, axis, lo, hi);
@@ -190,43 +201,53 @@ pub fn find(
             } else {
                 borders.weigh_faces(table, &sah, axis, &mut best);
             }
-            axis += 1;
+            axis += SHARES;
         }
-        best.cost.put(found, bin);
-        best.axis.put(found, AXES + bin);
-        best.at.put(found, PLACES + bin);
+        bests.put(lane, best);
+    });
+    lanes!(group, ..WEIGHING, |lane| {
+        let Best { cost, axis, at } = bests.at(lane);
+        let first = lane * Bins::WIDTH;
+        cost.put(table, COSTS + first);
+        axis.put(table, AXES + first);
+        at.put(table, PLACES + first);
     });
     // Costs are positive, so bits order as numbers do.
     lanes!(group, ..step, |lane| {
-        let mut border = lane;
-        while depth < params.max_depth && border < BINS {
-            found.lower(COST, found.at(border));
-            border += step;
+        let mut plane = lane;
+        while depth < params.max_depth && plane < PLANES {
+            found.lower(COST, table.at(COSTS + plane));
+            plane += step;
         }
     });
     lanes!(group, ..step, |lane| {
-        let mut border = lane;
-        while found.at(COST) < leaf && border < BINS {
-            if found.at(border) == found.at(COST) {
-                found.lower(BORDER, border);
+        let mut plane = lane;
+        while found.at(COST) < leaf && plane < PLANES {
+            if table.at(COSTS + plane) == found.at(COST) {
+                found.lower(PICK, key(table, plane));
             }
-            border += step;
+            plane += step;
         }
     });
 }
 
+/// Of equally cheap planes the one with the lowest key is taken: that by the lowest border, then across the lowest
+/// axis.
+#[inline(always)]
+fn key(table: &[u32; TABLE], plane: u32) -> u32 {
+    plane % BINS * 4 + f32::from_bits(table.at(AXES + plane)) as u32
+}
+
 /// The plane that [`find`] found.
 #[inline(always)]
-pub fn chosen(found: &[u32; FOUND]) -> SplitPlane {
-    let border = found.at(BORDER);
-    if border == NONE {
+pub fn chosen(table: &[u32; TABLE], found: &[u32; FOUND]) -> SplitPlane {
+    let pick = found.at(PICK);
+    if pick == NONE {
         SplitPlane::from_words(UVec2::new(found.at(INSTEAD), found.at(INSTEAD + 1)))
     } else {
-        SplitPlane {
-            axis: f32::from_bits(found.at(AXES + border)) as u32,
-            at: f32::from_bits(found.at(PLACES + border)),
-            pays: true,
-        }
+        let (border, axis) = (pick / 4, pick % 4);
+        let plane = axis % SHARES * BINS + border;
+        SplitPlane { axis, at: f32::from_bits(table.at(PLACES + plane)), pays: true }
     }
 }
 
@@ -256,7 +277,7 @@ pub fn split(
             });
             find(group, table, found, &params.at(0), level.at(LEVEL_DEPTH), &item);
             lanes!(group, ..1, |_lane| {
-                planes.put(group.id, chosen(found).words());
+                planes.put(group.id, chosen(table, found).words());
             });
         }
     }
@@ -264,7 +285,7 @@ pub fn split(
 
 kernel! {
     /// [`split`] over all active nodes of a level.
-    group SPLIT = split, threads 32, shared [table: TABLE, found: FOUND], {
+    group SPLIT = split, threads 96, shared [table: TABLE, found: FOUND], {
         0 params: read BuildParams, 1 level: read u32, 2 active: read UVec4, 3 hists: read u32,
         4 planes: write UVec2,
     }
