@@ -246,7 +246,7 @@ pub fn chosen(table: &[u32; TABLE], found: &[u32; FOUND]) -> SplitPlane {
         SplitPlane::from_words(UVec2::new(found.at(INSTEAD), found.at(INSTEAD + 1)))
     } else {
         let (border, axis) = (pick / 4, pick % 4);
-        let plane = axis % SHARES * BINS + border;
+        let plane = if SHARES == 1 { border } else { axis * BINS + border };
         SplitPlane { axis, at: f32::from_bits(table.at(PLACES + plane)), pays: true }
     }
 }
