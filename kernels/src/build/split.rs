@@ -154,7 +154,8 @@ impl Borders {
 }
 
 /// Finds the plane of a node whose histogram stands in `table`, and changes that: a lane has a border on an axis, or
-/// some on all. See [`key`] and [`chosen`].
+/// some on all. Of equally cheap planes the one by the lowest border is taken, then that across the lowest axis. See
+/// [`chosen`].
 #[inline(always)]
 pub fn find(
     group: Group,
