@@ -7,7 +7,7 @@ use raykd::{
 };
 use raykd_kernels::{
     Kernel,
-    build::boxes,
+    build::{bin::HIST_WORDS, boxes},
     glam::Vec4,
     probe::{self, PROBE, RESULTS},
 };
@@ -126,20 +126,29 @@ fn boxes_give_the_same_bytes() {
         let kept = buffer(device, "kept", &(0..triangles).collect::<Vec<_>>());
         // With room to spare, which must stay as it is.
         let refs = poisoned(device, "refs", triangles as usize * 2 + 256);
+        let hists = poisoned(device, "histogram", HIST_WORDS as usize + 256);
+        let sizes = poisoned(device, "sizes", 256);
         let boxes = boxes::Buffers {
             params: &params,
             positions: &positions,
             indices: &indices,
             kept: &kept,
             refs: refs.out(),
+            hists: hists.out(),
+            sizes: sizes.out(),
         };
         run(device, &[boxes.over(triangles)], false).unwrap();
-        bytes(device, &refs)
+        [bytes(device, &refs), bytes(device, &hists), bytes(device, &sizes)]
     });
     assert!(cpu == gpu);
-    let (written, spare) = cpu.split_at(triangles as usize * 32);
+    let [refs, cleared @ ..] = &cpu;
+    let (written, spare) = refs.split_at(triangles as usize * 32);
     assert!(written.chunks(16).all(|row| row != [POISON; 16]));
     assert!(spare.iter().all(|&byte| byte == POISON));
+    for (buffer, words) in cleared.iter().zip([HIST_WORDS as usize, 2]) {
+        let (written, spare) = buffer.split_at(4 * words);
+        assert!(written.iter().all(|&byte| byte == 0) && spare.iter().all(|&byte| byte == POISON));
+    }
 }
 
 #[test]

@@ -31,6 +31,20 @@ impl Group {
     }
 }
 
+impl Group {
+    /// Waits for all lanes; what they wrote to buffers is then seen by all.
+    #[inline(always)]
+    pub fn meet_at_buffers(&self) {
+        #[cfg(target_arch = "spirv")]
+        {
+            use spirv_std::memory::{Scope, Semantics};
+            const GROUP: u32 = Scope::Workgroup as u32;
+            const BUFFERS: u32 = Semantics::UNIFORM_MEMORY.bits() | Semantics::ACQUIRE_RELEASE.bits();
+            spirv_std::arch::control_barrier::<GROUP, GROUP, BUFFERS>();
+        }
+    }
+}
+
 #[cfg(target_arch = "spirv")]
 impl Group {
     /// Waits for all lanes; what they wrote to workgroup memory is then seen by all.

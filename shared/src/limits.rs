@@ -10,6 +10,9 @@ pub const BINS: u32 = 32;
 /// Nodes of at most this many references are finished by one workgroup, with one bit a reference in a `u32`.
 pub const TREELET: u32 = 32;
 
+/// The subtree of a node of at most this many references is built by one workgroup, down to treelets.
+pub const BRANCH: u32 = 256;
+
 /// References per workgroup in the passes over large nodes.
 pub const CHUNK: u32 = 512;
 

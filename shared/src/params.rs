@@ -2,7 +2,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// What every build kernel knows about its scene: one 84-byte record.
+/// What every build kernel knows about its scene: one 80-byte record.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct BuildParams {
@@ -22,7 +22,7 @@ pub struct BuildParams {
     pub max_depth: u32,
     /// Room in each list of references of the level loop.
     pub level_refs: u32,
-    /// Room in the list of references of finished large leaves and treelets; in the sweep, of all leaves.
+    /// Room in the list of references of branches and treelets; in the sweep, of all leaves.
     pub treelet_refs: u32,
     /// Room in the list of active nodes of a level.
     pub active: u32,
@@ -32,7 +32,7 @@ pub struct BuildParams {
     pub long: u32,
     /// How planes are chosen: bits of [`rule`].
     pub rule: u32,
-    /// Nodes of at most this many references leave the level loop; at most [`crate::limits::TREELET`]. In the
+    /// Nodes of at most this many references become treelets; at most [`crate::limits::TREELET`]. In the
     /// builder `exact`, they have no lists of faces.
     pub small: u32,
     /// What listing a triangle in one more leaf costs, in units of cost times half area; less in nodes where
@@ -40,8 +40,6 @@ pub struct BuildParams {
     pub price: f32,
     /// Factor on the cost of planes that cut off empty space.
     pub empty: f32,
-    /// From this level on one workgroup finds a node's plane, however many references it has: hardly any has many.
-    pub alone: u32,
 }
 
 /// Bits of [`BuildParams::rule`].
@@ -54,4 +52,4 @@ pub mod rule {
     pub const CLIP: u32 = 4;
 }
 
-const _: () = assert!(size_of::<BuildParams>() == 84, "21 words");
+const _: () = assert!(size_of::<BuildParams>() == 80, "20 words");

@@ -105,7 +105,7 @@ fn one_wrong_word_in_one_dispatch_is_traced_to_its_kernel() {
     let [job, exact] = [&options, &exact].map(|options| Job { mesh: &mesh, options, seed: 1 });
     job.compare(&[cpu(), cpu()]).unwrap();
     let traces = ["closest", "except", "transforms", "woop", "moeller", "plane", "baldwin"];
-    let builds = ["boxes", "bin", "split", "scatter", "treelet", "place", "emit"];
+    let builds = ["boxes", "bin", "count", "scatter", "branch", "assign", "join", "treelet", "place", "emit"];
     let exacts = [
         "start",
         "sort",

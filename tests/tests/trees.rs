@@ -1,7 +1,13 @@
 //! The whole build: the same bytes on every device, and every triangle where it belongs.
 
 use proptest::prelude::*;
-use raykd::{BuildOptions, Builder, KdTree, Mesh, Scene};
+use raykd::{
+    BuildOptions, Builder, KdTree, Mesh, Scene,
+    shared::{
+        TreeView,
+        limits::{BRANCH, MAX_DEPTH},
+    },
+};
 use raykd_tests::{
     Failure, any_options, cases, devices,
     meshes::{Family, RANDOM, Recipe, ZOO, any_mesh},
@@ -69,21 +75,27 @@ fn the_teapot_builds_the_same_tree_everywhere() {
     assert!(report.depth > 8 && report.largest_leaf < 64, "{report:?}");
 }
 
-/// More nodes on a level than one workgroup gives places to, and more references in one than one counts.
+/// More large nodes on a level than one workgroup gives places to, and more references in one than one counts.
 #[test]
 fn levels_of_several_blocks_and_nodes_of_several_chunks() {
-    let mesh = Mesh::teapot(32);
+    /// How many references the leaves below a node hold; and how many nodes are large, by depth.
+    fn held(tree: TreeView<'_>, at: u32, depth: usize, large: &mut [u32]) -> u32 {
+        let node = tree.nodes[at as usize];
+        if node.is_leaf() {
+            return node.count();
+        }
+        let below = node.below();
+        let held = held(tree, below, depth + 1, large) + held(tree, below + 1, depth + 1, large);
+        // So many references come of more than 256.
+        large[depth] += u32::from(held > 3 * BRANCH);
+        held
+    }
+    let mesh = Mesh::teapot(68);
     let tree = build_everywhere(&mesh, &BuildOptions::default()).unwrap();
     check(&mesh, tree.view(), true).unwrap();
-    let mut level = vec![tree.view().nodes[0]];
-    let mut widest = 0;
-    while !level.is_empty() {
-        // Both children of a node of more than 32 references are usually such nodes, or treelets of several.
-        widest = widest.max(level.len());
-        let below = level.iter().filter(|node| !node.is_leaf()).map(|node| node.below() as usize);
-        level = below.flat_map(|at| [tree.view().nodes[at], tree.view().nodes[at + 1]]).collect();
-    }
-    assert!(widest > 16 * 1024, "{widest} nodes on a level");
+    let mut large = [0; MAX_DEPTH as usize + 1];
+    held(tree.view(), 0, 0, &mut large);
+    assert!(large.iter().any(|&nodes| nodes > 256), "{large:?} large nodes");
 }
 
 #[test]

@@ -16,15 +16,18 @@ use crate::{
 };
 use raykd_kernels::{
     build::{
-        ARGS_ACTIVE, ARGS_BLOCKS, ARGS_CHUNKS, ARGS_CORNERS, ARGS_EMIT, ARGS_SEVERAL_ACTIVE,
-        ARGS_SEVERAL_CHUNKS, ARGS_TOP, ARGS_TREELET_BLOCKS, ARGS_TREELETS, ARGS_WORDS, Item, Level, State,
+        ARGS_ACTIVE, ARGS_BLOCKS, ARGS_BRANCHES, ARGS_CHUNKS, ARGS_CORNERS, ARGS_EMIT, ARGS_TOP,
+        ARGS_TREELET_BLOCKS, ARGS_TREELETS, ARGS_WORDS, Item, Level, Round, State,
         alloc::{self, put_groups},
-        alone,
-        bin::{self, HIST_WORDS},
-        boxes, count, emit,
+        assign,
+        bin::{self, HIST_WORDS, histograms},
+        boxes,
+        branch::{self, SHARE, branches},
+        count, emit, join,
+        marks::BITS,
         place::{self, COPIERS},
         reference::Reference,
-        scatter, split,
+        scatter,
         survey::Found,
         tally::{self, BLOCK, blocks_of},
         to_bits, top,
@@ -33,7 +36,11 @@ use raykd_kernels::{
     glam::{UVec2, UVec4, Vec3, Vec4},
     trace::prepare::corners,
 };
-use raykd_shared::{BuildParams, Node, TreeHeader, limits::CHUNK, status};
+use raykd_shared::{
+    BuildParams, Node, TreeHeader,
+    limits::{BRANCH, CHUNK, TREELET},
+    status,
+};
 use std::ops::Range;
 
 /// The buffers of one try, in pairs where a level is made from the one above.
@@ -52,18 +59,30 @@ struct Lists {
     /// The triangles that take part. If the host has listed them, the memory of the second list of references, which
     /// is free until the first is moved.
     kept: Buffer<u32>,
-    hists: Buffer<u32>,
-    /// What treelets keep: the memory of the histograms, which are done with by then.
+    /// Of the nodes of a level, and of the next one: the memory of the list of treelets, of which there are none yet.
+    hists: [Buffer<u32>; 2],
+    /// What treelets keep: the memory of the first list of references, which is done with by then.
     scratch: Buffer<UVec2>,
     planes: Buffer<UVec2>,
+    /// Which references of a chunk go where, and how many.
+    bits: Buffer<UVec2>,
     sides: Buffer<UVec2>,
-    targets: Buffer<UVec2>,
+    targets: Buffer<UVec4>,
     /// How many references go below and above, and the same word by word.
-    sizes: Buffer<UVec2>,
-    size_words: Buffer<u32>,
+    sizes: [Buffer<UVec2>; 2],
+    size_words: [Buffer<u32>; 2],
     blocks: Buffer<u32>,
     top: Buffer<UVec2>,
+    rounds: [Buffer<u32>; 2],
+    branches: Buffer<UVec4>,
+    /// What branches become: the memory of the second list, and their nodes: of the first.
+    items: Buffer<UVec4>,
+    item_nodes: Buffer<UVec2>,
+    /// The memory of what treelets keep of their sizes and places.
+    branch_sizes: Buffer<UVec4>,
+    branch_places: Buffer<UVec4>,
     treelets: Buffer<UVec4>,
+    /// References of branches and treelets.
     treelet_refs: Buffer<UVec4>,
     treelet_sizes: Buffer<UVec2>,
     treelet_blocks: Buffer<u32>,
@@ -86,6 +105,12 @@ const SPARE: u32 = 2;
 /// More levels, where nodes are left below those that were encoded.
 const MORE: u32 = 12;
 
+/// Rounds over branches, an even number: most need but one or two, and an empty one costs a hundredth of what another
+/// look at the device does. Where treelets are smaller, branches become more of them.
+const fn usual_rounds(small: u32) -> u32 {
+    if small < TREELET { 12 } else { 4 }
+}
+
 /// What a build notes for the next one, where memory is used again.
 #[derive(Clone, Copy, Debug)]
 struct Noted {
@@ -95,6 +120,8 @@ struct Noted {
     references: u32,
     /// Levels of large nodes.
     levels: u32,
+    /// Rounds over branches.
+    rounds: u32,
     nodes: u32,
     refs: u32,
     /// Of its lists.
@@ -103,14 +130,14 @@ struct Noted {
 
 impl Noted {
     fn of(device: &Device) -> Option<Self> {
-        let [triangles, references, levels, nodes, refs, room @ ..] = device.past()?;
-        Some(Self { triangles, references, levels, nodes, refs, room: Room::of_words(room) })
+        let [triangles, references, levels, rounds, nodes, refs, room @ ..] = device.past()?;
+        Some(Self { triangles, references, levels, rounds, nodes, refs, room: Room::of_words(room) })
     }
 
     fn keep(self, device: &Device) {
-        let Self { triangles, references, levels, nodes, refs, room } = self;
+        let Self { triangles, references, levels, rounds, nodes, refs, room } = self;
         let [a, b, c, d] = room.words();
-        device.note(Some([triangles, references, levels, nodes, refs, a, b, c, d]));
+        device.note(Some([triangles, references, levels, rounds, nodes, refs, a, b, c, d]));
     }
 
     /// Whether a tree over so many triangles may be expected to be as large as that one.
@@ -166,8 +193,11 @@ pub(super) fn build(
     lists.write(device, &from.kept, &without_size, out.as_ref())?;
     let mut times = BuildTimes { upload: begin.elapsed(), ..BuildTimes::default() };
     let most = if lists.root_is_large() { params.max_depth + 1 } else { 0 };
-    let guess = noted.map_or(usual_levels(params.references), |noted| noted.levels + SPARE);
+    let mut looks = 0;
+    let guess = noted.map_or(usual_levels(params), |noted| noted.levels + SPARE);
     let mut levels = 0..guess.min(most);
+    let mut rounds =
+        noted.map_or(usual_rounds(params.small), |noted| noted.rounds.next_multiple_of(2).max(2));
     let state = loop {
         let (mut state, mut steps) = ([State::default()], Vec::new());
         let mut back = vec![lists.state.back_from(0, &mut state)];
@@ -175,7 +205,10 @@ pub(super) fn build(
             steps.extend(survey.steps(lists.root()));
             back.push(survey.found.back_from(0, std::slice::from_mut(found)));
         }
-        steps.extend(lists.steps(levels.clone(), out.as_ref()));
+        if looks == 0 {
+            steps.push(lists.boxes());
+        }
+        steps.extend(lists.steps(levels.clone(), rounds, out.as_ref()));
         // The one look at the device, if these levels are enough: how large is the tree?
         let timing = device.dispatch_then(&steps, profile, &mut back)?;
         drop(back);
@@ -190,15 +223,20 @@ pub(super) fn build(
         if state.left == 0 {
             break state;
         }
-        if levels.end == most {
+        // Each look makes a level or two of what is left.
+        looks += 1;
+        if looks > params.max_depth + 1 {
             return Err(Error::Kernel(status::describe(status::LEVELS)).into());
         }
-        levels = levels.end..(levels.end + MORE).min(most);
+        // Branches come once the levels are done.
+        let more = if state.rounds > 0 { 0 } else { MORE };
+        levels = levels.end..(levels.end + more).min(most);
+        rounds = usual_rounds(params.small);
     };
-    let State { nodes, refs, levels, depth, .. } = state;
+    let State { nodes, refs, levels, rounds, depth, .. } = state;
     let BuildParams { triangles, references, level_refs, treelet_refs, active, treelets, .. } = *params;
     let room = Room { level_refs, treelet_refs, active, treelets };
-    Noted { triangles, references, levels, nodes, refs, room }.keep(device);
+    Noted { triangles, references, levels, rounds, nodes, refs, room }.keep(device);
     let (nodes, refs, corners) = match out {
         Some(tree) if state.is_written() => {
             (tree.nodes.first(nodes), tree.refs.first(refs), Some(tree.corners.first(3 * refs)))
@@ -219,12 +257,22 @@ pub(super) fn build(
 
 impl Lists {
     fn new(arena: &mut Arena<'_>, given: &BuildParams, from: &Given<'_>) -> Result<Self, Error> {
-        let scratch = 2 * u64::from(scratch_base(given.treelet_refs, given.treelets));
-        let words = (u64::from(given.active) * u64::from(HIST_WORDS)).max(scratch);
-        let hists: Buffer<u32> = arena.alloc("histograms", words.div_ceil(4) as u32, 4)?;
-        let sizes: Buffer<UVec2> = arena.alloc("sizes", given.active, 1)?;
-        let refs: [Buffer<UVec4>; 2] = arena.pair("level refs", given.level_refs, Reference::ELEMENTS)?;
+        let words = histograms(given.level_refs) * HIST_WORDS;
+        let hists: Buffer<u32> = arena.alloc("histograms", words.div_ceil(4), 4)?;
+        let treelets: Buffer<UVec4> =
+            arena.alloc("treelets", (given.treelets * Item::ELEMENTS).max(words.div_ceil(4)), 1)?;
+        let sizes: [Buffer<UVec2>; 2] = arena.pair("sizes", given.active, 1)?;
+        // What treelets and branches keep comes to lie there, too.
+        let scratch = scratch_base(given.treelet_refs, given.treelets).div_ceil(2);
+        let items = given.treelet_refs / SHARE * Item::ELEMENTS;
+        let references = |others: u32| given.level_refs.max(others.div_ceil(Reference::ELEMENTS));
+        let refs: [Buffer<UVec4>; 2] = [
+            arena.alloc("level refs", references(scratch), Reference::ELEMENTS)?,
+            arena.alloc("level refs", references(items), Reference::ELEMENTS)?,
+        ];
         let header: Buffer<TreeHeader> = arena.alloc("header", 1, 1)?;
+        let treelet_sizes: Buffer<UVec2> = arena.alloc("treelet sizes", given.treelets, 1)?;
+        let places: Buffer<UVec2> = arena.alloc("treelet places", given.treelets, 1)?;
         let params = arena.upload("params", std::slice::from_ref(given))?;
         Ok(Self {
             given: *given,
@@ -240,29 +288,36 @@ impl Lists {
                 KeptIn::Host(_) => refs[1].view(),
                 KeptIn::Device(kept) => kept.clone(),
             },
+            scratch: refs[0].view(),
+            item_nodes: refs[0].view(),
+            items: refs[1].view(),
             refs,
-            scratch: hists.view(),
-            hists,
+            hists: [hists, treelets.view()],
             planes: arena.alloc("planes", given.active, 1)?,
+            bits: arena.alloc("bits", given.active, BITS)?,
             sides: arena.alloc("sides", given.active, 1)?,
             targets: arena.alloc("targets", given.active, 1)?,
-            size_words: sizes.view(),
+            size_words: [sizes[0].view(), sizes[1].view()],
             sizes,
             blocks: arena.alloc("blocks", blocks_of(given.active), tally::KINDS)?,
             top: arena.alloc("top", 2 * given.treelets, 1)?,
-            treelets: arena.alloc("treelets", given.treelets, Item::ELEMENTS)?,
+            rounds: arena.pair("round", 1, 1)?.map(|round: Buffer<Round>| round.view()),
+            branches: arena.alloc("branches", branches(given.treelets), Item::ELEMENTS)?,
+            branch_sizes: treelet_sizes.view(),
+            branch_places: places.view(),
+            treelets,
             treelet_refs: arena.alloc("treelet refs", given.treelet_refs, Reference::ELEMENTS)?,
-            treelet_sizes: arena.alloc("treelet sizes", given.treelets, 1)?,
+            treelet_sizes,
             treelet_blocks: arena.alloc("treelet blocks", blocks_of(given.treelets), place::KINDS)?,
-            places: arena.alloc("treelet places", given.treelets, 1)?,
+            places,
             header_words: header.view(),
             header,
         })
     }
 
-    /// Whether the root is a node of the level loop, and not the only treelet.
+    /// Whether the root is a node of the level loop, and not the only branch.
     const fn root_is_large(&self) -> bool {
-        self.given.references > self.given.small
+        self.given.references > BRANCH
     }
 
     /// Writes what the kernels start from.
@@ -276,34 +331,29 @@ impl Lists {
         let given = &self.given;
         let [lo, hi] = [given.lo, given.hi].map(Vec3::from);
         let growth = growth(given.references).to_bits();
-        let root = [UVec4::new(0, 0, given.references, 0), to_bits(lo, growth), to_bits(hi, 0)];
+        let first = boxes::first(given.references, given.small);
+        let root = [UVec4::new(0, first, given.references, 0), to_bits(lo, growth), to_bits(hi, 0)];
         // The root and the padding after it are the first two slots.
         let room = out.map_or([0; 2], Tree::room);
-        let mut state = State { top: 2, room, ..State::default() };
+        let state = State { room, ..State::default() };
         device.write(&self.header, 0, std::slice::from_ref(header))?;
         device.write(&self.top.view(), 1, &[Node::PADDING])?;
-        let mut level = Level::default();
+        let (mut level, mut round) = (Level::default(), Round { blocks: [1; 3], ..Round::default() });
         let mut args = [0u32; ARGS_WORDS as usize];
-        put_groups(&mut args, ARGS_TREELET_BLOCKS, 1);
         if self.root_is_large() {
             let pieces = given.references.div_ceil(CHUNK);
             level = Level { active: 1, chunks: pieces, refs: given.references, top: 2, ..level };
-            let several = if pieces > 1 { pieces } else { 0 };
-            for (entry, groups) in [
-                (ARGS_ACTIVE, 1),
-                (ARGS_BLOCKS, 1),
-                (ARGS_CHUNKS, pieces),
-                (ARGS_SEVERAL_ACTIVE, several.min(1)),
-                (ARGS_SEVERAL_CHUNKS, several),
-            ] {
+            for (entry, groups) in [(ARGS_ACTIVE, 1), (ARGS_BLOCKS, 1), (ARGS_CHUNKS, pieces)] {
                 put_groups(&mut args, entry, groups);
             }
             device.write(&self.active[0], 0, &root)?;
             device.write(&self.chunks[0], 0, &vec![0; pieces as usize])?;
         } else {
-            state = State { groups: [1; 3], treelets: 1, treelet_refs: given.references, ..state };
-            device.write(&self.treelets, 0, &root)?;
+            let room = first + given.references;
+            round = Round { number: 1, top: 2, room, groups: [1; 3], ..round };
+            device.write(&self.branches, 0, &root)?;
         }
+        device.write(&self.rounds[0].view(), 0, &[round])?;
         device.write(&self.levels[0].view(), 0, &[level])?;
         device.write(&self.args[0], 0, &args)?;
         device.write(&self.treelet_blocks, 0, &vec![0; self.treelet_blocks.elements()])?;
@@ -318,27 +368,36 @@ impl Lists {
         let large = self.root_is_large();
         Root {
             params: &self.param_words,
-            item: if large { &self.active[0] } else { &self.treelets },
+            item: if large { &self.active[0] } else { &self.branches },
             header: &self.header_words,
             level: &self.levels[0],
             args: &self.args[0],
+            round: &self.rounds[0],
             state: &self.state,
         }
     }
 
-    /// What there is to do on some levels; then, if no large node is left, before the size of the tree is known; and to
-    /// write it, if that fits the room for it.
-    fn steps<'b>(&'b self, levels: Range<u32>, out: Option<&'b Tree>) -> Vec<Step<'b>> {
-        let Self { params, state, mesh, kept, .. } = self;
+    /// Makes the references of the root.
+    fn boxes(&self) -> Step<'_> {
+        let Self { params, mesh, kept, .. } = self;
+        let (positions, indices) = (&mesh.positions, &mesh.indices);
+        let refs = if self.root_is_large() { &self.refs[0] } else { &self.treelet_refs };
+        let (hists, sizes) = (self.hists[0].out(), self.size_words[0].out());
+        let boxes = boxes::Buffers { params, positions, indices, kept, refs: refs.out(), hists, sizes };
+        boxes.over(self.given.references.max(HIST_WORDS))
+    }
+
+    /// What there is to do on some levels, and in rounds over branches; then, if neither large nodes nor branches are
+    /// left, before the size of the tree is known; and to write it, if that fits the room for it.
+    fn steps<'b>(&'b self, levels: Range<u32>, rounds: u32, out: Option<&'b Tree>) -> Vec<Step<'b>> {
+        let Self { params, state, mesh, .. } = self;
         let (positions, indices) = (&mesh.positions, &mesh.indices);
         let mut steps = Vec::new();
-        if levels.start == 0 {
-            let refs = if self.root_is_large() { &self.refs[0] } else { &self.treelet_refs };
-            let boxes = boxes::Buffers { params, positions, indices, kept, refs: refs.out() };
-            steps.push(boxes.over(self.given.references));
-        }
         for depth in levels.clone() {
             self.level(depth, &mut steps);
+        }
+        for round in 0..rounds {
+            self.round(round, &mut steps);
         }
         let treelets = treelet::Buffers {
             params,
@@ -355,13 +414,14 @@ impl Lists {
         let last = levels.end as usize % 2;
         let place = place::Buffers {
             level: &self.levels[last],
+            round: &self.rounds[0],
             sizes: &self.treelet_sizes,
             blocks: &self.treelet_blocks,
             places: self.places.out(),
             state: state.out(),
             header: self.header_words.out(),
         };
-        steps.push(place.indirect(&self.args[last], ARGS_TREELET_BLOCKS));
+        steps.push(place.indirect(&self.rounds[0], ARGS_TREELET_BLOCKS));
         if let Some(Tree { nodes, refs, corners }) = out {
             let (top, emit) = self.writers(nodes, refs);
             let (header, corners) = (&self.header, corners.out());
@@ -375,28 +435,17 @@ impl Lists {
         steps
     }
 
-    /// Makes the level below one, and treelets of its small nodes.
+    /// Makes the level below one, and branches of its small nodes.
     fn level<'b>(&'b self, depth: u32, steps: &mut Vec<Step<'b>>) {
         let now = depth as usize % 2;
         let then = 1 - now;
-        let Self { params, state, hists, planes, sides, targets, sizes, size_words, blocks, .. } = self;
+        let Self { params, state, planes, bits, sides, targets, blocks, .. } = self;
+        let sizes = &self.sizes[now];
         let (positions, indices) = (&self.mesh.positions, &self.mesh.indices);
         let (level, args) = (&self.levels[now], &self.args[now]);
         let (active, chunks, refs) = (&self.active[now], &self.chunks[now], &self.refs[now]);
-        let alone = alone::Buffers {
-            params,
-            positions,
-            indices,
-            level,
-            active,
-            refs: refs.out(),
-            planes: planes.out(),
-            sizes: size_words.out(),
-            hists: hists.out(),
-            sides: sides.out(),
-        };
-        let bin = bin::Buffers { level, active, chunks, refs, hists: hists.out() };
-        let split = split::Buffers { params, level, active, hists, planes: planes.out() };
+        let (these_hists, next_hists) = (&self.hists[now], &self.hists[then]);
+        let bin = bin::Buffers { level, active, chunks, refs, hists: these_hists.out() };
         let count = count::Buffers {
             params,
             positions,
@@ -404,10 +453,14 @@ impl Lists {
             level,
             active,
             chunks,
+            hists: these_hists,
             refs: refs.out(),
-            planes,
+            planes: planes.out(),
+            bits: bits.out(),
             sides: sides.out(),
-            sizes: size_words.out(),
+            sizes: self.size_words[now].out(),
+            next_hists: next_hists.out(),
+            next_sizes: self.size_words[then].out(),
         };
         let tally = tally::Buffers { params, level, planes, sizes, blocks: blocks.out() };
         let alloc = alloc::Buffers {
@@ -423,7 +476,8 @@ impl Lists {
             next_active: self.active[then].out(),
             next_chunks: self.chunks[then].out(),
             next_args: self.args[then].out(),
-            treelets: self.treelets.out(),
+            branches: self.branches.out(),
+            round: self.rounds[0].out(),
             state: state.out(),
         };
         let scatter = scatter::Buffers {
@@ -435,25 +489,67 @@ impl Lists {
             chunks,
             refs,
             planes,
+            bits,
             sides,
             targets,
-            state,
+            next_level: &self.levels[then],
             next: self.refs[then].out(),
-            treelet_refs: self.treelet_refs.out(),
+            branch_refs: self.treelet_refs.out(),
+            hists: next_hists.out(),
         };
-        steps.push(alone.indirect(args, ARGS_ACTIVE));
-        if depth < self.given.alone {
-            steps.extend([
-                bin.indirect(args, ARGS_SEVERAL_CHUNKS),
-                split.indirect(args, ARGS_SEVERAL_ACTIVE),
-                count.indirect(args, ARGS_SEVERAL_CHUNKS),
-            ]);
+        if depth == 0 {
+            steps.push(bin.indirect(args, ARGS_CHUNKS));
         }
+        steps.push(count.indirect(args, ARGS_CHUNKS));
         // No more nodes than that are active here.
         if self.given.active.min(1 << depth.min(31)) > BLOCK {
             steps.push(tally.indirect(args, ARGS_BLOCKS));
         }
         steps.extend([alloc.indirect(args, ARGS_BLOCKS), scatter.indirect(args, ARGS_CHUNKS)]);
+    }
+
+    /// Makes treelets of branches, and what does not fit of them the branches of the next round.
+    fn round<'b>(&'b self, number: u32, steps: &mut Vec<Step<'b>>) {
+        let Self { params, state, branches, items, item_nodes, branch_sizes, branch_places, .. } = self;
+        let (round, next) = (&self.rounds[number as usize % 2], &self.rounds[(number as usize + 1) % 2]);
+        let branch = branch::Buffers {
+            params,
+            positions: &self.mesh.positions,
+            indices: &self.mesh.indices,
+            state,
+            round,
+            branches,
+            refs: self.treelet_refs.out(),
+            items: items.out(),
+            nodes: item_nodes.out(),
+            sizes: branch_sizes.out(),
+        };
+        let assign = assign::Buffers {
+            params,
+            round,
+            sizes: branch_sizes,
+            places: branch_places.out(),
+            next: next.out(),
+            state: state.out(),
+        };
+        let join = join::Buffers {
+            params,
+            round,
+            state,
+            sizes: branch_sizes,
+            places: branch_places,
+            items,
+            nodes: item_nodes,
+            branches: branches.out(),
+            top: self.top.out(),
+            treelets: self.treelets.out(),
+            refs: self.treelet_refs.out(),
+        };
+        steps.extend([
+            branch.indirect(round, ARGS_BRANCHES),
+            assign.groups(1),
+            join.indirect(round, ARGS_BRANCHES),
+        ]);
     }
 
     /// What writes the tree out: the nodes above the treelets, and the treelets.
@@ -485,16 +581,12 @@ mod tests {
     use super::*;
     use crate::{
         BuildOptions, Mesh,
-        build::{
-            options::Builder,
-            retry::{Setting, Stop, Way},
-        },
+        build::retry::{Setting, Stop, Way},
     };
 
-    /// Whether one workgroup or several go over the chunks of a node, the tree is the same.
+    /// Around one vertex a branch becomes more than its room holds.
     #[test]
-    fn chunks_are_counted_alone_or_together() -> Result<(), Error> {
-        // All around one vertex: large nodes on many levels.
+    fn what_branches_leave_is_built_in_other_rounds() -> Result<(), Error> {
         let rim = |k: u16| {
             let (angle, tilt) = (f32::from(k) * 0.7, f32::from(k % 97) - 48.0);
             [40.0 * angle.cos(), 40.0 * angle.sin(), tilt]
@@ -504,30 +596,19 @@ mod tests {
         let mesh = Mesh::new(positions, (1..6001).map(|k| [0, k, k + 1]).collect())?;
         let device = Device::cpu();
         let from = Given::of(&device, &mesh)?;
-        for (builder, clip) in [(Builder::Binned, true), (Builder::Binned, false), (Builder::Median, true)] {
-            let options = BuildOptions::default().with_builder(builder).with_clip(clip);
-            let mut setting = Setting::first(&from, &options, Way::Levels);
-            let trees = [u32::MAX, 0, 2, 5].map(|alone| {
-                loop {
-                    let params = BuildParams { alone, ..setting.params() };
-                    let mut arena = Arena { device: &device, bytes: 0 };
-                    match build(&mut arena, &from, &params, &options, None) {
-                        Ok(Grown { nodes, refs, counts, .. }) => {
-                            let [nodes, refs] = [nodes.view::<u32>(), refs.view()];
-                            break (
-                                device.read(&nodes, 0, 2 * counts[0] as usize),
-                                device.read(&refs, 0, counts[1] as usize),
-                            );
-                        }
-                        Err(stop @ Stop::Room) => setting.change(stop).expect("more room"),
-                        Err(stop) => panic!("{stop:?}"),
-                    }
-                }
-            });
-            let [several, rest @ ..] =
-                trees.map(|(nodes, refs)| (nodes.expect("nodes"), refs.expect("refs")));
-            assert!(rest.iter().all(|tree| *tree == several), "{builder}, clip {clip}");
-        }
+        let options = BuildOptions { profile: true, ..BuildOptions::default() };
+        let mut setting = Setting::first(&from, &options, Way::Levels);
+        let (times, deepest) = loop {
+            let mut arena = Arena { device: &device, bytes: 0 };
+            match build(&mut arena, &from, &setting.params(), &options, None) {
+                Ok(Grown { times, depth, .. }) => break (times, depth),
+                Err(stop @ Stop::Room) => setting.change(stop)?,
+                Err(stop) => panic!("{stop:?}"),
+            }
+        };
+        let rounds =
+            times.kernels.iter().find(|kernel| kernel.name == "join").map(|kernel| kernel.dispatches);
+        assert!(rounds > Some(usual_rounds(TREELET)) && deepest > 20, "{rounds:?} rounds, depth {deepest}");
         Ok(())
     }
 }

@@ -4,7 +4,7 @@
 use super::{
     built::{Facts, Given, KeptIn},
     options::{BuildOptions, Builder},
-    room::{Need, Room, levels_of_several},
+    room::{Need, Room},
 };
 use crate::Error;
 use raykd_shared::{
@@ -120,7 +120,6 @@ impl Setting {
             },
             price: options.price(facts),
             empty: options.empty,
-            alone: levels_of_several(facts.kept),
         }
     }
 
@@ -142,7 +141,7 @@ impl Setting {
     pub(super) fn change(&mut self, stop: Stop) -> Result<(), Error> {
         let references = self.facts.kept;
         match stop {
-            Stop::Room => self.enlarge(self.room.doubled(references, self.options.builder.small())),
+            Stop::Room => self.enlarge(self.room.doubled(references)),
             Stop::Needs(need) => self.enlarge(self.room.holding(&need, references)),
             Stop::Crowd => self.enlarge(None),
             Stop::Budget(refs) => {

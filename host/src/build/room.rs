@@ -6,7 +6,11 @@ use crate::{
 };
 use bytemuck::Pod;
 use raykd_kernels::build::sweep::FRESH_SHARE;
-use raykd_shared::limits::{CHUNK, TREELET};
+use raykd_shared::{
+    BuildParams,
+    limits::{BRANCH, CHUNK, TREELET},
+    rule,
+};
 
 /// References that the large nodes of so many triangles may make of them: few more a triangle where those are many, as
 /// memory and time go by all.
@@ -28,6 +32,11 @@ pub(super) fn most_of_sweep(triangles: u32) -> u32 {
 /// Most references on a level of the level loop: rounding counts.
 fn most_of_levels(triangles: u32) -> u32 {
     bound(triangles) / 64 * 65 + 64
+}
+
+/// Most large nodes on a level, and most chunks of theirs, the last of which may be short.
+const fn most_active(level_refs: u32) -> u32 {
+    level_refs / BRANCH + level_refs / CHUNK + 4
 }
 
 /// Allocates, and keeps count.
@@ -83,18 +92,14 @@ pub(super) struct Room {
     pub treelets: u32,
 }
 
-/// Levels that are enough for most scenes: the usual bound on useful depth (Pharr, Jakob & Humphreys, PBRT), and a few.
-pub(super) const fn usual_levels(references: u32) -> u32 {
-    12 + 13 * (references + 1).ilog2() / 10
-}
-
-/// Levels on which nodes may have several chunks; below them hardly any has. Dragons and teapots have some on about two
-/// thirds of these.
-pub(super) const fn levels_of_several(references: u32) -> u32 {
-    match references.div_ceil(CHUNK).checked_ilog2() {
-        Some(halvings @ 1..) => 4 + 3 * halvings / 2,
-        _ => 0,
-    }
+/// Levels of large nodes that are enough for most scenes: dragons and teapots have about nine tenths of these.
+pub(super) const fn usual_levels(params: &BuildParams) -> u32 {
+    let halvings = match params.references.div_ceil(BRANCH).checked_ilog2() {
+        Some(halvings) => halvings,
+        None => 0,
+    };
+    // Without costs there are more.
+    4 + if params.rule & rule::MEDIAN == 0 { 3 * halvings / 2 } else { 2 * halvings }
 }
 
 impl Room {
@@ -114,19 +119,19 @@ impl Room {
         Self::of_words(std::array::from_fn(|i| a[i].max(b[i])))
     }
 
-    /// The first guess for the level loop, which nodes of `small` references leave.
+    /// The first guess for the level loop, with treelets of `small` references.
     pub(super) fn of_levels(references: u32, small: u32) -> Self {
         let n = references;
-        let chunks = n.div_ceil(CHUNK);
-        let level_refs = n + n / 2 + 64;
-        // Dragons, Sponza and the teapot take 1.4 to 2.1 in treelets of 14 to 18; without costs, in short leaves, 5.
-        let (treelet_refs, a_treelet) = if small < TREELET { (5 * n, 3) } else { (2 * n + n / 4, 14) };
-        let treelet_refs = treelet_refs + 64;
+        let level_refs = n + n / 4 + 64;
+        // Dragons, Sponza and the teapot have 1.1 to 1.2 in branches, whose room is twice that and something more; and
+        // treelets of 14 to 18. Without costs, in short leaves, there are more.
+        let (treelet_refs, a_treelet) = if small < TREELET { (5 * n, 3) } else { (3 * n, 18) };
+        let treelet_refs = treelet_refs + 2 * BRANCH;
         Self {
             level_refs,
             treelet_refs,
-            active: n / small + chunks + 4,
-            treelets: treelet_refs / a_treelet + 16,
+            active: most_active(level_refs),
+            treelets: treelet_refs / a_treelet + 64,
         }
     }
 
@@ -142,16 +147,17 @@ impl Room {
     }
 
     /// Twice the room for the level loop. None if lists of references are as long as those of so many triangles get.
-    pub(super) fn doubled(self, triangles: u32, small: u32) -> Option<Self> {
+    pub(super) fn doubled(self, triangles: u32) -> Option<Self> {
         let most = most_of_levels(triangles);
         let double = |x: u32| x.saturating_mul(2).min(1 << 29);
-        (self.level_refs.min(self.treelet_refs) < most).then(|| {
+        // What branches leave to other rounds gets new room.
+        let rooms = most.saturating_mul(3).min(1 << 29);
+        (self.level_refs < most || self.treelet_refs < rooms).then(|| {
             let level_refs = double(self.level_refs).min(most);
             Self {
                 level_refs,
-                treelet_refs: double(self.treelet_refs).min(most),
-                // Active nodes hold more than `small` each, and their last chunk may be short.
-                active: double(self.active).min(level_refs / small + level_refs / CHUNK + 4),
+                treelet_refs: double(self.treelet_refs).min(rooms),
+                active: most_active(level_refs),
                 treelets: double(self.treelets),
             }
         })

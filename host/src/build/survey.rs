@@ -161,7 +161,7 @@ impl Survey {
 
     /// What makes a root of what was found.
     pub(super) fn steps<'a>(&'a self, root: Root<'a>) -> [Step<'a>; 2] {
-        let Root { params, item, header, level, args, state } = root;
+        let Root { params, item, header, level, args, round, state } = root;
         let root = root::Buffers {
             found: &self.found,
             job: self.job.out(),
@@ -170,6 +170,7 @@ impl Survey {
             header: header.out(),
             level: level.out(),
             args: args.out(),
+            round: round.out(),
             state: state.out(),
         };
         [root.over(1), self.settle()]
@@ -241,6 +242,7 @@ pub(super) struct Root<'a> {
     pub header: &'a Buffer<u32>,
     pub level: &'a Buffer<u32>,
     pub args: &'a Buffer<u32>,
+    pub round: &'a Buffer<u32>,
     pub state: &'a Buffer<u32>,
 }
 

@@ -251,7 +251,7 @@ pub(crate) struct Back<'a> {
 const PIECE: usize = 256 << 10;
 
 /// What a build notes for the next one: words that only builds understand.
-pub(crate) type Past = [u32; 9];
+pub(crate) type Past = [u32; 10];
 
 /// Bytes of a buffer of so many elements: some, and a multiple of 16.
 const fn whole_bytes<T>(count: u64) -> u64 {

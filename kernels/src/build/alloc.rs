@@ -1,15 +1,15 @@
-//! Gives every child of a level its place: tree slots, next level's lists, treelets.
+//! Gives every child of a level its place: tree slots, next level's lists, branches.
 //!
 //! Counts, scan, write: [`super::tally`] counted, so the order of everything is that of the nodes.
 
 use super::{
-    ARGS_ACTIVE, ARGS_BLOCKS, ARGS_CHUNKS, ARGS_SEVERAL_ACTIVE, ARGS_SEVERAL_CHUNKS, ARGS_TREELET_BLOCKS,
-    ARGS_TREELETS, Item, LEVEL_ACTIVE, LEVEL_CHUNKS, LEVEL_DEPTH, LEVEL_REFS, LEVEL_TOP, LEVEL_TREELET_REFS,
-    LEVEL_TREELETS, STATE_LEVELS, STATE_STATUS, STATE_TOP, STATE_TREELET_REFS, STATE_TREELETS, cut,
-    growth_left, plane_of,
+    ARGS_ACTIVE, ARGS_BLOCKS, ARGS_CHUNKS, Item, LEVEL_ACTIVE, LEVEL_BRANCH_ROOM, LEVEL_BRANCHES,
+    LEVEL_CHUNKS, LEVEL_DEPTH, LEVEL_FITS, LEVEL_REFS, LEVEL_TOP, STATE_LEVELS, STATE_STATUS,
+    branch::{Next, branches, put_round, room},
+    cut, growth_left, plane_of,
     scan::{LANES, before, total},
     tally::{
-        ACTIVE, BLOCKS, CHUNKS, KINDS, PAIRS, REFS, SUMS, TREELET_REFS, TREELETS, blocks_of,
+        ACTIVE, BLOCKS, BRANCH_ROOM, BRANCHES, CHUNKS, KINDS, PAIRS, REFS, SUMS, blocks_of,
         count as count_block,
     },
 };
@@ -20,28 +20,25 @@ use crate::{
 };
 use raykd_shared::{
     BuildParams, Node,
-    limits::{CHUNK, GROUPS_X},
+    limits::{BRANCH, CHUNK, GROUPS_X},
     status,
 };
 
-/// Bit of a scatter target that says: into the treelets' list, not the next level's.
-pub const TO_TREELET: u32 = 1 << 31;
+/// Bit of a scatter target that says: into the branches' list, not the next level's.
+pub const TO_BRANCH: u32 = 1 << 31;
 /// Sums over the blocks before this one, then over all.
 const OUTER: usize = 2 * KINDS as usize;
 
 /// The level past the last one is empty, too.
 #[inline(always)]
-fn end(group: Group, next_level: &mut Buf<u32>, next_args: &mut Buf<u32>, state: &Buf<u32>) {
+fn end(group: Group, next_level: &mut Buf<u32>, next_args: &mut Buf<u32>) {
     lanes!(group, |lane| {
         if lane == 0 {
             next_level.put(LEVEL_ACTIVE, 0);
             next_level.put(LEVEL_CHUNKS, 0);
             put_groups(next_args, ARGS_ACTIVE, 0);
             put_groups(next_args, ARGS_CHUNKS, 0);
-            put_groups(next_args, ARGS_SEVERAL_ACTIVE, 0);
-            put_groups(next_args, ARGS_SEVERAL_CHUNKS, 0);
             put_groups(next_args, ARGS_BLOCKS, blocks_of(0));
-            put_groups(next_args, ARGS_TREELET_BLOCKS, blocks_of(state.at(STATE_TREELETS)));
         }
     });
 }
@@ -84,8 +81,8 @@ fn all(outer: &[u32; OUTER], kind: u32) -> u32 {
 #[derive(Clone, Copy)]
 struct Bases {
     top: u32,
-    treelets: u32,
-    refs: u32,
+    branches: u32,
+    room: u32,
 }
 
 impl Bases {
@@ -93,8 +90,8 @@ impl Bases {
     fn of(level: &Buf<u32>) -> Self {
         Self {
             top: level.at(LEVEL_TOP),
-            treelets: level.at(LEVEL_TREELETS),
-            refs: level.at(LEVEL_TREELET_REFS),
+            branches: level.at(LEVEL_BRANCHES),
+            room: level.at(LEVEL_BRANCH_ROOM),
         }
     }
 
@@ -103,8 +100,8 @@ impl Bases {
     fn next(self, outer: &[u32; OUTER]) -> Self {
         Self {
             top: self.top + 2 * all(outer, PAIRS),
-            treelets: self.treelets + all(outer, TREELETS),
-            refs: self.refs + all(outer, TREELET_REFS),
+            branches: self.branches + all(outer, BRANCHES),
+            room: self.room + all(outer, BRANCH_ROOM),
         }
     }
 
@@ -113,8 +110,8 @@ impl Bases {
     fn fits(self, outer: &[u32; OUTER], params: &BuildParams) -> bool {
         let next = self.next(outer);
         next.top <= 2 * params.treelets
-            && next.treelets <= params.treelets
-            && next.refs <= params.treelet_refs
+            && next.branches <= branches(params.treelets)
+            && next.room <= params.treelet_refs
             && all(outer, ACTIVE) <= params.active
             && all(outer, CHUNKS) <= params.active
             && all(outer, REFS) <= params.level_refs
@@ -133,27 +130,29 @@ fn put_children(
     active: &Buf<UVec4>,
     planes: &Buf<UVec2>,
     sizes: &Buf<UVec2>,
-    targets: &mut Buf<UVec2>,
+    targets: &mut Buf<UVec4>,
     top: &mut Buf<UVec2>,
     next_active: &mut Buf<UVec4>,
-    treelets: &mut Buf<UVec4>,
+    branches: &mut Buf<UVec4>,
 ) {
     let pair = bases.top + 2 * place(PAIRS);
     let mut slot = place(ACTIVE);
     let mut chunk = place(CHUNKS);
     let mut reference = place(REFS);
-    let mut treelet = bases.treelets + place(TREELETS);
-    let mut treelet_ref = bases.refs + place(TREELET_REFS);
+    let mut branch = bases.branches + place(BRANCHES);
+    let mut branch_room = bases.room + place(BRANCH_ROOM);
     let item = Item::load(active, k);
     let plane = plane_of(planes, k);
     let size = sizes.at(k);
     let is_leaf = plane.axis == Node::LEAF;
     // The node itself as a leaf counts as one child that keeps the slot and the box.
-    let mut starts = [0u32; 2];
+    let (mut starts, mut slots) = ([TO_BRANCH; 2], [0u32; 2]);
     let mut child = 0;
     while child < 2 {
         let count = if child == 0 { size.x } else { size.y };
-        let mut to = Item { first: treelet_ref, count, extra: depth, ..item };
+        // Its references come last in its room.
+        let first = branch_room + room(count, small, 0) - count;
+        let mut to = Item { first, count, extra: depth, ..item };
         if !is_leaf {
             to.node = pair + child;
             to.extra = depth + 1;
@@ -165,19 +164,20 @@ fn put_children(
                 to.lo = lo_above;
             }
         }
-        if !is_leaf && count > small {
+        if !is_leaf && count > BRANCH {
             to.first = reference;
             to.extra = chunk;
             to.store(next_active, slot);
             starts.put(child, reference);
+            slots.put(child, slot);
             chunk += count.div_ceil(CHUNK);
             slot += 1;
             reference += count;
         } else if !is_leaf || child == 0 {
-            to.store(treelets, treelet);
-            starts.put(child, treelet_ref | TO_TREELET);
-            treelet += 1;
-            treelet_ref += count;
+            to.store(branches, branch);
+            starts.put(child, first | TO_BRANCH);
+            branch += 1;
+            branch_room += room(count, small, 0);
         }
         child += 1;
     }
@@ -185,7 +185,7 @@ fn put_children(
         let (word0, word1) = Node::inner(plane.axis, plane.at, pair).words();
         top.put(item.node, UVec2::new(word0, word1));
     }
-    targets.put(k, UVec2::new(starts.at(0), starts.at(1)));
+    targets.put(k, UVec4::new(starts.at(0), starts.at(1), slots.at(0), slots.at(1)));
 }
 
 /// Writes whose the next level's chunks are that come from this block's `rest` nodes: while nodes are few and
@@ -198,7 +198,6 @@ fn put_chunks(
     parts: &[u32; BLOCKS],
     outer: &[u32; OUTER],
     rest: u32,
-    small: u32,
     planes: &Buf<UVec2>,
     sizes: &Buf<UVec2>,
     next_chunks: &mut Buf<u32>,
@@ -211,7 +210,7 @@ fn put_chunks(
             let child = turn / sharers;
             let k = group.id * LANES + child / 2;
             let size = sizes.at(k);
-            let is_active = |count: u32| planes.at(k).x != Node::LEAF && count > small;
+            let is_active = |count: u32| planes.at(k).x != Node::LEAF && count > BRANCH;
             let place = |kind: u32| outer.at(kind) + before(sums, parts, kind, child / 2);
             let (mut slot, mut chunk) = (place(ACTIVE), place(CHUNKS));
             if child % 2 == 1 && is_active(size.x) {
@@ -240,6 +239,7 @@ fn put_records(
     fits: bool,
     next_level: &mut Buf<u32>,
     next_args: &mut Buf<u32>,
+    round: &mut Buf<u32>,
     state: &mut Buf<u32>,
 ) {
     lanes!(group, |lane| {
@@ -250,23 +250,21 @@ fn put_records(
             next_level.put(LEVEL_CHUNKS, pieces);
             next_level.put(LEVEL_REFS, refs);
             next_level.put(LEVEL_DEPTH, depth + 1);
+            next_level.put(LEVEL_FITS, fits as u32);
             put_groups(next_args, ARGS_ACTIVE, nodes);
             put_groups(next_args, ARGS_CHUNKS, pieces);
-            let several = pieces > nodes;
-            put_groups(next_args, ARGS_SEVERAL_ACTIVE, if several { nodes } else { 0 });
-            put_groups(next_args, ARGS_SEVERAL_CHUNKS, if several { pieces } else { 0 });
             put_groups(next_args, ARGS_BLOCKS, blocks_of(nodes));
             if fits {
                 let next = bases.next(outer);
                 next_level.put(LEVEL_TOP, next.top);
-                next_level.put(LEVEL_TREELETS, next.treelets);
-                next_level.put(LEVEL_TREELET_REFS, next.refs);
-                state.put(STATE_TOP, next.top);
-                state.put(STATE_TREELETS, next.treelets);
-                state.put(STATE_TREELET_REFS, next.refs);
+                next_level.put(LEVEL_BRANCHES, next.branches);
+                next_level.put(LEVEL_BRANCH_ROOM, next.room);
                 state.put(STATE_LEVELS, depth + 1);
-                put_groups(state, ARGS_TREELETS, if nodes == 0 { next.treelets } else { 0 });
-                put_groups(next_args, ARGS_TREELET_BLOCKS, blocks_of(next.treelets));
+                let ready = if nodes == 0 { next.branches } else { 0 };
+                put_round(
+                    round,
+                    Next { earlier: 0, from: 0, number: ready, top: next.top, treelets: 0, room: next.room },
+                );
             } else {
                 state.or(STATE_STATUS, status::CAPACITY);
             }
@@ -287,13 +285,14 @@ pub fn alloc(
     planes: &Buf<UVec2>,
     sizes: &Buf<UVec2>,
     blocks: &Buf<u32>,
-    targets: &mut Buf<UVec2>,
+    targets: &mut Buf<UVec4>,
     top: &mut Buf<UVec2>,
     next_level: &mut Buf<u32>,
     next_active: &mut Buf<UVec4>,
     next_chunks: &mut Buf<u32>,
     next_args: &mut Buf<u32>,
-    treelets: &mut Buf<UVec4>,
+    branches: &mut Buf<UVec4>,
+    round: &mut Buf<u32>,
     state: &mut Buf<u32>,
 ) {
     let params = params.at(0);
@@ -301,7 +300,7 @@ pub fn alloc(
     let depth = level.at(LEVEL_DEPTH);
     // Levels past the last one are dispatched too, with nothing to do.
     if number == 0 {
-        end(group, next_level, next_args, state);
+        end(group, next_level, next_args);
         return;
     }
     let small = params.small;
@@ -326,13 +325,13 @@ pub fn alloc(
                     targets,
                     top,
                     next_active,
-                    treelets,
+                    branches,
                 );
             }
         });
-        put_chunks(group, sums, parts, outer, number - group.id * LANES, small, planes, sizes, next_chunks);
+        put_chunks(group, sums, parts, outer, number - group.id * LANES, planes, sizes, next_chunks);
     }
-    put_records(group, outer, bases, depth, fits, next_level, next_args, state);
+    put_records(group, outer, bases, depth, fits, next_level, next_args, round, state);
 }
 
 /// Indirect arguments for a dispatch of `groups` workgroups.
@@ -348,8 +347,8 @@ kernel! {
     /// [`alloc`] over all blocks of a level.
     group ALLOC = alloc, threads 256, shared [sums: SUMS, parts: BLOCKS, outer: OUTER], {
         0 params: read BuildParams, 1 level: read u32, 2 active: read UVec4, 3 planes: read UVec2,
-        4 sizes: read UVec2, 5 blocks: read u32, 6 targets: write UVec2, 7 top: write UVec2, 8 next_level: write u32,
-        9 next_active: write UVec4, 10 next_chunks: write u32, 11 next_args: write u32, 12 treelets: write UVec4,
-        13 state: write u32,
+        4 sizes: read UVec2, 5 blocks: read u32, 6 targets: write UVec4, 7 top: write UVec2, 8 next_level: write u32,
+        9 next_active: write UVec4, 10 next_chunks: write u32, 11 next_args: write u32, 12 branches: write UVec4,
+        13 round: write u32, 14 state: write u32,
     }
 }

@@ -1,4 +1,4 @@
-//! Counts of references per bin of one node, a chunk a workgroup.
+//! Counts of references per bin of one node.
 //!
 //! Min-max binning (Shevtsov, Soupikov & Kapustin 2007): one counter for the bin where a box starts, one for
 //! where it ends; sums of them give the exact number of boxes on either side of every bin border, up to the
@@ -6,14 +6,14 @@
 //! And the last end and the first start in each bin: planes there cut fewer triangles than one at the bin's
 //! border.
 
-use super::{Item, LEVEL_CHUNKS, chunk_of, reference::Reference};
+use super::{Item, LEVEL_CHUNKS, chunk_of, clip::Bounds, reference::Reference};
 use crate::{
     Group,
-    glam::UVec4,
+    glam::{UVec4, Vec3},
     math::{component, div, whole},
     mem::{Atomics, Buf, Slots},
 };
-use raykd_shared::limits::BINS;
+use raykd_shared::limits::{BINS, BRANCH};
 
 // Where they stand in a histogram, for each axis.
 /// How many boxes start in a bin.
@@ -34,6 +34,12 @@ pub const HIST_WORDS: u32 = 12 * BINS;
 pub const BEFORE: u32 = 1;
 /// Words for it there.
 pub const TABLE: usize = (BEFORE + HIST_WORDS) as usize;
+
+/// How many large nodes may have histograms, if lists have room for so many references.
+#[inline(always)]
+pub const fn histograms(level_refs: u32) -> u32 {
+    level_refs / BRANCH + 1
+}
 
 /// The bin of coordinate `x`.
 #[inline(always)]
@@ -71,17 +77,9 @@ fn enter(table: &mut [u32; TABLE], axis: u32, lo: f32, hi: f32, from: f32, per_b
     table.raise(FIRST_STARTS + start, if lo < hi { !ordered(lo) } else { UNTOLD });
 }
 
-/// The histogram of `count` references from `start` on, of node `item`.
+/// Clears a table, and finds how many bins there are to a unit of length on each axis of a box.
 #[inline(always)]
-pub fn fill(
-    group: Group,
-    table: &mut [u32; TABLE],
-    rate: &mut [u32; 3],
-    item: &Item,
-    refs: &Buf<UVec4>,
-    start: u32,
-    count: u32,
-) {
+pub fn start(group: Group, table: &mut [u32; TABLE], rate: &mut [u32; 3], lo: Vec3, hi: Vec3) {
     let step = group.sharers();
     lanes!(group, ..step, |lane| {
         let mut word = lane;
@@ -91,27 +89,83 @@ pub fn fill(
         }
         let mut axis = lane;
         while axis < 3 {
-            let d = component(item.hi, axis) - component(item.lo, axis);
+            let d = component(hi, axis) - component(lo, axis);
             rate.put(axis, if d < super::FLAT { 0 } else { div(BINS as f32, d).to_bits() });
             axis += step;
         }
     });
+}
+
+/// What [`start`] found.
+#[inline(always)]
+pub fn rates(rate: &[u32; 3]) -> Vec3 {
+    let on = move |rate: &[u32; 3], axis: u32| f32::from_bits(rate.at(axis));
+    Vec3::new(on(rate, 0), on(rate, 1), on(rate, 2))
+}
+
+/// Counts a box's starts and ends, in a node that begins at `from`.
+#[inline(always)]
+pub fn enter_box(table: &mut [u32; TABLE], rates: Vec3, from: Vec3, part: &Bounds) {
+    enter(table, 0, part.lo.x, part.hi.x, from.x, rates.x);
+    enter(table, 1, part.lo.y, part.hi.y, from.y, rates.y);
+    enter(table, 2, part.lo.z, part.hi.z, from.z, rates.z);
+}
+
+/// The histogram of `count` references from `first` on, of node `item`.
+#[inline(always)]
+pub fn fill(
+    group: Group,
+    table: &mut [u32; TABLE],
+    rate: &mut [u32; 3],
+    item: &Item,
+    refs: &Buf<UVec4>,
+    first: u32,
+    count: u32,
+) {
+    start(group, table, rate, item.lo, item.hi);
+    let step = group.sharers();
     lanes!(group, ..step, |lane| {
-        let rate_x = f32::from_bits(rate.at(0));
-        let rate_y = f32::from_bits(rate.at(1));
-        let rate_z = f32::from_bits(rate.at(2));
+        let rates = rates(rate);
         let mut i = lane;
         while i < count {
-            let part = Reference::load(refs, start + i).bounds;
-            enter(table, 0, part.lo.x, part.hi.x, item.lo.x, rate_x);
-            enter(table, 1, part.lo.y, part.hi.y, item.lo.y, rate_y);
-            enter(table, 2, part.lo.z, part.hi.z, item.lo.z, rate_z);
+            enter_box(table, rates, item.lo, &Reference::load(refs, first + i).bounds);
             i += step;
         }
     });
 }
 
-/// Adds chunk `group.id` to the histogram of its node, if that has several; [`super::alone`] has cleared it.
+/// Reads the histogram of a node.
+#[inline(always)]
+pub fn read(group: Group, table: &mut [u32; TABLE], hists: &Buf<u32>, node: u32) {
+    let step = group.sharers();
+    lanes!(group, ..step, |lane| {
+        let mut word = lane;
+        while word < HIST_WORDS {
+            table.put(BEFORE + word, hists.at(node * HIST_WORDS + word));
+            word += step;
+        }
+    });
+}
+
+/// Adds a table to the histogram of a node.
+#[inline(always)]
+pub fn add(group: Group, table: &[u32; TABLE], hists: &mut Buf<u32>, node: u32) {
+    let step = group.sharers();
+    lanes!(group, ..step, |lane| {
+        let mut word = lane;
+        while word < HIST_WORDS {
+            let (at, value) = (node * HIST_WORDS + word, table.at(BEFORE + word));
+            if value != 0 && word < LAST_ENDS {
+                hists.add(at, value);
+            } else if value != 0 {
+                hists.raise(at, value);
+            }
+            word += step;
+        }
+    });
+}
+
+/// Adds chunk `group.id` to the histogram of the root; those of other nodes are made by [`super::scatter`].
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 pub fn bin(
@@ -125,29 +179,15 @@ pub fn bin(
     hists: &mut Buf<u32>,
 ) {
     if group.id < level.at(LEVEL_CHUNKS) {
-        let (node, item, start, count) = chunk_of(group.id, chunks, active);
-        if !item.is_alone() {
-            fill(group, table, rate, &item, refs, start, count);
-            let step = group.sharers();
-            lanes!(group, ..step, |lane| {
-                let mut word = lane;
-                while word < HIST_WORDS {
-                    let (at, value) = (node * HIST_WORDS + word, table.at(BEFORE + word));
-                    if value != 0 && word < LAST_ENDS {
-                        hists.add(at, value);
-                    } else if value != 0 {
-                        hists.raise(at, value);
-                    }
-                    word += step;
-                }
-            });
-        }
+        let (node, item, first, count) = chunk_of(group.id, chunks, active);
+        fill(group, table, rate, &item, refs, first, count);
+        add(group, table, hists, node);
     }
 }
 
 kernel! {
-    /// [`bin`] over all chunks of a level.
-    group BIN = bin, threads 128, shared [table: TABLE, rate: 3], {
+    /// [`bin`] over all chunks of the root.
+    group BIN = bin, threads 256, shared [table: TABLE, rate: 3], {
         0 level: read u32, 1 active: read UVec4, 2 chunks: read u32, 3 refs: read UVec4, 4 hists: write u32,
     }
 }

@@ -1,22 +1,26 @@
 //! Building the tree, in pipeline order.
 //!
-//! Large nodes are split level by level, every node of a level in parallel: [`bin`] counts references per
-//! bin, [`split`] chooses planes, [`count`] sizes the children, or [`alone`] does all that for a node of one
-//! chunk; [`tally`] and [`alloc`] give every child its place, [`scatter`] moves the references there. Nodes
-//! of at most 32 references become treelets, each finished by one workgroup: [`treelet`] builds, [`place`]
-//! gives it its place, [`emit`] writes nodes and references.
+//! Large nodes are split level by level, every node of a level in parallel: [`bin`] counts the root's references per
+//! bin; [`count`] chooses planes by [`split`], and sizes the children; [`tally`] and [`alloc`] give every child its
+//! place; [`scatter`] moves the references there, and counts them per bin. Nodes of a few hundred references become
+//! branches, each built by one workgroup: by [`branch`], in rounds, to which [`assign`] gives places where [`join`] puts
+//! what they become. Nodes of at most 32 references become treelets, each finished by one workgroup, too: [`treelet`]
+//! builds, [`place`] gives it its place, [`emit`] writes nodes and references.
 //!
 //! [`sweep`] is another builder, `exact`, with kernels of its own. [`survey`] comes first if the mesh is on the device.
 
 mod ahead;
 pub mod alloc;
-pub mod alone;
+pub mod assign;
 pub mod bin;
 pub mod boxes;
+pub mod branch;
 pub mod clip;
 pub mod count;
 pub mod emit;
 pub mod faces;
+pub mod join;
+pub mod marks;
 pub mod place;
 pub mod reference;
 mod scan;
@@ -32,13 +36,14 @@ pub mod treelet;
 #[cfg(not(target_arch = "spirv"))]
 pub const KERNELS: &[&crate::Kernel] = &[
     &boxes::BOXES,
-    &alone::ALONE,
     &bin::BIN,
-    &split::SPLIT,
     &count::COUNT,
     &tally::TALLY,
     &alloc::ALLOC,
     &scatter::SCATTER,
+    &branch::BRANCHES,
+    &assign::ASSIGN,
+    &join::JOIN,
     &treelet::TREELETS,
     &place::PLACE,
     &top::TOP,
@@ -68,12 +73,41 @@ words! {
         LEVEL_DEPTH depth: u32,
         /// Tree slots given away in the levels above.
         LEVEL_TOP top: u32,
-        /// Treelets there.
-        LEVEL_TREELETS treelets: u32,
-        /// Their references.
-        LEVEL_TREELET_REFS treelet_refs: u32,
+        /// Branches there.
+        LEVEL_BRANCHES branches: u32,
+        /// Room taken by their references.
+        LEVEL_BRANCH_ROOM branch_room: u32,
+        /// Whether the lists have room for it.
+        LEVEL_FITS fits: u32,
     }
 }
+
+words! {
+    /// What is done in one round over branches.
+    Round {
+        /// The first of them.
+        ROUND_FROM from: u32,
+        /// How many there are.
+        ROUND_NUMBER number: u32,
+        /// Nodes above branches and treelets so far.
+        ROUND_TOP top: u32,
+        /// Treelets of earlier rounds.
+        ROUND_TREELETS treelets: u32,
+        /// Room taken by references of branches so far.
+        ROUND_ROOM room: u32,
+        /// How many rounds came before.
+        ROUND_EARLIER earlier: u32,
+        /// Indirect arguments over the branches,
+        ROUND_GROUPS groups: [u32; 3],
+        /// and over blocks of treelets.
+        ROUND_BLOCKS blocks: [u32; 3],
+    }
+}
+
+/// Among the words of a round, the entry with the indirect arguments over its branches.
+pub const ARGS_BRANCHES: u32 = ROUND_GROUPS / 3;
+/// That over blocks of treelets.
+pub const ARGS_TREELET_BLOCKS: u32 = ARGS_BRANCHES + 1;
 
 words! {
     /// The build's state.
@@ -84,19 +118,19 @@ words! {
         STATE_TOP top: u32,
         /// Treelets, single large leaves included.
         STATE_TREELETS treelets: u32,
-        /// References handed to treelets.
-        STATE_TREELET_REFS treelet_refs: u32,
+        /// Rounds over branches.
+        STATE_ROUNDS rounds: u32,
         /// Nodes of the whole tree.
         STATE_NODES nodes: u32,
         /// References of the whole tree.
         STATE_REFS refs: u32,
         /// Depth of the deepest leaf.
         STATE_DEPTH depth: u32,
-        /// Active nodes that the level loop left.
+        /// Active nodes that the level loop left, or branches that the rounds did.
         STATE_LEFT left: u32,
         /// Levels of large nodes.
         STATE_LEVELS levels: u32,
-        /// Indirect arguments over treelets, of which there are none before no active node is left.
+        /// Indirect arguments over treelets, of which there are none before no active node and no branch is left.
         STATE_GROUPS groups: [u32; 3],
         /// Indirect arguments of what writes the tree out, of which there are none before it is known to have the room.
         STATE_OUT out: [[u32; 3]; 3],
@@ -121,7 +155,7 @@ pub const ARGS_EMIT: u32 = ARGS_TOP + 1;
 /// That over references.
 pub const ARGS_CORNERS: u32 = ARGS_TOP + 2;
 const _: () = assert!(
-    3 * ARGS_TREELETS == STATE_GROUPS && 3 * ARGS_TOP == STATE_OUT,
+    3 * ARGS_TREELETS == STATE_GROUPS && 3 * ARGS_TOP == STATE_OUT && 3 * ARGS_BRANCHES == ROUND_GROUPS,
     "arguments begin at a multiple of three words"
 );
 
@@ -131,14 +165,8 @@ pub const ARGS_ACTIVE: u32 = 0;
 pub const ARGS_CHUNKS: u32 = 1;
 /// A workgroup per block of active nodes.
 pub const ARGS_BLOCKS: u32 = 2;
-/// A workgroup per block of treelets so far.
-pub const ARGS_TREELET_BLOCKS: u32 = 3;
-/// As [`ARGS_ACTIVE`] if any node has several chunks, else none.
-pub const ARGS_SEVERAL_ACTIVE: u32 = 4;
-/// As [`ARGS_CHUNKS`] if any node has several chunks, else none.
-pub const ARGS_SEVERAL_CHUNKS: u32 = 5;
 /// Words of the indirect arguments of a level.
-pub const ARGS_WORDS: u32 = 18;
+pub const ARGS_WORDS: u32 = 9;
 
 /// Extents below `2^-60` count as flat: areas stay clear of subnormals, and nothing is split there.
 const FLAT: f32 = crate::math::exp2(-60);
@@ -192,12 +220,6 @@ pub struct Item {
 impl Item {
     /// Elements of a list that one takes.
     pub const ELEMENTS: u32 = 3;
-
-    /// Whether its references are one chunk.
-    #[inline(always)]
-    pub fn is_alone(&self) -> bool {
-        self.count <= CHUNK
-    }
 
     /// Reads item `i` of a list.
     #[inline(always)]

@@ -2,8 +2,8 @@
 //! workgroup. Tells how large the tree is, and if there is room for that, how many workgroups write it out.
 
 use super::{
-    ARGS_CORNERS, ARGS_EMIT, ARGS_TOP, LEVEL_ACTIVE, STATE_DEPTH, STATE_LEFT, STATE_NODES, STATE_REFS,
-    STATE_ROOM, STATE_STATUS, STATE_TOP, STATE_TREELETS,
+    ARGS_CORNERS, ARGS_EMIT, ARGS_TOP, LEVEL_ACTIVE, ROUND_NUMBER, STATE_DEPTH, STATE_LEFT, STATE_NODES,
+    STATE_REFS, STATE_ROOM, STATE_STATUS, STATE_TOP, STATE_TREELETS,
     alloc::put_groups,
     scan::{self, LANES, before, scan, word},
     tally::blocks_of,
@@ -48,13 +48,14 @@ pub fn place(
     parts: &mut [u32; PARTS],
     outer: &mut [u32; OUTER],
     level: &Buf<u32>,
+    round: &Buf<u32>,
     sizes: &Buf<UVec2>,
     blocks: &Buf<u32>,
     places: &mut Buf<UVec2>,
     state: &mut Buf<u32>,
     header: &mut Buf<u32>,
 ) {
-    let left = level.at(LEVEL_ACTIVE);
+    let left = level.at(LEVEL_ACTIVE) + round.at(ROUND_NUMBER);
     let number = if (state.at(STATE_STATUS) == 0) & (left == 0) { state.at(STATE_TREELETS) } else { 0 };
     let top = state.at(STATE_TOP);
     lanes!(group, |lane| {
@@ -109,7 +110,7 @@ pub fn place(
 kernel! {
     /// [`place`] over all blocks of treelets.
     group PLACE = place, threads 256, shared [sums: SUMS, parts: PARTS, outer: OUTER], {
-        0 level: read u32, 1 sizes: read UVec2, 2 blocks: read u32, 3 places: write UVec2, 4 state: write u32,
-        5 header: write u32,
+        0 level: read u32, 1 round: read u32, 2 sizes: read UVec2, 3 blocks: read u32, 4 places: write UVec2,
+        5 state: write u32, 6 header: write u32,
     }
 }

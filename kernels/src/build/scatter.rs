@@ -1,45 +1,46 @@
-//! Moves the references of a chunk to the children's lists, in order.
+//! Moves the references of a chunk to the children's lists, in order, and makes the histograms of large children on the
+//! way.
 
 use super::{
-    LEVEL_CHUNKS, STATE_STATUS, SplitPlane, ahead, alloc::TO_TREELET, chunk_of, clip::clip_plane, plane_of,
+    LEVEL_CHUNKS, LEVEL_FITS, SplitPlane, ahead,
+    alloc::TO_BRANCH,
+    bin::{self, TABLE, enter_box, rates},
+    chunk_of,
+    clip::clip_plane,
+    cut,
+    marks::{BITS, BLOCKS, Marks, WORDS, scan},
+    plane_of,
     reference::Reference,
 };
 use crate::{
     Group,
-    glam::{UVec2, UVec4},
+    glam::{UVec2, UVec4, Vec3},
     mem::{Atomics, Buf, Slots},
     mesh::triangle,
 };
-use raykd_shared::{BuildParams, limits::CHUNK, rule};
+use raykd_shared::{BuildParams, rule};
 
-/// Words of a bit for each reference of a chunk.
-const BITS: u32 = CHUNK / 32;
-const WORDS: usize = BITS as usize;
-/// Words whose sums are added up by one lane.
-const BLOCK: u32 = 8;
-const BLOCKS: usize = (BITS / BLOCK) as usize;
-
-/// Marks which of `number` references from `start` on go below and above, and adds up what the node's chunks
-/// before this one, from `first_chunk` on, send either way.
+/// Reads which references of the chunk go below and above, and adds up what the node's chunks before this one, from
+/// `first_chunk` on, send either way.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
-fn mark(
+fn read(
     group: Group,
     belows: &mut [u32; WORDS],
     aboves: &mut [u32; WORDS],
     earlier: &mut [u32; 2],
-    refs: &Buf<UVec4>,
+    bits: &Buf<UVec2>,
     sides: &Buf<UVec2>,
-    plane: SplitPlane,
-    (start, number): (u32, u32),
+    words: u32,
     first_chunk: u32,
 ) {
     let step = group.sharers();
     lanes!(group, ..step, |lane| {
         let mut word = lane;
-        while word < number.div_ceil(32) {
-            belows.put(word, 0);
-            aboves.put(word, 0);
+        while word < words {
+            let both = bits.at(group.id * BITS + word);
+            belows.put(word, both.x);
+            aboves.put(word, both.y);
             word += step;
         }
         if lane == 0 {
@@ -48,13 +49,6 @@ fn mark(
         }
     });
     lanes!(group, ..step, |lane| {
-        let mut i = lane;
-        while i < number {
-            let s = Reference::load(refs, start + i).sides(plane);
-            belows.mark(i / 32, (s & 1) << (i % 32));
-            aboves.mark(i / 32, (s >> 1) << (i % 32));
-            i += step;
-        }
         let mut chunk = first_chunk + lane;
         while chunk < group.id {
             let both = sides.at(chunk);
@@ -65,69 +59,6 @@ fn mark(
     });
 }
 
-/// How many references go below, and in the upper half of a sum above, before each of `words` words: first
-/// before those of its block, then before its block.
-#[inline(always)]
-fn scan(
-    group: Group,
-    belows: &[u32; WORDS],
-    aboves: &[u32; WORDS],
-    sums: &mut [u32; WORDS],
-    blocks: &mut [u32; BLOCKS],
-    words: u32,
-) {
-    lanes!(group, ..words.div_ceil(BLOCK), |lane| {
-        let end = (lane + 1) * BLOCK;
-        let end = if end < words { end } else { words };
-        let mut sum = 0;
-        let mut word = lane * BLOCK;
-        while word < end {
-            sums.put(word, sum);
-            sum += belows.at(word).count_ones() | (aboves.at(word).count_ones() << 16);
-            word += 1;
-        }
-        blocks.put(lane, sum);
-    });
-    lanes!(group, ..words, |lane| {
-        let mut sum = sums.at(lane);
-        let mut block = 0;
-        while block < lane / BLOCK {
-            sum += blocks.at(block);
-            block += 1;
-        }
-        sums.put(lane, sum);
-    });
-}
-
-/// Which references of a chunk go where, as workgroup memory has it.
-#[derive(Clone, Copy)]
-struct Marks<'a> {
-    belows: &'a [u32; WORDS],
-    aboves: &'a [u32; WORDS],
-    sums: &'a [u32; WORDS],
-}
-
-impl Marks<'_> {
-    /// Whether reference `i` goes below, and whether above.
-    #[inline(always)]
-    fn sides(&self, i: u32) -> (bool, bool) {
-        let bit = 1 << (i % 32);
-        (self.belows.at(i / 32) & bit != 0, self.aboves.at(i / 32) & bit != 0)
-    }
-
-    /// How many go below before reference `i`.
-    #[inline(always)]
-    fn below_before(&self, i: u32) -> u32 {
-        (self.sums.at(i / 32) & 0xFFFF) + ones_before(self.belows, i)
-    }
-
-    /// How many go above.
-    #[inline(always)]
-    fn above_before(&self, i: u32) -> u32 {
-        (self.sums.at(i / 32) >> 16) + ones_before(self.aboves, i)
-    }
-}
-
 /// Moves every `step`-th reference from `lane` on, in batches: triangles are clipped together, for which
 /// lanes meet and a CPU asks ahead.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
@@ -135,6 +66,8 @@ impl Marks<'_> {
 fn move_references(
     group: Group,
     lane: u32,
+    below_table: &mut [u32; TABLE],
+    above_table: &mut [u32; TABLE],
     marks: Marks,
     clips: bool,
     plane: SplitPlane,
@@ -144,7 +77,7 @@ fn move_references(
     indices: &Buf<u32>,
     refs: &Buf<UVec4>,
     next: &mut Buf<UVec4>,
-    treelet_refs: &mut Buf<UVec4>,
+    branch_refs: &mut Buf<UVec4>,
 ) {
     let step = group.sharers();
     let mut i = lane;
@@ -161,10 +94,10 @@ fn move_references(
                     indices.soon(3 * reference.triangle);
                 } else {
                     if is_below {
-                        below.put(&reference, marks.below_before(at), next, treelet_refs);
+                        below.put(&reference, marks.below_before(at), below_table, next, branch_refs);
                     }
                     if is_above {
-                        above.put(&reference, marks.above_before(at), next, treelet_refs);
+                        above.put(&reference, marks.above_before(at), above_table, next, branch_refs);
                     }
                 }
             }
@@ -179,16 +112,15 @@ fn move_references(
             let whole = Reference::load(refs, start + at);
             let (a, b, c) = triangle(positions, indices, whole.triangle);
             let (under, over) = clip_plane(a, b, c, &whole.bounds, plane.axis, plane.at);
-            below.put(&Reference { bounds: under, ..whole }, marks.below_before(at), next, treelet_refs);
-            above.put(&Reference { bounds: over, ..whole }, marks.above_before(at), next, treelet_refs);
+            let (under, over) = (Reference { bounds: under, ..whole }, Reference { bounds: over, ..whole });
+            below.put(&under, marks.below_before(at), below_table, next, branch_refs);
+            above.put(&over, marks.above_before(at), above_table, next, branch_refs);
         }
         i += 32 * step;
     }
 }
 
-/// Scatters chunk `group.id`. Which references go below is a bit each, and so is above: how many go there
-/// before one is a count of bits. Those that go both ways are clipped again: [`super::count`] has no room for
-/// two boxes.
+/// Scatters chunk `group.id`. References that go both ways are clipped again: [`super::count`] has no room for two boxes.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 pub fn scatter(
@@ -198,6 +130,10 @@ pub fn scatter(
     sums: &mut [u32; WORDS],
     blocks: &mut [u32; BLOCKS],
     earlier: &mut [u32; 2],
+    below_table: &mut [u32; TABLE],
+    above_table: &mut [u32; TABLE],
+    below_rate: &mut [u32; 3],
+    above_rate: &mut [u32; 3],
     params: &Buf<BuildParams>,
     positions: &Buf<f32>,
     indices: &Buf<u32>,
@@ -206,79 +142,108 @@ pub fn scatter(
     chunks: &Buf<u32>,
     refs: &Buf<UVec4>,
     planes: &Buf<UVec2>,
+    bits: &Buf<UVec2>,
     sides: &Buf<UVec2>,
-    targets: &Buf<UVec2>,
-    state: &Buf<u32>,
+    targets: &Buf<UVec4>,
+    next_level: &Buf<u32>,
     next: &mut Buf<UVec4>,
-    treelet_refs: &mut Buf<UVec4>,
+    branch_refs: &mut Buf<UVec4>,
+    hists: &mut Buf<u32>,
 ) {
-    if group.id < level.at(LEVEL_CHUNKS) && state.at(STATE_STATUS) == 0 {
+    if group.id < level.at(LEVEL_CHUNKS) && next_level.at(LEVEL_FITS) != 0 {
         let (node, item, start, number) = chunk_of(group.id, chunks, active);
         let plane = plane_of(planes, node);
         let clips = (params.at(0).rule & rule::CLIP) != 0;
         let range = (start, number);
-        mark(group, belows, aboves, earlier, refs, sides, plane, range, item.extra);
-        scan(group, belows, aboves, sums, blocks, number.div_ceil(32));
-        let target = targets.at(node);
-        let to = (Target::new(target.x, earlier.at(0)), Target::new(target.y, earlier.at(1)));
+        let words = number.div_ceil(32);
+        read(group, belows, aboves, earlier, bits, sides, words, item.extra);
+        scan(group, belows, aboves, sums, blocks, words);
         let marks = Marks { belows, aboves, sums };
+        let target = targets.at(node);
+        let (is_below, is_above) = ((target.x & TO_BRANCH) == 0, (target.y & TO_BRANCH) == 0);
+        let (hi_below, lo_above) = cut(item.lo, item.hi, plane);
+        if is_below {
+            bin::start(group, below_table, below_rate, item.lo, hi_below);
+        }
+        if is_above {
+            bin::start(group, above_table, above_rate, lo_above, item.hi);
+        }
         lanes!(group, ..group.sharers(), |lane| {
+            let below = Target::new(target.x, earlier.at(0), item.lo, rates(below_rate));
+            let above = Target::new(target.y, earlier.at(1), lo_above, rates(above_rate));
             move_references(
                 group,
                 lane,
+                below_table,
+                above_table,
                 marks,
                 clips,
                 plane,
                 range,
-                to,
+                (below, above),
                 positions,
                 indices,
                 refs,
                 next,
-                treelet_refs,
+                branch_refs,
             );
         });
+        if is_below {
+            bin::add(group, below_table, hists, target.z);
+        }
+        if is_above {
+            bin::add(group, above_table, hists, target.w);
+        }
     }
-}
-
-/// How many bits are set in the word of bit `at`, before it.
-#[inline(always)]
-fn ones_before(bits: &[u32; WORDS], at: u32) -> u32 {
-    (bits.at(at / 32) & ((1 << (at % 32)) - 1)).count_ones()
 }
 
 /// Where a chunk's references for a child go.
 #[derive(Clone, Copy)]
 struct Target {
-    is_treelet: bool,
+    is_branch: bool,
     first: u32,
+    /// Of a large child, where its box begins, and how many bins there are to a unit of length.
+    from: Vec3,
+    rates: Vec3,
 }
 
 impl Target {
     /// `earlier` ones come from other chunks.
     #[inline(always)]
-    fn new(child: u32, earlier: u32) -> Self {
-        Self { is_treelet: (child & TO_TREELET) != 0, first: (child & !TO_TREELET) + earlier }
+    fn new(child: u32, earlier: u32, from: Vec3, rates: Vec3) -> Self {
+        Self { is_branch: (child & TO_BRANCH) != 0, first: (child & !TO_BRANCH) + earlier, from, rates }
     }
 
     /// Stores a reference, `before` which others come from this chunk.
     #[inline(always)]
-    fn put(&self, reference: &Reference, before: u32, next: &mut Buf<UVec4>, treelet_refs: &mut Buf<UVec4>) {
+    fn put(
+        &self,
+        reference: &Reference,
+        before: u32,
+        table: &mut [u32; TABLE],
+        next: &mut Buf<UVec4>,
+        branch_refs: &mut Buf<UVec4>,
+    ) {
         // Not one store to either: a choice of buffers is no SPIR-V for Vulkan, and an H200's driver dies of
         // it.
-        if self.is_treelet {
-            reference.store(treelet_refs, self.first + before);
+        if self.is_branch {
+            reference.store(branch_refs, self.first + before);
         } else {
             reference.store(next, self.first + before);
+            enter_box(table, self.rates, self.from, &reference.bounds);
         }
     }
 }
 
 kernel! {
     /// [`scatter`] over all chunks of a level.
-    group SCATTER = scatter, threads 128, shared [belows: WORDS, aboves: WORDS, sums: WORDS, blocks: BLOCKS, earlier: 2], {
+    group SCATTER = scatter, threads 256, shared [
+        belows: WORDS, aboves: WORDS, sums: WORDS, blocks: BLOCKS, earlier: 2, below_table: TABLE, above_table: TABLE,
+        below_rate: 3, above_rate: 3
+    ], {
         0 params: read BuildParams, 1 positions: read f32, 2 indices: read u32, 3 level: read u32,
-        4 active: read UVec4, 5 chunks: read u32, 6 refs: read UVec4, 7 planes: read UVec2, 8 sides: read UVec2,
-        9 targets: read UVec2, 10 state: read u32, 11 next: write UVec4, 12 treelet_refs: write UVec4,
+        4 active: read UVec4, 5 chunks: read u32, 6 refs: read UVec4, 7 planes: read UVec2, 8 bits: read UVec2,
+        9 sides: read UVec2, 10 targets: read UVec4, 11 next_level: read u32, 12 next: write UVec4,
+        13 branch_refs: write UVec4, 14 hists: write u32,
     }
 }

@@ -2,16 +2,16 @@
 //! the first starts behind them.
 
 use super::{
-    Costs, Item, LEVEL_ACTIVE, LEVEL_DEPTH, Sah, SplitPlane,
-    bin::{BEFORE, ENDS, FIRST_STARTS, HIST_WORDS, LAST_ENDS, STARTS, TABLE, UNTOLD, unordered},
+    Costs, Item, Sah, SplitPlane,
+    bin::{BEFORE, ENDS, FIRST_STARTS, LAST_ENDS, STARTS, TABLE, UNTOLD, unordered},
     longest_axis,
     scan::{serial, serial_back},
 };
 use crate::{
     Group, ON_GPU,
-    glam::{UVec2, UVec4},
+    glam::UVec2,
     math::{Listed, Number, Wide as Bins, component},
-    mem::{Atomics, Buf, PerLane, Slots},
+    mem::{Atomics, PerLane, Slots},
 };
 use raykd_shared::{BuildParams, limits::BINS, rule};
 
@@ -19,12 +19,13 @@ use raykd_shared::{BuildParams, limits::BINS, rule};
 const SHARES: u32 = if ON_GPU { 3 } else { 1 };
 /// Lanes that weigh planes.
 const WEIGHING: u32 = SHARES * BINS / Bins::WIDTH;
+const _: () = assert!(SHARES == 1 || Bins::WIDTH == 1, "what a lane finds stands in a row");
 /// How many cheapest planes they find.
 const PLANES: u32 = SHARES * BINS;
 
 // What is found: what the cheapest of all planes costs, or the node as a leaf;
 const COST: u32 = 0;
-/// and which it is, see [`key`], or [`NONE`].
+/// and the number of the first that costs so, or [`NONE`].
 const PICK: u32 = 1;
 /// If none, [`SplitPlane::words`] of the plane there is instead.
 const INSTEAD: u32 = 2;
@@ -206,9 +207,11 @@ pub fn find(
         }
         bests.put(lane, best);
     });
+    // By border, then axis: of equally cheap planes the first is taken.
     lanes!(group, ..WEIGHING, |lane| {
         let Best { cost, axis, at } = bests.at(lane);
-        let first = lane * Bins::WIDTH;
+        let bin = lane * Bins::WIDTH;
+        let first = bin % BINS * SHARES + bin / BINS;
         cost.put(table, COSTS + first);
         axis.put(table, AXES + first);
         at.put(table, PLACES + first);
@@ -225,18 +228,11 @@ pub fn find(
         let mut plane = lane;
         while found.at(COST) < leaf && plane < PLANES {
             if table.at(COSTS + plane) == found.at(COST) {
-                found.lower(PICK, key(table, plane));
+                found.lower(PICK, plane);
             }
             plane += step;
         }
     });
-}
-
-/// Of equally cheap planes the one with the lowest key is taken: that by the lowest border, then across the lowest
-/// axis.
-#[inline(always)]
-fn key(table: &[u32; TABLE], plane: u32) -> u32 {
-    plane % BINS * 4 + f32::from_bits(table.at(AXES + plane)) as u32
 }
 
 /// The plane that [`find`] found.
@@ -246,48 +242,7 @@ pub fn chosen(table: &[u32; TABLE], found: &[u32; FOUND]) -> SplitPlane {
     if pick == NONE {
         SplitPlane::from_words(UVec2::new(found.at(INSTEAD), found.at(INSTEAD + 1)))
     } else {
-        let (border, axis) = (pick / 4, pick % 4);
-        let plane = if SHARES == 1 { border } else { axis * BINS + border };
-        SplitPlane { axis, at: f32::from_bits(table.at(PLACES + plane)), pays: true }
-    }
-}
-
-/// Chooses the plane of active node `group.id`, if it has several chunks.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
-#[inline(always)]
-pub fn split(
-    group: Group,
-    table: &mut [u32; TABLE],
-    found: &mut [u32; FOUND],
-    params: &Buf<BuildParams>,
-    level: &Buf<u32>,
-    active: &Buf<UVec4>,
-    hists: &Buf<u32>,
-    planes: &mut Buf<UVec2>,
-) {
-    if group.id < level.at(LEVEL_ACTIVE) {
-        let item = Item::load(active, group.id);
-        if !item.is_alone() {
-            let step = group.sharers();
-            lanes!(group, ..step, |lane| {
-                let mut word = lane;
-                while word < HIST_WORDS {
-                    table.put(BEFORE + word, hists.at(group.id * HIST_WORDS + word));
-                    word += step;
-                }
-            });
-            find(group, table, found, &params.at(0), level.at(LEVEL_DEPTH), &item);
-            lanes!(group, ..1, |_lane| {
-                planes.put(group.id, chosen(table, found).words());
-            });
-        }
-    }
-}
-
-kernel! {
-    /// [`split`] over all active nodes of a level.
-    group SPLIT = split, threads 96, shared [table: TABLE, found: FOUND], {
-        0 params: read BuildParams, 1 level: read u32, 2 active: read UVec4, 3 hists: read u32,
-        4 planes: write UVec2,
+        let number = move |table: &[u32; TABLE], word: u32| f32::from_bits(table.at(word + pick));
+        SplitPlane { axis: number(table, AXES) as u32, at: number(table, PLACES), pays: true }
     }
 }

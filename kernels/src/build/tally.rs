@@ -3,6 +3,7 @@
 
 use super::{
     LEVEL_ACTIVE,
+    branch::room,
     scan::{self, LANES, scan, total, word},
 };
 use crate::{
@@ -10,7 +11,10 @@ use crate::{
     glam::UVec2,
     mem::{Buf, Slots},
 };
-use raykd_shared::{BuildParams, Node, limits::CHUNK};
+use raykd_shared::{
+    BuildParams, Node,
+    limits::{BRANCH, CHUNK},
+};
 
 // What is counted.
 /// Pairs of tree slots.
@@ -21,10 +25,10 @@ pub const ACTIVE: u32 = 1;
 pub const CHUNKS: u32 = 2;
 /// Their references.
 pub const REFS: u32 = 3;
-/// Treelets.
-pub const TREELETS: u32 = 4;
-/// Their references.
-pub const TREELET_REFS: u32 = 5;
+/// Branches.
+pub const BRANCHES: u32 = 4;
+/// Room for their references.
+pub const BRANCH_ROOM: u32 = 5;
 /// How many kinds there are.
 pub const KINDS: u32 = 6;
 /// Words for the sums of a block's lanes.
@@ -45,13 +49,13 @@ pub fn blocks_of(number: u32) -> u32 {
 #[inline(always)]
 fn add(sums: &mut [u32; SUMS], lane: u32, count: u32, small: u32) {
     let mut bump = |kind: u32, by: u32| sums.put(word(kind, lane), sums.at(word(kind, lane)) + by);
-    if count > small {
+    if count > BRANCH {
         bump(ACTIVE, 1);
         bump(CHUNKS, count.div_ceil(CHUNK));
         bump(REFS, count);
     } else {
-        bump(TREELETS, 1);
-        bump(TREELET_REFS, count);
+        bump(BRANCHES, 1);
+        bump(BRANCH_ROOM, room(count, small, 0));
     }
 }
 
@@ -77,8 +81,8 @@ pub fn count(
             let size = sizes.at(k);
             if planes.at(k).x == Node::LEAF {
                 // The node itself as a leaf.
-                sums.put(word(TREELETS, lane), 1);
-                sums.put(word(TREELET_REFS, lane), size.x);
+                sums.put(word(BRANCHES, lane), 1);
+                sums.put(word(BRANCH_ROOM, lane), room(size.x, small, 0));
             } else {
                 sums.put(word(PAIRS, lane), 1);
                 add(sums, lane, size.x, small);

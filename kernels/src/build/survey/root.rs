@@ -6,8 +6,8 @@ use super::{
 };
 use crate::{
     build::{
-        ARGS_ACTIVE, ARGS_CHUNKS, ARGS_SEVERAL_ACTIVE, ARGS_SEVERAL_CHUNKS, ARGS_TREELETS, LEVEL_ACTIVE,
-        STATE_STATUS, STATE_TREELETS, alloc::put_groups, bin::unordered, to_bits,
+        ARGS_ACTIVE, ARGS_BRANCHES, ARGS_CHUNKS, LEVEL_ACTIVE, ROUND_NUMBER, STATE_STATUS, alloc::put_groups,
+        bin::unordered, to_bits,
     },
     glam::{UVec4, Vec3},
     math::{div, exp2},
@@ -75,6 +75,7 @@ pub fn root(
     header: &mut Buf<u32>,
     level: &mut Buf<u32>,
     args: &mut Buf<u32>,
+    round: &mut Buf<u32>,
     state: &mut Buf<u32>,
 ) {
     if i == 0 {
@@ -103,13 +104,11 @@ pub fn root(
             item.put(2, to_bits(hi, 0));
         } else {
             state.or(STATE_STATUS, status::CAPACITY);
-            state.put(STATE_TREELETS, 0);
-            put_groups(state, ARGS_TREELETS, 0);
+            round.put(ROUND_NUMBER, 0);
+            put_groups(round, ARGS_BRANCHES, 0);
             level.put(LEVEL_ACTIVE, 0);
             put_groups(args, ARGS_ACTIVE, 0);
             put_groups(args, ARGS_CHUNKS, 0);
-            put_groups(args, ARGS_SEVERAL_ACTIVE, 0);
-            put_groups(args, ARGS_SEVERAL_CHUNKS, 0);
         }
     }
 }
@@ -126,6 +125,6 @@ kernel! {
     /// [`root`], once.
     map ROOT = root, threads 64, {
         0 found: read u32, 1 job: write u32, 2 params: write u32, 3 item: write UVec4, 4 header: write u32,
-        5 level: write u32, 6 args: write u32, 7 state: write u32,
+        5 level: write u32, 6 args: write u32, 7 round: write u32, 8 state: write u32,
     }
 }

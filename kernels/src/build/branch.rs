@@ -1,0 +1,482 @@
+//! Builds a branch, the subtree of a node of at most [`BRANCH`] references, down to its treelets in one workgroup: what
+//! [`super::bin`], [`super::count`] and [`super::scatter`] do level by level for larger nodes.
+//!
+//! The references of a branch, and of the treelets it becomes, have a room of their own, see [`room`]. Those of nodes
+//! that wait stand at its end, the last node's first; those of treelets at its beginning. Where they would not fit, or
+//! too many nodes wait, the rest is left to another round, in which each such node is a branch.
+
+use super::{
+    ARGS_BRANCHES, ARGS_TREELET_BLOCKS, Item, ROUND_EARLIER, ROUND_FROM, ROUND_NUMBER, ROUND_ROOM, ROUND_TOP,
+    ROUND_TREELETS, STATE_STATUS, SplitPlane,
+    alloc::put_groups,
+    bin::{TABLE, fill},
+    clip::{Bounds, clip_plane},
+    cut, growth_left,
+    marks::{BLOCKS, Marks, WORDS, scan},
+    reference::Reference,
+    split::{FOUND, chosen, find},
+    tally::blocks_of,
+};
+use crate::{
+    Group,
+    glam::{UVec2, UVec4, Vec3},
+    mem::{Atomics, Buf, PerLane, Slots},
+    mesh::triangle,
+};
+use raykd_shared::{
+    BuildParams, Node,
+    limits::{BRANCH, CHUNK, MAX_DEPTH},
+    rule,
+};
+
+const LANES: u32 = 128;
+const _: () = assert!(
+    BRANCH <= CHUNK && BRANCH == 2 * LANES,
+    "a branch has the marks of a chunk, a lane two references"
+);
+
+/// References for which there is room in the place of one item that a branch becomes.
+pub const SHARE: u32 = 4;
+/// And what is left beside twice the references of a branch: small ones grow by more.
+const SPARE: u32 = 32;
+/// How often the room is doubled from round to round.
+const MOST_DOUBLED: u32 = 3;
+
+/// Room for the references of a branch of `count`, and of the treelets it becomes, in the round after so many `earlier`
+/// ones: what did not fit before grows by more. It is enough for one split at least.
+#[inline(always)]
+pub const fn room(count: u32, small: u32, earlier: u32) -> u32 {
+    let grows = count > small && count <= BRANCH;
+    let times = 2 << if earlier < MOST_DOUBLED { earlier } else { MOST_DOUBLED };
+    let room = if grows {
+        times * count + SPARE
+    } else if count == 0 {
+        1
+    } else {
+        count
+    };
+    room.div_ceil(SHARE) * SHARE
+}
+
+/// Room in the list of branches, if there is room for so many treelets.
+#[inline(always)]
+pub const fn branches(treelets: u32) -> u32 {
+    treelets / 2
+}
+
+/// A round to come.
+#[derive(Clone, Copy, Debug)]
+pub struct Next {
+    /// How many rounds come before it.
+    pub earlier: u32,
+    /// Its first branch,
+    pub from: u32,
+    /// and how many there are.
+    pub number: u32,
+    /// Nodes above branches and treelets so far,
+    pub top: u32,
+    /// treelets,
+    pub treelets: u32,
+    /// and room taken by references.
+    pub room: u32,
+}
+
+/// Notes what comes next.
+#[inline(always)]
+pub fn put_round(round: &mut Buf<u32>, next: Next) {
+    round.put(ROUND_EARLIER, next.earlier);
+    round.put(ROUND_FROM, next.from);
+    round.put(ROUND_NUMBER, next.number);
+    round.put(ROUND_TOP, next.top);
+    round.put(ROUND_TREELETS, next.treelets);
+    round.put(ROUND_ROOM, next.room);
+    put_groups(round, ARGS_BRANCHES, next.number);
+    put_groups(round, ARGS_TREELET_BLOCKS, blocks_of(next.treelets));
+}
+
+// A node waiting to be split: a word of how many references it has, its slot and its depth; the growth left to it; and
+// its box.
+const ENTRY: u32 = 8;
+const SLOT: u32 = 10;
+const DEEP: u32 = 26;
+const COUNT: u32 = (1 << SLOT) - 1;
+const SLOTS: u32 = (1 << (DEEP - SLOT)) - 1;
+const _: () = assert!(
+    BRANCH <= COUNT && 2 * room(BRANCH, 0, MOST_DOUBLED) / SHARE <= SLOTS && MAX_DEPTH < 1 << (32 - DEEP),
+    "there are bits enough"
+);
+const MOST_WAITING: u32 = 12;
+const ENTRIES: usize = (ENTRY * MOST_WAITING) as usize;
+
+// Words of the workgroup's own state.
+const WAITING: u32 = 0;
+/// Where the references of the last node that waits begin.
+const LAST: u32 = 1;
+/// Where the next treelet's go.
+const FREE: u32 = 2;
+const ITEMS: u32 = 3;
+const SPLITS: u32 = 4;
+/// Whether the rest is left to another round.
+const STOPPED: u32 = 5;
+const OWN: usize = 6;
+
+/// A node that waits, as an item: its slot in the branch, its references and its depth.
+#[inline(always)]
+fn waiting(stack: &[u32; ENTRIES], at: u32, first: u32) -> Item {
+    let at = at * ENTRY;
+    let f = move |stack: &[u32; ENTRIES], i: u32| f32::from_bits(stack.at(at + i));
+    let head = stack.at(at);
+    Item {
+        node: head >> SLOT & SLOTS,
+        first,
+        count: head & COUNT,
+        extra: head >> DEEP,
+        lo: Vec3::new(f(stack, 2), f(stack, 3), f(stack, 4)),
+        hi: Vec3::new(f(stack, 5), f(stack, 6), f(stack, 7)),
+        growth: f(stack, 1),
+    }
+}
+
+#[inline(always)]
+fn push(stack: &mut [u32; ENTRIES], at: u32, item: &Item) {
+    let at = at * ENTRY;
+    stack.put(at, item.count | item.node << SLOT | item.extra << DEEP);
+    stack.put(at + 1, item.growth.to_bits());
+    stack.put(at + 2, item.lo.x.to_bits());
+    stack.put(at + 3, item.lo.y.to_bits());
+    stack.put(at + 4, item.lo.z.to_bits());
+    stack.put(at + 5, item.hi.x.to_bits());
+    stack.put(at + 6, item.hi.y.to_bits());
+    stack.put(at + 7, item.hi.z.to_bits());
+}
+
+/// Where the children of the node at hand go.
+#[derive(Clone, Copy)]
+struct Children {
+    plane: SplitPlane,
+    below: u32,
+    above: u32,
+    /// Where their references go.
+    first_below: u32,
+    first_above: u32,
+    /// Whether they wait to be split.
+    below_waits: bool,
+    above_waits: bool,
+    /// Whether the one above is next.
+    above_is_next: bool,
+    /// Where the references of the next node begin.
+    last: u32,
+    /// Whether there is room for them.
+    fit: bool,
+}
+
+impl Children {
+    #[inline(always)]
+    fn of(
+        own: &[u32; OWN],
+        node: &Item,
+        plane: SplitPlane,
+        (below, above): (u32, u32),
+        small: u32,
+        items: u32,
+    ) -> Self {
+        let is_leaf = plane.axis == Node::LEAF;
+        let below_waits = !is_leaf && below > small;
+        let above_waits = above > small;
+        let if_waits = |waits: bool, count: u32| if waits { count } else { 0 };
+        let (waiting_below, waiting_above) = (if_waits(below_waits, below), if_waits(above_waits, above));
+        let free = own.at(FREE);
+        let end = node.first + node.count;
+        let done_below = below - waiting_below;
+        let done = free + done_below + above - waiting_above;
+        let waiting = own.at(WAITING) - 1 + below_waits as u32 + above_waits as u32;
+        // One item each for what is done and what waits.
+        let all = own.at(ITEMS) + own.at(WAITING) + !is_leaf as u32;
+        let fit = (done + waiting_below + waiting_above <= end) & (waiting <= MOST_WAITING) & (all <= items);
+        let last = if fit { end - waiting_above - waiting_below } else { free };
+        // The smaller of two that wait is next, so few wait; its references come first.
+        let above_is_next = above_waits & (!below_waits | (above < below));
+        let first_below =
+            if below_waits { last + if above_is_next { waiting_above } else { 0 } } else { free };
+        let if_last = if above_is_next { last } else { last + waiting_below };
+        let first_above = if above_waits { if_last } else { free + done_below };
+        Self {
+            plane,
+            below,
+            above,
+            first_below,
+            first_above,
+            below_waits,
+            above_waits,
+            above_is_next,
+            last,
+            fit,
+        }
+    }
+}
+
+/// A reference of the node at hand, on either side of the plane.
+#[derive(Clone, Copy, Default)]
+struct Halves {
+    /// What goes below,
+    under: Bounds,
+    /// and what goes above.
+    over: Bounds,
+    triangle: u32,
+    /// Bit 0: something goes below, bit 1: something goes above.
+    sides: u32,
+}
+
+impl Halves {
+    #[inline(always)]
+    fn of(
+        positions: &Buf<f32>,
+        indices: &Buf<u32>,
+        whole: &Reference,
+        plane: SplitPlane,
+        clips: bool,
+    ) -> Self {
+        let Reference { bounds, triangle: number, .. } = *whole;
+        let mut sides = whole.sides(plane);
+        let (mut under, mut over) = (bounds, bounds);
+        if clips && sides == 3 {
+            let (a, b, c) = triangle(positions, indices, number);
+            (under, over) = clip_plane(a, b, c, &bounds, plane.axis, plane.at);
+            sides = !under.is_empty() as u32 | ((!over.is_empty() as u32) << 1);
+        }
+        Self { under, over, triangle: number, sides }
+    }
+}
+
+/// What each lane holds of a node: every 128th reference, from its own number on.
+type Held = PerLane<[Halves; 2], { LANES as usize }>;
+
+/// Lanes that hold any of `count` references.
+#[inline(always)]
+const fn holders(count: u32) -> u32 {
+    if count < LANES { count } else { LANES }
+}
+
+/// Divides the references of the node at hand, and marks where they go.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+#[inline(always)]
+fn divide(
+    group: Group,
+    belows: &mut [u32; WORDS],
+    aboves: &mut [u32; WORDS],
+    held: &mut Held,
+    node: &Item,
+    plane: SplitPlane,
+    clips: bool,
+    positions: &Buf<f32>,
+    indices: &Buf<u32>,
+    refs: &Buf<UVec4>,
+) {
+    lanes!(group, ..node.count.div_ceil(32), |word| {
+        belows.put(word, 0);
+        aboves.put(word, 0);
+    });
+    lanes!(group, ..holders(node.count), |lane| {
+        let mut both = [Halves::default(); 2];
+        let reference = Reference::load(refs, node.first + lane);
+        both[0] = Halves::of(positions, indices, &reference, plane, clips);
+        belows.mark(lane / 32, (both[0].sides & 1) << (lane % 32));
+        aboves.mark(lane / 32, (both[0].sides >> 1) << (lane % 32));
+        let other = lane + LANES;
+        if other < node.count {
+            let reference = Reference::load(refs, node.first + other);
+            both[1] = Halves::of(positions, indices, &reference, plane, clips);
+            belows.mark(other / 32, (both[1].sides & 1) << (other % 32));
+            aboves.mark(other / 32, (both[1].sides >> 1) << (other % 32));
+        }
+        held.put(lane, both);
+    });
+}
+
+/// Moves the references of the node at hand to its children's places, which may be among those of the node's own.
+#[inline(always)]
+fn replace(group: Group, held: &Held, node: &Item, children: Children, marks: Marks, refs: &mut Buf<UVec4>) {
+    let put = move |refs: &mut Buf<UVec4>, marks: Marks, at: u32, halves: Halves| {
+        let Halves { under, over, triangle, sides } = halves;
+        if sides & 1 != 0 {
+            let reference = Reference { triangle, cell: 0, bounds: under };
+            reference.store(refs, children.first_below + marks.below_before(at));
+        }
+        if sides & 2 != 0 {
+            let reference = Reference { triangle, cell: 0, bounds: over };
+            reference.store(refs, children.first_above + marks.above_before(at));
+        }
+    };
+    lanes!(group, ..holders(node.count), |lane| {
+        let [first, other] = held.at(lane);
+        put(refs, marks, lane, first);
+        if lane + LANES < node.count {
+            put(refs, marks, lane + LANES, other);
+        }
+    });
+    group.meet_at_buffers();
+}
+
+/// Notes the node at hand, and has its children wait or become treelets.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+#[inline(always)]
+fn finish(
+    group: Group,
+    stack: &mut [u32; ENTRIES],
+    own: &mut [u32; OWN],
+    node: &Item,
+    children: Children,
+    base: u32,
+    items: &mut Buf<UVec4>,
+    nodes: &mut Buf<UVec2>,
+) {
+    lanes!(group, ..1, |_lane| {
+        let mut waiting = own.at(WAITING) - 1;
+        let mut item = own.at(ITEMS);
+        let (splits, mut free) = (own.at(SPLITS), own.at(FREE));
+        let Children { plane, below, above, first_below, first_above, below_waits, above_waits, .. } =
+            children;
+        if plane.axis == Node::LEAF {
+            Item { first: first_below, ..*node }.store(items, base + item);
+            item += 1;
+            free += below;
+        } else {
+            let slot = 1 + 2 * splits;
+            let (word0, word1) = Node::inner(plane.axis, plane.at, slot).words();
+            nodes.put(2 * base + node.node, UVec2::new(word0, word1));
+            let growth = growth_left(node.growth, node.count, below + above, plane.pays);
+            let (hi_below, lo_above) = cut(node.lo, node.hi, plane);
+            let child = Item { extra: node.extra + 1, growth, ..*node };
+            let child_below = Item { node: slot, first: first_below, count: below, hi: hi_below, ..child };
+            let child_above =
+                Item { node: slot + 1, first: first_above, count: above, lo: lo_above, ..child };
+            if !below_waits {
+                child_below.store(items, base + item);
+                item += 1;
+                free += below;
+            }
+            if !above_waits {
+                child_above.store(items, base + item);
+                item += 1;
+                free += above;
+            }
+            // The next one comes last.
+            if above_waits && !children.above_is_next {
+                push(stack, waiting, &child_above);
+                waiting += 1;
+            }
+            if below_waits {
+                push(stack, waiting, &child_below);
+                waiting += 1;
+            }
+            if children.above_is_next {
+                push(stack, waiting, &child_above);
+                waiting += 1;
+            }
+            own.put(SPLITS, splits + 1);
+        }
+        own.put(WAITING, waiting);
+        own.put(LAST, children.last);
+        own.put(FREE, free);
+        own.put(ITEMS, item);
+    });
+}
+
+/// Builds branch `group.id` of the round. What it becomes, treelets and then what is left, goes to `items`, its nodes
+/// to `nodes`, numbered from 0, the root; `sizes` gets how many items are treelets, how many splits there are, how many
+/// items are left, and the room for their references.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+#[inline(always)]
+pub fn branch(
+    group: Group,
+    table: &mut [u32; TABLE],
+    rate: &mut [u32; 3],
+    found: &mut [u32; FOUND],
+    belows: &mut [u32; WORDS],
+    aboves: &mut [u32; WORDS],
+    sums: &mut [u32; WORDS],
+    blocks: &mut [u32; BLOCKS],
+    stack: &mut [u32; ENTRIES],
+    own: &mut [u32; OWN],
+    params: &Buf<BuildParams>,
+    positions: &Buf<f32>,
+    indices: &Buf<u32>,
+    state: &Buf<u32>,
+    round: &Buf<u32>,
+    branches: &Buf<UVec4>,
+    refs: &mut Buf<UVec4>,
+    items: &mut Buf<UVec4>,
+    nodes: &mut Buf<UVec2>,
+    sizes: &mut Buf<UVec4>,
+) {
+    if group.id < round.at(ROUND_NUMBER) && state.at(STATE_STATUS) == 0 {
+        let params = params.at(0);
+        let small = params.small;
+        let clips = (params.rule & rule::CLIP) != 0;
+        let earlier = round.at(ROUND_EARLIER);
+        let branch = Item::load(branches, round.at(ROUND_FROM) + group.id);
+        let room = room(branch.count, small, earlier);
+        let begin = branch.first + branch.count - room;
+        let base = begin / SHARE;
+        let grows = branch.count > small && branch.count <= BRANCH;
+        lanes!(group, ..1, |_lane| {
+            own.put(WAITING, grows as u32);
+            own.put(LAST, branch.first);
+            own.put(FREE, begin);
+            own.put(ITEMS, !grows as u32);
+            own.put(SPLITS, 0);
+            own.put(STOPPED, 0);
+            let root = Item { node: 0, ..branch };
+            if grows {
+                push(stack, 0, &root);
+            } else {
+                root.store(items, base);
+            }
+        });
+        let mut held = Held::default();
+        while own.at(WAITING) > 0 && own.at(STOPPED) == 0 {
+            held.forget();
+            let node = waiting(stack, own.at(WAITING) - 1, own.at(LAST));
+            let (first, count) = (node.first, node.count);
+            fill(group, table, rate, &node, refs, first, count);
+            find(group, table, found, &params, node.extra, &node);
+            let plane = chosen(table, found);
+            divide(group, belows, aboves, &mut held, &node, plane, clips, positions, indices, refs);
+            scan(group, belows, aboves, sums, blocks, count.div_ceil(32));
+            let marks = Marks { belows, aboves, sums };
+            let children = Children::of(own, &node, plane, marks.counts(count), small, room / SHARE);
+            if children.fit {
+                replace(group, &held, &node, children, marks, refs);
+                finish(group, stack, own, &node, children, base, items, nodes);
+            } else {
+                lanes!(group, ..1, |_lane| {
+                    own.put(STOPPED, 1);
+                });
+            }
+        }
+        lanes!(group, ..1, |_lane| {
+            let (left, item) = (own.at(WAITING), own.at(ITEMS));
+            let (mut first, mut room_left) = (own.at(LAST), 0);
+            let mut i = 0;
+            while i < left {
+                let node = waiting(stack, left - 1 - i, first);
+                node.store(items, base + item + i);
+                first += node.count;
+                room_left += super::branch::room(node.count, small, earlier + 1);
+                i += 1;
+            }
+            sizes.put(group.id, UVec4::new(item, own.at(SPLITS), left, room_left));
+        });
+    }
+}
+
+kernel! {
+    /// [`branch`] over all branches of a round.
+    group BRANCHES = branch, threads 128, shared [
+        table: TABLE, rate: 3, found: FOUND, belows: WORDS, aboves: WORDS, sums: WORDS, blocks: BLOCKS, stack: ENTRIES,
+        own: OWN
+    ], {
+        0 params: read BuildParams, 1 positions: read f32, 2 indices: read u32, 3 state: read u32, 4 round: read u32,
+        5 branches: read UVec4, 6 refs: write UVec4, 7 items: write UVec4, 8 nodes: write UVec2, 9 sizes: write UVec4,
+    }
+}

@@ -1,0 +1,165 @@
+//! Which references go below a plane and which above, a bit each; how many go there before one is a count of bits.
+
+use super::{SplitPlane, ahead, clip::clip_plane, reference::Reference};
+use crate::{
+    Group,
+    glam::UVec4,
+    mem::{Atomics, Buf, Slots},
+    mesh::triangle,
+};
+use raykd_shared::limits::CHUNK;
+
+/// Words of a bit for each reference of a chunk.
+pub const BITS: u32 = CHUNK / 32;
+/// The same.
+pub const WORDS: usize = BITS as usize;
+/// Words whose sums are added up by one lane.
+const BLOCK: u32 = 8;
+/// Words of the sums.
+pub const BLOCKS: usize = (BITS / BLOCK) as usize;
+
+/// Marks which of `number` references from `start` on go below and above `plane`. Boxes that straddle it, of triangles
+/// that do not, are clipped.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+#[inline(always)]
+pub fn mark(
+    group: Group,
+    belows: &mut [u32; WORDS],
+    aboves: &mut [u32; WORDS],
+    clips: bool,
+    positions: &Buf<f32>,
+    indices: &Buf<u32>,
+    refs: &mut Buf<UVec4>,
+    start: u32,
+    number: u32,
+    plane: SplitPlane,
+) {
+    let step = group.sharers();
+    lanes!(group, ..step, |lane| {
+        let mut word = lane;
+        while word < number.div_ceil(32) {
+            belows.put(word, 0);
+            aboves.put(word, 0);
+            word += step;
+        }
+    });
+    lanes!(group, ..step, |lane| {
+        // In batches: triangles are looked at together, in which lanes meet and for which a CPU asks ahead.
+        let mut i = lane;
+        while i < number {
+            let mut straddling = 0u32;
+            let mut k = 0;
+            while k < 32 && i + k * step < number {
+                let at = i + k * step;
+                let reference = Reference::load(refs, start + at);
+                let s = reference.sides(plane);
+                if clips && s == 3 {
+                    straddling |= 1 << k;
+                    indices.soon(3 * reference.triangle);
+                } else {
+                    belows.mark(at / 32, (s & 1) << (at % 32));
+                    aboves.mark(at / 32, (s >> 1) << (at % 32));
+                }
+                k += 1;
+            }
+            ahead::triangles(group, positions, indices, straddling, |k| {
+                Reference::load(refs, start + i + k * step).triangle
+            });
+            while straddling != 0 {
+                let at = i + straddling.trailing_zeros() * step;
+                straddling &= straddling - 1;
+                let mut reference = Reference::load(refs, start + at);
+                let (a, b, c) = triangle(positions, indices, reference.triangle);
+                let (under, over) = clip_plane(a, b, c, &reference.bounds, plane.axis, plane.at);
+                let s = !under.is_empty() as u32 | ((!over.is_empty() as u32) << 1);
+                if s != 3 {
+                    reference.bounds = if s == 2 { over } else { under };
+                    reference.store(refs, start + at);
+                }
+                belows.mark(at / 32, (s & 1) << (at % 32));
+                aboves.mark(at / 32, (s >> 1) << (at % 32));
+            }
+            i += 32 * step;
+        }
+    });
+}
+
+/// How many references go below, and in the upper half of a sum above, before each of `words` words: first
+/// before those of its block, then before its block.
+#[inline(always)]
+pub fn scan(
+    group: Group,
+    belows: &[u32; WORDS],
+    aboves: &[u32; WORDS],
+    sums: &mut [u32; WORDS],
+    blocks: &mut [u32; BLOCKS],
+    words: u32,
+) {
+    lanes!(group, ..words.div_ceil(BLOCK), |lane| {
+        let end = (lane + 1) * BLOCK;
+        let end = if end < words { end } else { words };
+        let mut sum = 0;
+        let mut word = lane * BLOCK;
+        while word < end {
+            sums.put(word, sum);
+            sum += belows.at(word).count_ones() | (aboves.at(word).count_ones() << 16);
+            word += 1;
+        }
+        blocks.put(lane, sum);
+    });
+    lanes!(group, ..words, |lane| {
+        let mut sum = sums.at(lane);
+        let mut block = 0;
+        while block < lane / BLOCK {
+            sum += blocks.at(block);
+            block += 1;
+        }
+        sums.put(lane, sum);
+    });
+}
+
+/// Which references of a chunk go where, as workgroup memory has it.
+#[derive(Clone, Copy, Debug)]
+pub struct Marks<'a> {
+    /// A bit for each that goes below,
+    pub belows: &'a [u32; WORDS],
+    /// and above.
+    pub aboves: &'a [u32; WORDS],
+    /// See [`scan`].
+    pub sums: &'a [u32; WORDS],
+}
+
+impl Marks<'_> {
+    /// Whether reference `i` goes below, and whether above.
+    #[inline(always)]
+    pub fn sides(&self, i: u32) -> (bool, bool) {
+        let bit = 1 << (i % 32);
+        (self.belows.at(i / 32) & bit != 0, self.aboves.at(i / 32) & bit != 0)
+    }
+
+    /// How many go below before reference `i`.
+    #[inline(always)]
+    pub fn below_before(&self, i: u32) -> u32 {
+        (self.sums.at(i / 32) & 0xFFFF) + ones_before(self.belows, i)
+    }
+
+    /// How many go above.
+    #[inline(always)]
+    pub fn above_before(&self, i: u32) -> u32 {
+        (self.sums.at(i / 32) >> 16) + ones_before(self.aboves, i)
+    }
+
+    /// How many of the first `number` go below, and above; after [`scan`].
+    #[inline(always)]
+    pub fn counts(&self, number: u32) -> (u32, u32) {
+        let last = (number - 1) / 32;
+        let (below, above) = (self.sums.at(last) & 0xFFFF, self.sums.at(last) >> 16);
+        (below + self.belows.at(last).count_ones(), above + self.aboves.at(last).count_ones())
+    }
+}
+
+/// How many bits are set in the word of bit `at`, before it.
+#[inline(always)]
+fn ones_before(bits: &[u32; WORDS], at: u32) -> u32 {
+    (bits.at(at / 32) & ((1 << (at % 32)) - 1)).count_ones()
+}
