@@ -105,11 +105,20 @@ const SPARE: u32 = 2;
 /// More levels, where nodes are left below those that were encoded.
 const MORE: u32 = 12;
 
-/// Rounds over branches, an even number: most need but one or two, and an empty one costs a hundredth of what another
-/// look at the device does. Where treelets are smaller, branches become more of them.
-const fn usual_rounds(small: u32) -> u32 {
-    if small < TREELET { 12 } else { 4 }
+/// Rounds over branches, an even number: dragons need one, Sponza and small teapots two, large teapots three or four.
+/// Where treelets are smaller, branches become more of them.
+const fn usual_rounds(params: &BuildParams) -> u32 {
+    if params.small < TREELET {
+        12
+    } else if params.references < SMALL {
+        2
+    } else {
+        4
+    }
 }
+
+/// References of meshes so small that two rounds more would be felt.
+const SMALL: u32 = 1 << 16;
 
 /// What a build notes for the next one, where memory is used again.
 #[derive(Clone, Copy, Debug)]
@@ -196,8 +205,7 @@ pub(super) fn build(
     let mut looks = 0;
     let guess = noted.map_or(usual_levels(params), |noted| noted.levels + SPARE);
     let mut levels = 0..guess.min(most);
-    let mut rounds =
-        noted.map_or(usual_rounds(params.small), |noted| noted.rounds.next_multiple_of(2).max(2));
+    let mut rounds = noted.map_or(usual_rounds(params), |noted| noted.rounds.next_multiple_of(2).max(2));
     let state = loop {
         let (mut state, mut steps) = ([State::default()], Vec::new());
         let mut back = vec![lists.state.back_from(0, &mut state)];
@@ -231,7 +239,7 @@ pub(super) fn build(
         // Branches come once the levels are done.
         let more = if state.rounds > 0 { 0 } else { MORE };
         levels = levels.end..(levels.end + more).min(most);
-        rounds = usual_rounds(params.small);
+        rounds = usual_rounds(params);
     };
     let State { nodes, refs, levels, rounds, depth, .. } = state;
     let BuildParams { triangles, references, level_refs, treelet_refs, active, treelets, .. } = *params;
@@ -598,6 +606,7 @@ mod tests {
         let from = Given::of(&device, &mesh)?;
         let options = BuildOptions { profile: true, ..BuildOptions::default() };
         let mut setting = Setting::first(&from, &options, Way::Levels);
+        let usual = usual_rounds(&setting.params());
         let (times, deepest) = loop {
             let mut arena = Arena { device: &device, bytes: 0 };
             match build(&mut arena, &from, &setting.params(), &options, None) {
@@ -608,7 +617,7 @@ mod tests {
         };
         let rounds =
             times.kernels.iter().find(|kernel| kernel.name == "join").map(|kernel| kernel.dispatches);
-        assert!(rounds > Some(usual_rounds(TREELET)) && deepest > 20, "{rounds:?} rounds, depth {deepest}");
+        assert!(rounds > Some(usual) && deepest > 20, "{rounds:?} rounds, depth {deepest}");
         Ok(())
     }
 }

@@ -92,14 +92,14 @@ pub(super) struct Room {
     pub treelets: u32,
 }
 
-/// Levels of large nodes that are enough for most scenes: dragons and teapots have about nine tenths of these.
-pub(super) const fn usual_levels(params: &BuildParams) -> u32 {
-    let halvings = match params.references.div_ceil(BRANCH).checked_ilog2() {
-        Some(halvings) => halvings,
-        None => 0,
-    };
+/// Levels of large nodes that are enough for most scenes: dragons have about nine tenths of these, teapots all. Where
+/// there are many nodes, some shrink slowly.
+pub(super) fn usual_levels(params: &BuildParams) -> u32 {
+    let halvings = params.references.div_ceil(BRANCH).max(1).ilog2();
     // Without costs there are more.
-    4 + if params.rule & rule::MEDIAN == 0 { 3 * halvings / 2 } else { 2 * halvings }
+    let a_halving = if params.rule & rule::MEDIAN == 0 { [3, 6] } else { [4, 8] };
+    let [few, many] = a_halving.map(|halves| halves * halvings / 2);
+    (4 + few).max(many.saturating_sub(12))
 }
 
 impl Room {

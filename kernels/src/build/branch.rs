@@ -39,7 +39,7 @@ const _: () = assert!(
 pub const SHARE: u32 = 4;
 /// And what is left beside twice the references of a branch: small ones grow by more.
 const SPARE: u32 = 32;
-/// How often the room is doubled from round to round.
+/// How often the room is doubled, every second round.
 const MOST_DOUBLED: u32 = 3;
 
 /// Room for the references of a branch of `count`, and of the treelets it becomes, in the round after so many `earlier`
@@ -47,7 +47,8 @@ const MOST_DOUBLED: u32 = 3;
 #[inline(always)]
 pub const fn room(count: u32, small: u32, earlier: u32) -> u32 {
     let grows = count > small && count <= BRANCH;
-    let times = 2 << if earlier < MOST_DOUBLED { earlier } else { MOST_DOUBLED };
+    let doubled = earlier / 2;
+    let times = 2 << if doubled < MOST_DOUBLED { doubled } else { MOST_DOUBLED };
     let room = if grows {
         times * count + SPARE
     } else if count == 0 {
@@ -102,10 +103,12 @@ const DEEP: u32 = 26;
 const COUNT: u32 = (1 << SLOT) - 1;
 const SLOTS: u32 = (1 << (DEEP - SLOT)) - 1;
 const _: () = assert!(
-    BRANCH <= COUNT && 2 * room(BRANCH, 0, MOST_DOUBLED) / SHARE <= SLOTS && MAX_DEPTH < 1 << (32 - DEEP),
+    BRANCH <= COUNT && 2 * room(BRANCH, 0, 2 * MOST_DOUBLED) / SHARE <= SLOTS && MAX_DEPTH < 1 << (32 - DEEP),
     "there are bits enough"
 );
 const MOST_WAITING: u32 = 12;
+/// Splits in a round: while one workgroup goes on for long, others have nothing to do.
+const MOST_SPLITS: u32 = 64;
 const ENTRIES: usize = (ENTRY * MOST_WAITING) as usize;
 
 // Words of the workgroup's own state.
@@ -434,7 +437,7 @@ pub fn branch(
             }
         });
         let mut held = Held::default();
-        while own.at(WAITING) > 0 && own.at(STOPPED) == 0 {
+        while own.at(WAITING) > 0 && own.at(STOPPED) == 0 && own.at(SPLITS) < MOST_SPLITS {
             held.forget();
             let node = waiting(stack, own.at(WAITING) - 1, own.at(LAST));
             let (first, count) = (node.first, node.count);
