@@ -56,7 +56,10 @@ const BINNED: u32 = 12_000;
 fn each_kernel_does_so_over_several_chunks_too() {
     let devices: Vec<_> = devices().iter().map(|named| &named.device).collect();
     for family in [Family::Soup, Family::Lattice] {
-        for (builder, size) in LARGE {
+        // In a lattice `median` makes references until no list may grow, which takes minutes.
+        let builders =
+            LARGE.into_iter().filter(|&(builder, _)| (family, builder) != (Family::Lattice, Builder::Median));
+        for (builder, size) in builders {
             let mesh = Recipe { family, size, seed: 1 }.mesh();
             let options = BuildOptions::default().with_builder(builder);
             if family == Family::Soup {
