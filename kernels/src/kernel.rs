@@ -29,9 +29,7 @@ impl Group {
         }
         self.width
     }
-}
 
-impl Group {
     /// Waits for all lanes; what they wrote to buffers is then seen by all.
     #[inline(always)]
     pub fn meet_at_buffers(&self) {

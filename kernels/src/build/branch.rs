@@ -10,18 +10,18 @@ use super::{
     ROUND_TREELETS, STATE_STATUS, SplitPlane,
     alloc::put_groups,
     bin::{TABLE, fill},
-    clip::{Bounds, clip_plane},
-    cut, growth_left,
+    clip::{Bounds, sides_of},
+    corners_at, cut, growth_left,
     marks::{BLOCKS, Marks, WORDS, scan},
+    put_corners,
     reference::Reference,
     split::{FOUND, chosen, find},
     tally::blocks_of,
 };
 use crate::{
     Group,
-    glam::{UVec2, UVec4, Vec3},
+    glam::{UVec2, UVec4},
     mem::{Atomics, Buf, PerLane, Slots},
-    mesh::triangle,
 };
 use raykd_shared::{
     BuildParams, Node,
@@ -127,17 +127,10 @@ const OWN: usize = 6;
 #[inline(always)]
 fn waiting(stack: &[u32; ENTRIES], at: u32, first: u32) -> Item {
     let at = at * ENTRY;
-    let f = move |stack: &[u32; ENTRIES], i: u32| f32::from_bits(stack.at(at + i));
     let head = stack.at(at);
-    Item {
-        node: head >> SLOT & SLOTS,
-        first,
-        count: head & COUNT,
-        extra: head >> DEEP,
-        lo: Vec3::new(f(stack, 2), f(stack, 3), f(stack, 4)),
-        hi: Vec3::new(f(stack, 5), f(stack, 6), f(stack, 7)),
-        growth: f(stack, 1),
-    }
+    let (node, count, extra) = (head >> SLOT & SLOTS, head & COUNT, head >> DEEP);
+    let (lo, hi) = corners_at(stack, at + 2);
+    Item { node, first, count, extra, lo, hi, growth: f32::from_bits(stack.at(at + 1)) }
 }
 
 #[inline(always)]
@@ -145,12 +138,7 @@ fn push(stack: &mut [u32; ENTRIES], at: u32, item: &Item) {
     let at = at * ENTRY;
     stack.put(at, item.count | item.node << SLOT | item.extra << DEEP);
     stack.put(at + 1, item.growth.to_bits());
-    stack.put(at + 2, item.lo.x.to_bits());
-    stack.put(at + 3, item.lo.y.to_bits());
-    stack.put(at + 4, item.lo.z.to_bits());
-    stack.put(at + 5, item.hi.x.to_bits());
-    stack.put(at + 6, item.hi.y.to_bits());
-    stack.put(at + 7, item.hi.z.to_bits());
+    put_corners(stack, at + 2, item.lo, item.hi);
 }
 
 /// Where the children of the node at hand go.
@@ -239,15 +227,14 @@ impl Halves {
         plane: SplitPlane,
         clips: bool,
     ) -> Self {
-        let Reference { bounds, triangle: number, .. } = *whole;
+        let Reference { bounds, triangle, .. } = *whole;
         let mut sides = whole.sides(plane);
         let (mut under, mut over) = (bounds, bounds);
         if clips && sides == 3 {
-            let (a, b, c) = triangle(positions, indices, number);
-            (under, over) = clip_plane(a, b, c, &bounds, plane.axis, plane.at);
-            sides = !under.is_empty() as u32 | ((!over.is_empty() as u32) << 1);
+            (under, over) = whole.halves(positions, indices, plane);
+            sides = sides_of(&under, &over);
         }
-        Self { under, over, triangle: number, sides }
+        Self { under, over, triangle, sides }
     }
 }
 
@@ -418,8 +405,8 @@ pub fn branch(
         let clips = (params.rule & rule::CLIP) != 0;
         let earlier = round.at(ROUND_EARLIER);
         let branch = Item::load(branches, round.at(ROUND_FROM) + group.id);
-        let room = room(branch.count, small, earlier);
-        let begin = branch.first + branch.count - room;
+        let room_here = room(branch.count, small, earlier);
+        let begin = branch.first + branch.count - room_here;
         let base = begin / SHARE;
         let grows = branch.count > small && branch.count <= BRANCH;
         lanes!(group, ..1, |_lane| {
@@ -447,7 +434,7 @@ pub fn branch(
             divide(group, belows, aboves, &mut held, &node, plane, clips, positions, indices, refs);
             scan(group, belows, aboves, sums, blocks, count.div_ceil(32));
             let marks = Marks { belows, aboves, sums };
-            let children = Children::of(own, &node, plane, marks.counts(count), small, room / SHARE);
+            let children = Children::of(own, &node, plane, marks.counts(count), small, room_here / SHARE);
             if children.fit {
                 replace(group, &held, &node, children, marks, refs);
                 finish(group, stack, own, &node, children, base, items, nodes);
@@ -465,7 +452,7 @@ pub fn branch(
                 let node = waiting(stack, left - 1 - i, first);
                 node.store(items, base + item + i);
                 first += node.count;
-                room_left += super::branch::room(node.count, small, earlier + 1);
+                room_left += room(node.count, small, earlier + 1);
                 i += 1;
             }
             sizes.put(group.id, UVec4::new(item, own.at(SPLITS), left, room_left));

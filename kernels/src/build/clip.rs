@@ -159,6 +159,12 @@ fn crosses(a: Vec3, b: Vec3, at: f32) -> bool {
     low(a.z, b.z) < at && at < high(a.z, b.z)
 }
 
+/// Which of two halves are something: bit 0 that below, bit 1 that above.
+#[inline(always)]
+pub fn sides_of(under: &Bounds, over: &Bounds) -> u32 {
+    !under.is_empty() as u32 | ((!over.is_empty() as u32) << 1)
+}
+
 /// Cuts `bounds`, a box around some part of a triangle, by a plane: boxes around what lies below and above,
 /// each the box of the triangle's half within `bounds`.
 #[inline(always)]

@@ -1,11 +1,10 @@
 //! Which references go below a plane and which above, a bit each; how many go there before one is a count of bits.
 
-use super::{SplitPlane, ahead, clip::clip_plane, reference::Reference};
+use super::{SplitPlane, ahead, clip::sides_of, reference::Reference};
 use crate::{
     Group,
     glam::UVec4,
     mem::{Atomics, Buf, Slots},
-    mesh::triangle,
 };
 use raykd_shared::limits::CHUNK;
 
@@ -69,9 +68,8 @@ pub fn mark(
                 let at = i + straddling.trailing_zeros() * step;
                 straddling &= straddling - 1;
                 let mut reference = Reference::load(refs, start + at);
-                let (a, b, c) = triangle(positions, indices, reference.triangle);
-                let (under, over) = clip_plane(a, b, c, &reference.bounds, plane.axis, plane.at);
-                let s = !under.is_empty() as u32 | ((!over.is_empty() as u32) << 1);
+                let (under, over) = reference.halves(positions, indices, plane);
+                let s = sides_of(&under, &over);
                 if s != 3 {
                     reference.bounds = if s == 2 { over } else { under };
                     reference.store(refs, start + at);

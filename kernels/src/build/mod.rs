@@ -272,6 +272,24 @@ pub fn to_bits(v: Vec3, last: u32) -> UVec4 {
     UVec4::new(v.x.to_bits(), v.y.to_bits(), v.z.to_bits(), last)
 }
 
+/// Puts the corners of a box to six words of a workgroup's memory.
+#[inline(always)]
+fn put_corners(words: &mut impl Slots<u32>, at: u32, lo: Vec3, hi: Vec3) {
+    words.put(at, lo.x.to_bits());
+    words.put(at + 1, lo.y.to_bits());
+    words.put(at + 2, lo.z.to_bits());
+    words.put(at + 3, hi.x.to_bits());
+    words.put(at + 4, hi.y.to_bits());
+    words.put(at + 5, hi.z.to_bits());
+}
+
+/// What [`put_corners`] put there.
+#[inline(always)]
+fn corners_at(words: &impl Slots<u32>, at: u32) -> (Vec3, Vec3) {
+    let f = |i: u32| f32::from_bits(words.at(at + i));
+    (Vec3::new(f(0), f(1), f(2)), Vec3::new(f(3), f(4), f(5)))
+}
+
 /// A plane that cuts a node.
 #[derive(Clone, Copy, Debug)]
 pub struct SplitPlane {

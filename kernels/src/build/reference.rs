@@ -2,7 +2,7 @@
 
 use super::{SplitPlane, from_bits, is_above, is_below, to_bits};
 use crate::{
-    build::clip::Bounds,
+    build::clip::{Bounds, clip_plane},
     glam::UVec4,
     math::component,
     mem::{Buf, Slots},
@@ -50,6 +50,13 @@ impl Reference {
     pub fn store(&self, list: &mut Buf<UVec4>, i: u32) {
         list.put(2 * i, to_bits(self.bounds.lo, self.triangle));
         list.put(2 * i + 1, to_bits(self.bounds.hi, self.cell));
+    }
+
+    /// Boxes around what of it lies below and above a plane that its box straddles.
+    #[inline(always)]
+    pub fn halves(&self, positions: &Buf<f32>, indices: &Buf<u32>, plane: SplitPlane) -> (Bounds, Bounds) {
+        let (a, b, c) = mesh::triangle(positions, indices, self.triangle);
+        clip_plane(a, b, c, &self.bounds, plane.axis, plane.at)
     }
 
     /// Which children it goes to: bit 0 below, bit 1 above. A leaf keeps all its references below.

@@ -5,9 +5,7 @@ use super::{
     LEVEL_CHUNKS, LEVEL_FITS, SplitPlane, ahead,
     alloc::TO_BRANCH,
     bin::{self, TABLE, enter_box, rates},
-    chunk_of,
-    clip::clip_plane,
-    cut,
+    chunk_of, cut,
     marks::{BITS, BLOCKS, Marks, WORDS, scan},
     plane_of,
     reference::Reference,
@@ -16,7 +14,6 @@ use crate::{
     Group,
     glam::{UVec2, UVec4, Vec3},
     mem::{Atomics, Buf, Slots},
-    mesh::triangle,
 };
 use raykd_shared::{BuildParams, rule};
 
@@ -110,8 +107,7 @@ fn move_references(
             let at = i + straddling.trailing_zeros() * step;
             straddling &= straddling - 1;
             let whole = Reference::load(refs, start + at);
-            let (a, b, c) = triangle(positions, indices, whole.triangle);
-            let (under, over) = clip_plane(a, b, c, &whole.bounds, plane.axis, plane.at);
+            let (under, over) = whole.halves(positions, indices, plane);
             let (under, over) = (Reference { bounds: under, ..whole }, Reference { bounds: over, ..whole });
             below.put(&under, marks.below_before(at), below_table, next, branch_refs);
             above.put(&over, marks.above_before(at), above_table, next, branch_refs);

@@ -6,8 +6,9 @@
 use super::{
     Costs, Item, STATE_STATUS, STATE_TREELETS, Sah,
     clip::{Bounds, clip_plane},
+    corners_at,
     faces::{Flat, cheapest},
-    is_above, is_below, place,
+    is_above, is_below, place, put_corners,
     reference::{Reference, triangle_at},
     tally::BLOCK,
 };
@@ -88,12 +89,6 @@ const FINISHING: u32 = if BY_MEMBER { 12 } else { 1 };
 /// No candidate: the node becomes a leaf.
 const NONE: u32 = u32::MAX;
 
-#[inline(always)]
-fn load_box(stack: &[u32; ENTRIES], at: u32) -> (Vec3, Vec3) {
-    let f = move |stack: &[u32; ENTRIES], i: u32| f32::from_bits(stack.at(at + i));
-    (Vec3::new(f(stack, 1), f(stack, 2), f(stack, 3)), Vec3::new(f(stack, 4), f(stack, 5), f(stack, 6)))
-}
-
 /// The first word of a waiting node.
 #[inline(always)]
 fn head(number: u32, slot: u32, depth: u32) -> u32 {
@@ -103,12 +98,7 @@ fn head(number: u32, slot: u32, depth: u32) -> u32 {
 #[inline(always)]
 fn push(stack: &mut [u32; ENTRIES], at: u32, head: u32, lo: Vec3, hi: Vec3) {
     stack.put(at, head);
-    stack.put(at + 1, lo.x.to_bits());
-    stack.put(at + 2, lo.y.to_bits());
-    stack.put(at + 3, lo.z.to_bits());
-    stack.put(at + 4, hi.x.to_bits());
-    stack.put(at + 5, hi.y.to_bits());
-    stack.put(at + 6, hi.z.to_bits());
+    put_corners(stack, at + 1, lo, hi);
 }
 
 /// Puts a reference, `number` in the treelet, to `at` of the pool.
@@ -457,7 +447,7 @@ fn finish(
         put_pad(boxes, lane, held);
         if lane == 0 {
             // Read again, or a GPU would keep it in registers until here.
-            let (lo, hi) = load_box(stack, at);
+            let (lo, hi) = corners_at(stack, at + 1);
             let (slot, depth) = (stack.at(at) >> SLOT & BYTE, stack.at(at) >> DEEP);
             if children.splits {
                 let nodes = own.at(NODES);
@@ -517,7 +507,7 @@ pub fn treelet(
             picks.forget();
             halves.forget();
             let node = Last::of(stack, own);
-            let (lo, hi) = load_box(stack, node.at);
+            let (lo, hi) = corners_at(stack, node.at + 1);
             let sah = Sah::new(lo, hi, node.number, f32::INFINITY, Costs::of(&params.at(0)));
             let may_split = sah.may_pay & !leaves
                 && stack.at(node.at) >> DEEP < params.at(0).max_depth
