@@ -151,7 +151,8 @@ fn put_children(
     while child < 2 {
         let count = if child == 0 { size.x } else { size.y };
         // Its references come last in its room.
-        let first = branch_room + room(count, small, 0) - count;
+        let its_room = room(count, small, 0);
+        let first = branch_room + its_room - count;
         let mut to = Item { first, count, extra: depth, ..item };
         if !is_leaf {
             to.node = pair + child;
@@ -177,7 +178,7 @@ fn put_children(
             to.store(branches, branch);
             starts.put(child, first | TO_BRANCH);
             branch += 1;
-            branch_room += room(count, small, 0);
+            branch_room += its_room;
         }
         child += 1;
     }

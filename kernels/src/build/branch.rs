@@ -59,6 +59,12 @@ pub const fn room(count: u32, small: u32, earlier: u32) -> u32 {
     room.div_ceil(SHARE) * SHARE
 }
 
+/// Where the room of a branch begins: its references come last there.
+#[inline(always)]
+pub const fn begin(branch: &Item, room: u32) -> u32 {
+    branch.first + branch.count - room
+}
+
 /// Room in the list of branches, if there is room for so many treelets.
 #[inline(always)]
 pub const fn branches(treelets: u32) -> u32 {
@@ -364,6 +370,7 @@ fn finish(
                 waiting += 1;
             }
             own.put(SPLITS, splits + 1);
+            own.put(STOPPED, (splits + 1 == MOST_SPLITS) as u32);
         }
         own.put(WAITING, waiting);
         own.put(LAST, children.last);
@@ -406,7 +413,7 @@ pub fn branch(
         let earlier = round.at(ROUND_EARLIER);
         let branch = Item::load(branches, round.at(ROUND_FROM) + group.id);
         let room_here = room(branch.count, small, earlier);
-        let begin = branch.first + branch.count - room_here;
+        let begin = begin(&branch, room_here);
         let base = begin / SHARE;
         let grows = branch.count > small && branch.count <= BRANCH;
         lanes!(group, ..1, |_lane| {
@@ -424,7 +431,7 @@ pub fn branch(
             }
         });
         let mut held = Held::default();
-        while own.at(WAITING) > 0 && own.at(STOPPED) == 0 && own.at(SPLITS) < MOST_SPLITS {
+        while own.at(WAITING) > 0 && own.at(STOPPED) == 0 {
             held.forget();
             let node = waiting(stack, own.at(WAITING) - 1, own.at(LAST));
             let (first, count) = (node.first, node.count);

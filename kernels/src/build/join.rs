@@ -3,7 +3,7 @@
 
 use super::{
     Item, ROUND_EARLIER, ROUND_FROM, ROUND_NUMBER, STATE_STATUS,
-    branch::{SHARE, room},
+    branch::{SHARE, begin, room},
     reference::Reference,
 };
 use crate::{
@@ -35,7 +35,7 @@ pub fn join(
         let small = params.at(0).small;
         let earlier = round.at(ROUND_EARLIER);
         let branch = Item::load(branches, round.at(ROUND_FROM) + group.id);
-        let base = (branch.first + branch.count - room(branch.count, small, earlier)) / SHARE;
+        let base = begin(&branch, room(branch.count, small, earlier)) / SHARE;
         let (size, place) = (sizes.at(group.id), places.at(group.id));
         // The root keeps its slot.
         let slot = move |local: u32| if local == 0 { branch.node } else { place.y + local - 1 };
@@ -56,11 +56,12 @@ pub fn join(
                 i += LANES;
             }
         });
-        let mut begin = place.w;
+        let mut from = place.w;
         let mut i = 0;
         while i < size.z {
             let item = Item::load(items, base + size.x + i);
-            let first = begin + room(item.count, small, earlier + 1) - item.count;
+            let room = room(item.count, small, earlier + 1);
+            let first = from + room - item.count;
             lanes!(group, |lane| {
                 let mut k = lane;
                 while k < item.count {
@@ -71,7 +72,7 @@ pub fn join(
                     Item { node: slot(item.node), first, ..item }.store(branches, place.z + i);
                 }
             });
-            begin += room(item.count, small, earlier + 1);
+            from += room;
             i += 1;
         }
     }
