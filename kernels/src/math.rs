@@ -424,6 +424,20 @@ pub fn quotient(a: f32, b: f32) -> f32 {
     }
 }
 
+/// `a / b` within `4.5 * 2^-24` of its size, by `+ - *`: much less work for a GPU than [`div`]. For normal `b` of less
+/// than `2^125` in size.
+#[inline(always)]
+pub fn ratio(a: f32, b: f32) -> f32 {
+    let bits = b.to_bits();
+    // A reciprocal within 2^-4, whose error three Newton steps square until only their rounding is left.
+    let guess = 0x7EF3_11C7_u32.wrapping_sub(bits & 0x7FFF_FFFF);
+    let mut r = f32::from_bits((bits & 0x8000_0000) | guess);
+    r = r * (2.0 - b * r);
+    r = r * (2.0 - b * r);
+    r = r * (2.0 - b * r);
+    a * r
+}
+
 /// The upper half of a number's 24 digits; what it leaves is the lower half.
 #[inline(always)]
 fn head(a: f32) -> f32 {

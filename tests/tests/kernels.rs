@@ -8,7 +8,7 @@ use raykd::{
         kernels::{
             KERNELS, Order,
             build::tally::BLOCK,
-            math::{div, ldexp, product_difference, product_difference_wide, quotient, whole},
+            math::{div, ldexp, product_difference, product_difference_wide, quotient, ratio, whole},
         },
     },
     rays::Random,
@@ -122,6 +122,17 @@ fn divided(a: f32, b: f32) -> f32 {
     let found = quotient(a, b);
     assert_eq!(found.to_bits(), div(a, b).to_bits(), "{a:e} / {b:e}");
     found
+}
+
+#[test]
+fn a_ratio_is_off_by_little() {
+    let mut random = Random::new(5);
+    for mantissa in (0..1 << 23).step_by(3) {
+        let a = number(&mut random, 20);
+        let b = f32::from_bits(number(&mut random, 100).to_bits() & 0xFF80_0000 | mantissa);
+        let (found, a, b) = (f64::from(ratio(a, b)), f64::from(a), f64::from(b));
+        assert!((found * b - a).abs() <= 4.5 * 2f64.powi(-24) * a.abs(), "{a:e} / {b:e} = {found:e}");
+    }
 }
 
 #[test]

@@ -10,7 +10,7 @@ use super::{Item, LEVEL_CHUNKS, chunk_of, clip::Bounds, reference::Reference};
 use crate::{
     Group,
     glam::{UVec4, Vec3},
-    math::{component, div, whole},
+    math::{component, ratio, whole},
     mem::{Atomics, Buf, Slots},
 };
 use raykd_shared::limits::{BINS, BRANCH};
@@ -90,7 +90,7 @@ pub fn start(group: Group, table: &mut [u32; TABLE], rate: &mut [u32; 3], lo: Ve
         let mut axis = lane;
         while axis < 3 {
             let d = component(hi, axis) - component(lo, axis);
-            rate.put(axis, if d < super::FLAT { 0 } else { div(BINS as f32, d).to_bits() });
+            rate.put(axis, if d < super::FLAT { 0 } else { ratio(BINS as f32, d).to_bits() });
             axis += step;
         }
     });

@@ -139,6 +139,12 @@ fn waiting(stack: &[u32; ENTRIES], at: u32, first: u32) -> Item {
     Item { node, first, count, extra, lo, hi, growth: f32::from_bits(stack.at(at + 1)) }
 }
 
+/// The node that is split next.
+#[inline(always)]
+fn next_node(stack: &[u32; ENTRIES], own: &[u32; OWN]) -> Item {
+    waiting(stack, own.at(WAITING) - 1, own.at(LAST))
+}
+
 #[inline(always)]
 fn push(stack: &mut [u32; ENTRIES], at: u32, item: &Item) {
     let at = at * ENTRY;
@@ -320,20 +326,21 @@ fn finish(
     group: Group,
     stack: &mut [u32; ENTRIES],
     own: &mut [u32; OWN],
-    node: &Item,
     children: Children,
     base: u32,
     items: &mut Buf<UVec4>,
     nodes: &mut Buf<UVec2>,
 ) {
     lanes!(group, ..1, |_lane| {
+        // Read again: kept, it would take registers, which limit occupancy.
+        let node = next_node(stack, own);
         let mut waiting = own.at(WAITING) - 1;
         let mut item = own.at(ITEMS);
         let (splits, mut free) = (own.at(SPLITS), own.at(FREE));
         let Children { plane, below, above, first_below, first_above, below_waits, above_waits, .. } =
             children;
         if plane.axis == Node::LEAF {
-            Item { first: first_below, ..*node }.store(items, base + item);
+            Item { first: first_below, ..node }.store(items, base + item);
             item += 1;
             free += below;
         } else {
@@ -342,7 +349,7 @@ fn finish(
             nodes.put(2 * base + node.node, UVec2::new(word0, word1));
             let growth = growth_left(node.growth, node.count, below + above, plane.pays);
             let (hi_below, lo_above) = cut(node.lo, node.hi, plane);
-            let child = Item { extra: node.extra + 1, growth, ..*node };
+            let child = Item { extra: node.extra + 1, growth, ..node };
             let child_below = Item { node: slot, first: first_below, count: below, hi: hi_below, ..child };
             let child_above =
                 Item { node: slot + 1, first: first_above, count: above, lo: lo_above, ..child };
@@ -433,18 +440,18 @@ pub fn branch(
         let mut held = Held::default();
         while own.at(WAITING) > 0 && own.at(STOPPED) == 0 {
             held.forget();
-            let node = waiting(stack, own.at(WAITING) - 1, own.at(LAST));
+            let node = next_node(stack, own);
             let (first, count) = (node.first, node.count);
             fill(group, table, rate, &node, refs, first, count);
             find(group, table, found, &params, node.extra, &node);
-            let plane = chosen(table, found);
+            let plane = chosen(found);
             divide(group, belows, aboves, &mut held, &node, plane, clips, positions, indices, refs);
             scan(group, belows, aboves, sums, blocks, count.div_ceil(32));
             let marks = Marks { belows, aboves, sums };
             let children = Children::of(own, &node, plane, marks.counts(count), small, room_here / SHARE);
             if children.fit {
                 replace(group, &held, &node, children, marks, refs);
-                finish(group, stack, own, &node, children, base, items, nodes);
+                finish(group, stack, own, children, base, items, nodes);
             } else {
                 lanes!(group, ..1, |_lane| {
                     own.put(STOPPED, 1);

@@ -8,8 +8,8 @@
 //!
 //! # Rounding
 //! Let `u = 2^-24`, `span` the triangle's extent on an axis and `far` its largest coordinate there, by
-//! magnitude. A point `a + t (b - a)` on an edge is off by at most `5.1 u span + u far`: two differences and
-//! a quotient in `t`, a difference and a product, and the sum; moving it by the pad takes another `u far`.
+//! magnitude. A point `a + t (b - a)` on an edge is off by at most `8.2 u span + u far`: two differences and
+//! a ratio within 4 u in `t`, a difference and a product, and the sum; moving it by the pad takes another `u far`.
 //! Where a vertex lies is decided exactly. Vertices are not padded, nor is anything on an axis across which
 //! the triangle is flat.
 //!
@@ -18,7 +18,7 @@
 
 use crate::{
     glam::Vec3,
-    math::{abs, cycle, div, exp2, high, low},
+    math::{abs, cycle, exp2, high, low, ratio},
 };
 
 /// Smaller numbers count as 0 inside, and are rounded outward in results.
@@ -77,11 +77,11 @@ struct Span {
 const NOWHERE: Span = Span { lo: f32::INFINITY, hi: f32::NEG_INFINITY };
 
 impl Span {
-    /// Makes it reach `at`, which may be off by `pad`.
+    /// Makes it reach as far as another.
     #[inline(always)]
-    fn take(&mut self, at: f32, pad: f32) {
-        self.lo = low(self.lo, at - pad);
-        self.hi = high(self.hi, at + pad);
+    fn take(&mut self, other: Self) {
+        self.lo = low(self.lo, other.lo);
+        self.hi = high(self.hi, other.hi);
     }
 
     /// Without dust.
@@ -106,7 +106,7 @@ fn span(a: f32, b: f32, c: f32) -> Span {
 fn pad(on: Span) -> f32 {
     let extent = on.hi - on.lo;
     let far = high(abs(on.lo), abs(on.hi));
-    let pad = high(extent * (5.25 * exp2(-24)) + far * (2.125 * exp2(-24)), 4.0 * DUST);
+    let pad = high(extent * (8.5 * exp2(-24)) + far * (2.125 * exp2(-24)), 4.0 * DUST);
     // Across a flat triangle nothing is rounded.
     if extent == 0.0 { 0.0 } else { pad }
 }
@@ -123,26 +123,18 @@ fn on(a: f32, b: f32, t: f32) -> f32 {
 struct Part {
     x: Span,
     y: Span,
-    pad_x: f32,
-    pad_y: f32,
 }
 
 impl Part {
     #[inline(always)]
-    fn nothing(a: Vec3, b: Vec3, c: Vec3) -> Self {
-        Self { x: NOWHERE, y: NOWHERE, pad_x: pad(span(a.x, b.x, c.x)), pad_y: pad(span(a.y, b.y, c.y)) }
-    }
-
-    #[inline(always)]
     fn vertex(&mut self, v: Vec3) {
-        self.x.take(v.x, 0.0);
-        self.y.take(v.y, 0.0);
+        self.take(Self { x: Span { lo: v.x, hi: v.x }, y: Span { lo: v.y, hi: v.y } });
     }
 
     #[inline(always)]
-    fn point(&mut self, x: f32, y: f32) {
-        self.x.take(x, self.pad_x);
-        self.y.take(y, self.pad_y);
+    fn take(&mut self, other: Self) {
+        self.x.take(other.x);
+        self.y.take(other.y);
     }
 
     /// Its box, if it lies in `z`.
@@ -159,6 +151,19 @@ fn crosses(a: Vec3, b: Vec3, at: f32) -> bool {
     low(a.z, b.z) < at && at < high(a.z, b.z)
 }
 
+/// Where the edge from `a` to `b` meets a plane across z that it passes through.
+#[inline(always)]
+fn meet(a: Vec3, b: Vec3, at: f32) -> (f32, f32) {
+    let t = ratio(at - a.z, b.z - a.z);
+    (on(a.x, b.x, t), on(a.y, b.y, t))
+}
+
+/// How far two numbers reach that may be off by `pad`.
+#[inline(always)]
+fn around(a: f32, b: f32, pad: f32) -> Span {
+    Span { lo: low(a, b) - pad, hi: high(a, b) + pad }
+}
+
 /// Which of two halves are something: bit 0 that below, bit 1 that above.
 #[inline(always)]
 pub fn sides_of(under: &Bounds, over: &Bounds) -> u32 {
@@ -169,28 +174,43 @@ pub fn sides_of(under: &Bounds, over: &Bounds) -> u32 {
 /// each the box of the triangle's half within `bounds`.
 #[inline(always)]
 pub fn clip_plane(a: Vec3, b: Vec3, c: Vec3, bounds: &Bounds, axis: u32, at: f32) -> (Bounds, Bounds) {
-    let (mut a, mut b, mut c) = (cycle(a, axis), cycle(b, axis), cycle(c, axis));
-    let mut below = Part::nothing(a, b, c);
+    let (a, b, c) = (cycle(a, axis), cycle(b, axis), cycle(c, axis));
+    let mut below = Part { x: NOWHERE, y: NOWHERE };
     let mut above = below;
-    let mut edge = 0;
-    while edge < 3 {
-        if a.z <= at {
-            below.vertex(a);
+    let mut vertex = |v: Vec3| {
+        if v.z <= at {
+            below.vertex(v);
         }
-        if a.z >= at {
-            above.vertex(a);
+        if v.z >= at {
+            above.vertex(v);
         }
-        if crosses(a, b, at) {
-            let t = div(at - a.z, b.z - a.z);
-            let (x, y) = (on(a.x, b.x, t), on(a.y, b.y, t));
-            below.point(x, y);
-            above.point(x, y);
-        }
-        let first = a;
-        a = b;
-        b = c;
-        c = first;
-        edge += 1;
+    };
+    vertex(a);
+    vertex(b);
+    vertex(c);
+    let (ab, bc, ca) = (crosses(a, b, at), crosses(b, c, at), crosses(c, a, at));
+    if ab | bc | ca {
+        // Two edges do, or one, which is then both the first and the last. Side by side, a GPU waits for one ratio.
+        let (from, to) = if ab {
+            (a, b)
+        } else if bc {
+            (b, c)
+        } else {
+            (c, a)
+        };
+        let (x0, y0) = meet(from, to, at);
+        let (from, to) = if ca {
+            (c, a)
+        } else if bc {
+            (b, c)
+        } else {
+            (a, b)
+        };
+        let (x1, y1) = meet(from, to, at);
+        let (pad_x, pad_y) = (pad(span(a.x, b.x, c.x)), pad(span(a.y, b.y, c.y)));
+        let both = Part { x: around(x0, x1, pad_x), y: around(y0, y1, pad_y) };
+        below.take(both);
+        above.take(both);
     }
     let below = below.bounds(Span { lo: f32::NEG_INFINITY, hi: at }).turn_back(axis);
     let above = above.bounds(Span { lo: at, hi: f32::INFINITY }).turn_back(axis);

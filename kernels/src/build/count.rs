@@ -67,7 +67,7 @@ pub fn count(
         let clips = (params.rule & rule::CLIP) != 0;
         read(group, table, hists, node);
         find(group, table, found, &params, level.at(LEVEL_DEPTH), &item);
-        let plane = chosen(table, found);
+        let plane = chosen(found);
         let is_first = group.id == item.extra;
         if is_first {
             clear(group, next_hists, next_sizes, 2 * node, histograms(params.level_refs));

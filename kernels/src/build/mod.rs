@@ -52,7 +52,7 @@ pub const KERNELS: &[&crate::Kernel] = &[
 
 use crate::{
     glam::{UVec2, UVec4, Vec3},
-    math::{Number, abs, component, cycle, div, high, low},
+    math::{Number, abs, component, cycle, high, low, ratio},
     mem::{Buf, Slots},
 };
 use raykd_shared::{
@@ -195,7 +195,9 @@ const DEAR: f32 = 2.0;
 /// Of what each reference of a node may become, what is left to its children's: its `count` became `now`.
 #[inline(always)]
 pub fn growth_left(growth: f32, count: u32, now: u32, pays: bool) -> f32 {
-    div(growth * count as f32, now as f32 * if pays { 1.0 } else { DEAR })
+    // Of none it does not matter, but has to be a number.
+    let now = if now == 0 { 1 } else { now };
+    ratio(growth * count as f32, now as f32 * if pays { 1.0 } else { DEAR })
 }
 
 /// A node or treelet in a list: three words of four.

@@ -11,7 +11,7 @@ use crate::{
     Group, ON_GPU,
     glam::UVec2,
     math::{Listed, Number, Wide as Bins, component},
-    mem::{Atomics, PerLane, Slots},
+    mem::{Atomics, Slots},
 };
 use raykd_shared::{BuildParams, limits::BINS, rule};
 
@@ -29,15 +29,14 @@ const COST: u32 = 0;
 const PICK: u32 = 1;
 /// If none, [`SplitPlane::words`] of the plane there is instead.
 const INSTEAD: u32 = 2;
-/// Words of that.
-pub const FOUND: usize = INSTEAD as usize + 2;
-const NONE: u32 = u32::MAX;
-
-// Where the cheapest planes stand in the table, once all are weighed: what they cost, their axes and places.
-const COSTS: u32 = BEFORE;
+// Each lane's cheapest planes: what they cost, their axes and places.
+const COSTS: u32 = INSTEAD + 2;
 const AXES: u32 = COSTS + PLANES;
 const PLACES: u32 = AXES + PLANES;
-const _: () = assert!(PLACES + PLANES <= TABLE as u32, "they fit");
+/// Words for all of it.
+pub const FOUND: usize = (PLACES + PLANES) as usize;
+const NONE: u32 = u32::MAX;
+
 /// Nothing ends in the bin, or its first start is not told.
 const BEFORE_ALL: f32 = f32::NEG_INFINITY;
 /// Nothing starts in the bin.
@@ -57,7 +56,8 @@ fn median_cost(border: Bins, below: Bins, above: Bins, longest: bool) -> Bins {
     Bins::choose(all((BINS / 4) as f32).exceeds(empty), cost, bins - empty)
 }
 
-/// Turns the last ends and first starts of bins into places, and there is nothing found yet.
+/// Turns the last ends and first starts of bins into places, and on a CPU their counts into how many start before each
+/// border and how many end behind it; and there is nothing found yet.
 #[inline(always)]
 fn start(group: Group, table: &mut [u32; TABLE], found: &mut [u32; FOUND], leaf: u32, instead: SplitPlane) {
     let step = group.sharers();
@@ -70,6 +70,17 @@ fn start(group: Group, table: &mut [u32; TABLE], found: &mut [u32; FOUND], leaf:
             table.put(LAST_ENDS + word, last.to_bits());
             table.put(FIRST_STARTS + word, if first == UNTOLD { BEFORE_ALL } else { told }.to_bits());
             word += step;
+        }
+        // A GPU's lanes each add up their own, see [`Counts`].
+        let mut row = lane;
+        while !ON_GPU && row < 6 {
+            let first = BEFORE + (row >> 1) * BINS;
+            if row & 1 == 0 {
+                serial(table, STARTS + first, BINS);
+            } else {
+                serial_back(table, ENDS + first, BINS);
+            }
+            row += step;
         }
         if lane == 0 {
             found.put(COST, leaf);
@@ -100,14 +111,56 @@ impl Best {
     }
 }
 
-/// Some borders on an axis: their numbers and places, how many references start before each and how many end
-/// behind it, and the word of their bins.
+/// How many references start before some borders, and before the ones before those; how many end behind them, and
+/// behind the next ones.
+#[derive(Clone, Copy)]
+struct Counts {
+    below: Bins,
+    before: Bins,
+    above: Bins,
+    behind: Bins,
+}
+
+impl Counts {
+    /// Those of bin `bin`, whose word is `word`, and on.
+    #[inline(always)]
+    fn of(table: &[u32; TABLE], bin: u32, word: u32) -> Self {
+        if !ON_GPU {
+            // As `start` added them up.
+            return Self {
+                below: Bins::counts(table, STARTS + word),
+                before: Bins::counts(table, STARTS + word - 1),
+                above: Bins::counts(table, ENDS + word),
+                behind: Bins::counts(table, ENDS + word + 1),
+            };
+        }
+        // Added up by all lanes in step, which read the same words: they would wait longer for six that do it for all.
+        let (mut below, mut above) = (0u32, 0u32);
+        let row = word - bin;
+        let mut i = 0;
+        while i < BINS {
+            let (starts, ends) = (table.at(STARTS + row + i), table.at(ENDS + row + i));
+            below += if i < bin { starts } else { 0 };
+            above += if i < bin { 0 } else { ends };
+            i += 1;
+        }
+        let count = |n: u32| Bins::all(n as f32);
+        Self {
+            below: count(below),
+            // Of the first border it does not matter.
+            before: count(below.wrapping_sub(table.at(STARTS + word - 1))),
+            above: count(above),
+            behind: count(above - table.at(ENDS + word)),
+        }
+    }
+}
+
+/// Some borders on an axis: their numbers and places, what lies on either side of each, and the word of their bins.
 #[derive(Clone, Copy)]
 struct Borders {
     number: Bins,
     at: Bins,
-    below: Bins,
-    above: Bins,
+    counts: Counts,
     word: u32,
 }
 
@@ -120,8 +173,7 @@ impl Borders {
         Self {
             number,
             at: all(lo) + all((hi - lo) * const { 1.0 / BINS as f32 }) * number,
-            below: Bins::counts(table, STARTS + word),
-            above: Bins::counts(table, ENDS + word),
+            counts: Counts::of(table, bin, word),
             word,
         }
     }
@@ -129,7 +181,7 @@ impl Borders {
     /// Weighs faces in the bins on either side of each border, for between faces the cost has no minimum.
     #[inline(always)]
     fn weigh_faces(self, table: &[u32; TABLE], sah: &Sah, axis: u32, best: &mut Best) {
-        let Self { number, at: border, below, above, word } = self;
+        let Self { number, at: border, counts: Counts { below, before, above, behind }, word } = self;
         let all = Bins::all;
         // The last end before it,
         let across = sah.across(axis);
@@ -144,12 +196,10 @@ impl Borders {
         // Nothing ends between there and the border: no more lies above. What starts there or
         // behind lies not below, if that is all that starts in the bin.
         let later = is_last & !last.exceeds(Bins::bits(table, FIRST_STARTS + word - 1));
-        let before = Bins::counts(table, STARTS + word - 1);
         best.weigh(across.cut(at, Bins::choose(later, before, below), above), axis, at);
         // and the first start behind it. What ends there or before lies not above, if that is all that ends in
         // the bin; what starts in the last one ends in it, too.
         let longer = Bins::bits(table, LAST_ENDS + word).exceeds(first);
-        let behind = Bins::counts(table, ENDS + word + 1);
         best.weigh(across.cut(first, below, Bins::choose(longer, above, behind)), axis, first);
     }
 }
@@ -175,17 +225,7 @@ pub fn find(
     let pays = sah.may_pay & !median & (depth < params.max_depth);
     let instead = if pays { sah.middle(item.count) } else { SplitPlane::LEAF };
     start(group, table, found, leaf, instead);
-    // How many start before each border, and how many end behind it.
-    lanes!(group, ..6, |lane| {
-        let first = BEFORE + (lane >> 1) * BINS;
-        if lane & 1 == 0 {
-            serial(table, STARTS + first, BINS);
-        } else {
-            serial_back(table, ENDS + first, BINS);
-        }
-    });
     let longest = longest_axis(item.hi - item.lo);
-    let mut bests = PerLane::<Best, { WEIGHING as usize }>::default();
     lanes!(group, ..WEIGHING, |lane| {
         let all = Bins::all;
         let bin = lane * Bins::WIDTH % BINS;
@@ -195,7 +235,7 @@ pub fn find(
             let (lo, hi) = (component(item.lo, axis), component(item.hi, axis));
             let borders = Borders::new(table, bin, axis, lo, hi);
             if median {
-                let Borders { number, at, below, above, .. } = borders;
+                let Borders { number, at, counts: Counts { below, above, .. }, .. } = borders;
                 let inside = at.exceeds(all(lo)) & all(hi).exceeds(at);
                 let inside = inside & !(below + above).exceeds(all(most));
                 let cost = median_cost(number, below, above, axis == longest);
@@ -205,29 +245,23 @@ pub fn find(
             }
             axis += SHARES;
         }
-        bests.put(lane, best);
-    });
-    // By border, then axis: of equally cheap planes the first is taken.
-    lanes!(group, ..WEIGHING, |lane| {
-        let Best { cost, axis, at } = bests.at(lane);
+        // By border, then axis: of equally cheap planes the first is taken.
         let bin = lane * Bins::WIDTH;
         let first = bin % BINS * SHARES + bin / BINS;
-        cost.put(table, COSTS + first);
-        axis.put(table, AXES + first);
-        at.put(table, PLACES + first);
-    });
-    // Costs are positive, so bits order as numbers do.
-    lanes!(group, ..step, |lane| {
-        let mut plane = lane;
-        while depth < params.max_depth && plane < PLANES {
-            found.lower(COST, table.at(COSTS + plane));
-            plane += step;
+        best.cost.put(found, COSTS + first);
+        best.axis.put(found, AXES + first);
+        best.at.put(found, PLACES + first);
+        // Costs are positive, so bits order as numbers do.
+        let mut plane = first;
+        while depth < params.max_depth && plane < first + Bins::WIDTH {
+            found.lower(COST, found.at(COSTS + plane));
+            plane += 1;
         }
     });
     lanes!(group, ..step, |lane| {
         let mut plane = lane;
         while found.at(COST) < leaf && plane < PLANES {
-            if table.at(COSTS + plane) == found.at(COST) {
+            if found.at(COSTS + plane) == found.at(COST) {
                 found.lower(PICK, plane);
             }
             plane += step;
@@ -237,12 +271,12 @@ pub fn find(
 
 /// The plane that [`find`] found.
 #[inline(always)]
-pub fn chosen(table: &[u32; TABLE], found: &[u32; FOUND]) -> SplitPlane {
+pub fn chosen(found: &[u32; FOUND]) -> SplitPlane {
     let pick = found.at(PICK);
     if pick == NONE {
         SplitPlane::from_words(UVec2::new(found.at(INSTEAD), found.at(INSTEAD + 1)))
     } else {
-        let number = move |table: &[u32; TABLE], word: u32| f32::from_bits(table.at(word + pick));
-        SplitPlane { axis: number(table, AXES) as u32, at: number(table, PLACES), pays: true }
+        let number = move |found: &[u32; FOUND], word: u32| f32::from_bits(found.at(word + pick));
+        SplitPlane { axis: number(found, AXES) as u32, at: number(found, PLACES), pays: true }
     }
 }
