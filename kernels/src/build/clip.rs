@@ -140,7 +140,7 @@ impl Part {
     /// Its box, if it lies in `z`.
     #[inline(always)]
     fn bounds(&self, z: Span) -> Bounds {
-        let (x, y) = (self.x.outward(), self.y.outward());
+        let Self { x, y } = self;
         Bounds { lo: Vec3::new(x.lo, y.lo, z.lo), hi: Vec3::new(x.hi, y.hi, z.hi) }
     }
 }
@@ -158,10 +158,10 @@ fn meet(a: Vec3, b: Vec3, at: f32) -> (f32, f32) {
     (on(a.x, b.x, t), on(a.y, b.y, t))
 }
 
-/// How far two numbers reach that may be off by `pad`.
+/// How far two numbers reach that may be off by `pad`, without dust.
 #[inline(always)]
 fn around(a: f32, b: f32, pad: f32) -> Span {
-    Span { lo: low(a, b) - pad, hi: high(a, b) + pad }
+    Span { lo: low(a, b) - pad, hi: high(a, b) + pad }.outward()
 }
 
 /// Which of two halves are something: bit 0 that below, bit 1 that above.

@@ -135,20 +135,31 @@ impl Counts {
             };
         }
         // Added up by all lanes in step, which read the same words: they would wait longer for six that do it for all.
-        let (mut below, mut above) = (0u32, 0u32);
-        let row = word - bin;
+        let (mut below, mut above) = (0, 0);
+        let mut take = |i: u32, starts: u32, ends: u32| {
+            if i < bin {
+                below += starts;
+            } else {
+                above += ends;
+            }
+        };
         let mut i = 0;
         while i < BINS {
-            let (starts, ends) = (table.at(STARTS + row + i), table.at(ENDS + row + i));
-            below += if i < bin { starts } else { 0 };
-            above += if i < bin { 0 } else { ends };
-            i += 1;
+            // Read side by side: a GPU would wait for each.
+            let (s, e) = (STARTS + word - bin + i, ENDS + word - bin + i);
+            let starts = [table.at(s), table.at(s + 1), table.at(s + 2), table.at(s + 3)];
+            let ends = [table.at(e), table.at(e + 1), table.at(e + 2), table.at(e + 3)];
+            take(i, starts[0], ends[0]);
+            take(i + 1, starts[1], ends[1]);
+            take(i + 2, starts[2], ends[2]);
+            take(i + 3, starts[3], ends[3]);
+            i += 4;
         }
         let count = |n: u32| Bins::all(n as f32);
         Self {
             below: count(below),
             // Of the first border it does not matter.
-            before: count(below.wrapping_sub(table.at(STARTS + word - 1))),
+            before: count(u32::wrapping_sub(below, table.at(STARTS + word - 1))),
             above: count(above),
             behind: count(above - table.at(ENDS + word)),
         }

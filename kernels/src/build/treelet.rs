@@ -454,12 +454,28 @@ fn finish(
                 let child = nodes + 1;
                 let (word0, word1) = Node::inner(cheapest.axis, cheapest.at(), child).words();
                 scratch.put(base + slot, UVec2::new(word0, word1));
-                // The entry itself becomes the child above, cut off below; the child below comes next.
-                push(stack, at + ENTRY, head(number_below, child, depth + 1), lo, hi);
-                stack.put(at + ENTRY + 4 + cheapest.axis, cheapest.place);
-                stack.put(at, head(number_above, child + 1, depth + 1));
-                stack.put(at + 1 + cheapest.axis, cheapest.place);
-                own.put(WAITING, own.at(WAITING) + 1);
+                // The entry itself becomes the child above, cut off below; the child below comes next. Nothing is a leaf
+                // at once.
+                let mut waiting = own.at(WAITING) - 1;
+                let nothing = UVec2::new(0, (own.at(REFS) << 2) | Node::LEAF);
+                if number_above > 0 {
+                    stack.put(at, head(number_above, child + 1, depth + 1));
+                    stack.put(at + 1 + cheapest.axis, cheapest.place);
+                    waiting += 1;
+                } else {
+                    scratch.put(base + child + 1, nothing);
+                    own.raise(DEPTH, depth + 1);
+                }
+                if number_below > 0 {
+                    let next = waiting * ENTRY;
+                    push(stack, next, head(number_below, child, depth + 1), lo, hi);
+                    stack.put(next + 4 + cheapest.axis, cheapest.place);
+                    waiting += 1;
+                } else {
+                    scratch.put(base + child, nothing);
+                    own.raise(DEPTH, depth + 1);
+                }
+                own.put(WAITING, waiting);
                 own.put(NODES, nodes + 2);
             } else {
                 let first = own.at(REFS);
