@@ -15,7 +15,7 @@ use super::{
     marks::{BLOCKS, Marks, WORDS, scan},
     put_corners,
     reference::Reference,
-    split::{FOUND, chosen, find},
+    split::{FOUND, WEIGHING, chosen, find},
     tally::blocks_of,
 };
 use crate::{
@@ -34,6 +34,7 @@ const _: () = assert!(
     BRANCH <= CHUNK && BRANCH == 2 * LANES,
     "a branch has the marks of a chunk, a lane two references"
 );
+const _: () = assert!(WEIGHING <= LANES, "every border is weighed");
 
 /// References for which there is room in the place of one item that a branch becomes.
 pub const SHARE: u32 = 4;

@@ -6,7 +6,7 @@ use super::{
     bin::{HIST_WORDS, TABLE, histograms, read},
     chunk_of,
     marks::{BITS, WORDS, mark},
-    split::{FOUND, chosen, find},
+    split::{FOUND, WEIGHING, chosen, find},
 };
 use crate::{
     Group,
@@ -14,6 +14,9 @@ use crate::{
     mem::{Atomics, Buf, Slots},
 };
 use raykd_shared::{BuildParams, rule};
+
+const LANES: u32 = 128;
+const _: () = assert!(WEIGHING <= LANES, "every border is weighed");
 
 /// Clears the histograms and sizes of the next level's nodes `first` and `first + 1`, if there may be such.
 #[inline(always)]

@@ -195,7 +195,7 @@ const DEAR: f32 = 2.0;
 /// Of what each reference of a node may become, what is left to its children's: its `count` became `now`.
 #[inline(always)]
 pub fn growth_left(growth: f32, count: u32, now: u32, pays: bool) -> f32 {
-    // Of none it does not matter, but has to be a number.
+    // Without references any number will do, but NaN is not the same bits on every device.
     let now = if now == 0 { 1 } else { now };
     ratio(growth * count as f32, now as f32 * if pays { 1.0 } else { DEAR })
 }

@@ -17,8 +17,8 @@ use raykd_shared::{BuildParams, limits::BINS, rule};
 
 /// How many lanes share out the axes of a border: a GPU waits for the arithmetic, a CPU for the comparisons at the end.
 const SHARES: u32 = if ON_GPU { 3 } else { 1 };
-/// Lanes that weigh planes.
-const WEIGHING: u32 = SHARES * BINS / Bins::WIDTH;
+/// Lanes that weigh planes: a workgroup has as many at least.
+pub const WEIGHING: u32 = SHARES * BINS / Bins::WIDTH;
 const _: () = assert!(SHARES == 1 || Bins::WIDTH == 1, "what a lane finds stands in a row");
 /// How many cheapest planes they find.
 const PLANES: u32 = SHARES * BINS;
@@ -93,7 +93,7 @@ fn start(group: Group, table: &mut [u32; TABLE], found: &mut [u32; FOUND], leaf:
 }
 
 /// The cheapest planes by some borders: what they cost, their axes and places.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy)]
 struct Best {
     cost: Bins,
     axis: Bins,

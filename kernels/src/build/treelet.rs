@@ -454,16 +454,16 @@ fn finish(
                 let child = nodes + 1;
                 let (word0, word1) = Node::inner(cheapest.axis, cheapest.at(), child).words();
                 scratch.put(base + slot, UVec2::new(word0, word1));
-                // The entry itself becomes the child above, cut off below; the child below comes next. Nothing is a leaf
-                // at once.
+                // The entry itself becomes the child above, cut off below; the child below comes next. A child without
+                // references is a leaf at once.
                 let mut waiting = own.at(WAITING) - 1;
-                let nothing = UVec2::new(0, (own.at(REFS) << 2) | Node::LEAF);
+                let empty = UVec2::new(0, (own.at(REFS) << 2) | Node::LEAF);
                 if number_above > 0 {
                     stack.put(at, head(number_above, child + 1, depth + 1));
                     stack.put(at + 1 + cheapest.axis, cheapest.place);
                     waiting += 1;
                 } else {
-                    scratch.put(base + child + 1, nothing);
+                    scratch.put(base + child + 1, empty);
                     own.raise(DEPTH, depth + 1);
                 }
                 if number_below > 0 {
@@ -472,7 +472,7 @@ fn finish(
                     stack.put(next + 4 + cheapest.axis, cheapest.place);
                     waiting += 1;
                 } else {
-                    scratch.put(base + child, nothing);
+                    scratch.put(base + child, empty);
                     own.raise(DEPTH, depth + 1);
                 }
                 own.put(WAITING, waiting);
