@@ -177,7 +177,7 @@ proptest! {
 
 #[test]
 fn a_thousand_triangles_round_a_vertex_are_crossed_once() {
-    for (rim, may_stop) in [(50, false), (1000, true)] {
+    for (rim, may_stop) in [(50, false), (100, true), (1000, true)] {
         let triangles = fan(rim);
         let mesh = loose(&triangles);
         // Through both vertices that all triangles share, along an edge of the rim, and in the rim's plane.
