@@ -15,11 +15,13 @@ use raykd_kernels::{
     build::{
         reference::Reference,
         sweep::{
-            CHEAPEST_BITS, Cell, LEVEL_WORDS, LISTS, OVER_CELLS, OVER_FACES, OVER_FRESH, OVER_RANKS,
-            OVER_REFERENCES, ROWS, SORT_BITS, State,
+            CHEAPEST_BITS, Cell, LEVEL_WORDS, LISTS, OVER_BLOCKS, OVER_CELLS, OVER_FACES, OVER_FRESH,
+            OVER_RANKS, OVER_REFERENCES, OVER_SAMPLES, ROWS, SORT_BITS, State,
             advance::{self, Level, record},
-            blocks, carry, cheapest, children, classify, distribute, fresh_room, insert, leaves, number,
-            rank, sizes, sort, start, total, weigh,
+            blocks, carry, cheapest, children, classify, deal,
+            digits::{self, DIGITS, VALUES},
+            distribute, fresh_room, insert, leaves, number, rank, runs, sample, sizes, sort, start, total,
+            weigh,
         },
         to_bits,
     },
@@ -27,8 +29,13 @@ use raykd_kernels::{
 };
 use raykd_shared::{BuildParams, Node, status};
 
-/// Levels after which the host looks whether there are more.
-const LOOK: usize = 16;
+/// Levels after which the host looks first whether there are more: most trees need a few more.
+fn first_levels(references: u32) -> usize {
+    2 + 3 * references.ilog2() as usize / 2
+}
+
+/// Levels from one look to the next.
+const LOOK: usize = 4;
 
 /// Builds the tree.
 pub(in crate::build) fn build(
@@ -52,6 +59,11 @@ fn passes(count: u32, bits: u32) -> u32 {
     (32 - count.saturating_sub(1).leading_zeros()).div_ceil(bits)
 }
 
+/// Into how many blocks of [`weigh`] so many references of a cell reach at most.
+const fn blocks_of(count: u32) -> u32 {
+    count.div_ceil(weigh::LANES) + 1
+}
+
 /// The buffers of one try, in pairs where a level is made from the one above.
 struct Lists<'a> {
     given: &'a BuildParams,
@@ -60,13 +72,16 @@ struct Lists<'a> {
     params: Buffer<BuildParams>,
     state: Buffer<u32>,
     levels: Vec<Buffer<u32>>,
-    first_sorts: Vec<Buffer<UVec2>>,
+    digits: Vec<Buffer<UVec2>>,
+    digit_counts: Buffer<u32>,
+    digit_totals: Buffer<u32>,
     sorts: Vec<Buffer<UVec2>>,
     cheapest: Vec<Buffer<UVec2>>,
     refs: [Buffer<UVec4>; 2],
     cells: [Buffer<UVec4>; 2],
     faces: [Buffer<UVec2>; 2],
     fresh: [Buffer<UVec2>; 2],
+    bounds: Buffer<u32>,
     bests: Buffer<UVec4>,
     codes: Buffer<u32>,
     moved: Buffer<u32>,
@@ -87,12 +102,12 @@ impl<'a> Lists<'a> {
         kept: Buffer<u32>,
     ) -> Result<Self, Error> {
         let (device, room, references) = (arena.device, given.level_refs, given.references);
-        let mut told = |name, bits: u32, room: u32| -> Result<Vec<Buffer<UVec2>>, Error> {
-            (0..passes(references, bits)).map(|i| arena.upload(name, &[UVec2::new(i * bits, room)])).collect()
+        let mut told = |name, number: u32, bits: u32, room: u32| -> Result<Vec<Buffer<UVec2>>, Error> {
+            (0..number).map(|i| arena.upload(name, &[UVec2::new(i * bits, room)])).collect()
         };
-        let first_sorts = told("first sort pass", SORT_BITS, room)?;
-        let sorts = told("sort pass", SORT_BITS, fresh_room(room))?;
-        let cheapest = told("cheapest pass", CHEAPEST_BITS, 0)?;
+        let digits = told("digit", DIGITS, 1, room)?;
+        let sorts = told("sort pass", passes(references, SORT_BITS), SORT_BITS, fresh_room(room))?;
+        let cheapest = told("cheapest pass", passes(blocks_of(references), CHEAPEST_BITS), CHEAPEST_BITS, 0)?;
         let levels = (0..given.max_depth + 2).map(|_| arena.alloc("level", 1, LEVEL_WORDS));
         let lists = Self {
             levels: levels.collect::<Result<_, _>>()?,
@@ -104,6 +119,7 @@ impl<'a> Lists<'a> {
             refs: arena.pair("references", room, Reference::ELEMENTS)?,
             cells: arena.pair("cells", given.active, Cell::ELEMENTS)?,
             fresh: arena.pair("new faces", fresh_room(room), LISTS)?,
+            bounds: arena.alloc("bounds", given.active, 1)?,
             bests: arena.alloc("candidates", room, 1)?,
             codes: arena.alloc("codes", room, 1)?,
             moved: arena.alloc("moved", room, 1)?,
@@ -115,7 +131,9 @@ impl<'a> Lists<'a> {
             listed: arena.alloc("listed", given.treelet_refs, 1)?,
             params: arena.upload("params", std::slice::from_ref(given))?,
             state: arena.upload("state", &[State::default()])?.view(),
-            first_sorts,
+            digits,
+            digit_counts: arena.alloc("digit counts", references.div_ceil(digits::BLOCK), LISTS * VALUES)?,
+            digit_totals: arena.alloc("digit totals", LISTS, VALUES)?,
             sorts,
             cheapest,
         };
@@ -124,6 +142,7 @@ impl<'a> Lists<'a> {
         let root = Level { cells: 1, refs: references, fresh: references, lists: LISTS, ..Level::default() };
         record(&mut words, root);
         device.write(&lists.levels[0], 0, &words)?;
+        device.write(&lists.bounds, 0, &[children::NO_BOUND])?;
         let [lo, hi] = [given.lo, given.hi].map(Vec3::from);
         let head = UVec4::new(0, references, 0, references);
         let growth = growth(references).to_bits();
@@ -137,15 +156,10 @@ impl<'a> Lists<'a> {
     }
 
     /// Sorts the faces that are new on a level.
-    fn sort<'b>(
-        &'b self,
-        depth: usize,
-        passes: &'b [Buffer<UVec2>],
-        lists: &'b [Buffer<UVec2>; 2],
-    ) -> impl Iterator<Item = Step<'b>> {
+    fn sort(&self, depth: usize) -> impl Iterator<Item = Step<'_>> {
         let (level, refs, cells) = (&self.levels[depth], &self.refs[depth % 2], &self.cells[depth % 2]);
-        passes.iter().zip(self.unsorted()..).map(move |(pass, i)| {
-            let (from, to) = (&lists[i % 2], lists[(i + 1) % 2].out());
+        self.sorts.iter().zip(self.unsorted()..).map(move |(pass, i)| {
+            let (from, to) = (&self.fresh[i % 2], self.fresh[(i + 1) % 2].out());
             let sort = sort::Buffers { params: &self.params, pass, level, refs, cells, from, to };
             sort.indirect(level, OVER_FRESH)
         })
@@ -153,7 +167,8 @@ impl<'a> Lists<'a> {
 
     /// Makes the root's lists.
     fn root(&self) -> Vec<Step<'_>> {
-        let level = &self.levels[0];
+        let (level, blocks) = (&self.levels[0], self.given.references.div_ceil(digits::BLOCK));
+        // With an odd number of digits the first of two buffers is the last one written.
         let start = start::Buffers {
             params: &self.params,
             positions: &self.mesh.positions,
@@ -161,24 +176,40 @@ impl<'a> Lists<'a> {
             kept: &self.kept,
             level,
             refs: self.refs[0].out(),
-            faces: self.faces[self.unsorted()].out(),
+            faces: self.faces[DIGITS as usize % 2].out(),
         };
-        let start = start.indirect(level, OVER_REFERENCES);
-        [start].into_iter().chain(self.sort(0, &self.first_sorts, &self.faces)).collect()
+        let mut steps = vec![start.indirect(level, OVER_REFERENCES)];
+        for (pass, i) in self.digits.iter().zip(DIGITS as usize..) {
+            let (from, to) = (&self.faces[i % 2], self.faces[(i + 1) % 2].out());
+            let (counts, totals) = (&self.digit_counts, &self.digit_totals);
+            let digits = digits::Buffers { pass, level, from, counts: counts.out() };
+            let runs = runs::Buffers { level, counts: counts.out(), totals: totals.out() };
+            let deal = deal::Buffers { pass, level, from, counts, totals, to };
+            steps.extend([
+                digits.groups(LISTS * blocks),
+                runs.groups(LISTS * VALUES),
+                deal.groups(LISTS * blocks),
+            ]);
+        }
+        steps
     }
 
     /// Finds where the cells of a level are cut.
     fn choose<'b>(&'b self, depth: usize, lists: bool, steps: &mut Vec<Step<'b>>) {
-        let Self { params, bests, mesh: MeshBuffers { positions, indices, .. }, .. } = self;
+        let Self { params, bounds, bests, mesh: MeshBuffers { positions, indices, .. }, .. } = self;
         let (level, refs, cells) = (&self.levels[depth], &self.refs[depth % 2], &self.cells[depth % 2]);
         let faces = &self.faces[depth % 2];
-        let weigh = weigh::Buffers { params, level, refs, cells, faces, bests: bests.out() };
+        if lists {
+            let sample = sample::Buffers { params, level, refs, cells, faces, bounds: bounds.out() };
+            steps.push(sample.indirect(level, OVER_SAMPLES));
+        }
+        let weigh = weigh::Buffers { params, level, refs, cells, faces, bounds, bests: bests.out() };
         steps.push(weigh.indirect(level, OVER_REFERENCES));
         // Without lists all cells are small.
         let most = if lists { self.given.references } else { self.given.small };
-        for pass in self.cheapest.iter().take(passes(most, CHEAPEST_BITS) as usize) {
+        for pass in self.cheapest.iter().take(passes(blocks_of(most), CHEAPEST_BITS) as usize) {
             let cheapest = cheapest::Buffers { pass, level, refs, cells, bests: bests.out() };
-            steps.push(cheapest.indirect(level, OVER_REFERENCES));
+            steps.push(cheapest.indirect(level, OVER_BLOCKS));
         }
         let codes = self.codes.out();
         let classify = classify::Buffers { params, positions, indices, level, refs, cells, bests, codes };
@@ -210,6 +241,7 @@ impl<'a> Lists<'a> {
             ranks,
             totals,
             next_cells: self.cells[then].out(),
+            bounds: self.bounds.out(),
             tree: self.tree.out(),
         };
         let distribute = distribute::Buffers {
@@ -251,7 +283,6 @@ impl<'a> Lists<'a> {
             state: &self.state,
             refs: &self.refs[now],
             cells: &self.cells[now],
-            codes: &self.codes,
             ranks,
             totals,
             next_cells,
@@ -272,7 +303,7 @@ impl<'a> Lists<'a> {
             faces,
             next_faces: self.faces[then].out(),
         };
-        steps.extend(self.sort(depth + 1, &self.sorts, fresh));
+        steps.extend(self.sort(depth + 1));
         steps.extend([carry.indirect(level, OVER_FACES), insert.indirect(next_level, OVER_FRESH)]);
     }
 
@@ -303,8 +334,10 @@ impl<'a> Lists<'a> {
         let mut times = BuildTimes::default();
         let number = self.given.max_depth as usize + 1;
         let (mut steps, mut depth, mut lists) = (self.root(), 0, true);
+        let mut levels = first_levels(self.given.references.max(1));
         let state = loop {
-            let end = (depth + LOOK).min(number);
+            let end = (depth + levels).min(number);
+            levels = LOOK;
             for depth in depth..end {
                 self.choose(depth, lists, &mut steps);
                 self.distribute(depth, &mut steps);

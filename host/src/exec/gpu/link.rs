@@ -5,6 +5,7 @@ use std::{
     fmt::Display,
     panic::{AssertUnwindSafe, catch_unwind},
     sync::{Arc, OnceLock},
+    time::{Duration, Instant},
 };
 
 /// A device with its queue, and the first fault it reported.
@@ -15,6 +16,16 @@ pub(super) struct Link {
     pub(super) queue: wgpu::Queue,
     /// Set once, by wgpu's callbacks or by us; afterwards every call fails with it.
     fault: Arc<OnceLock<String>>,
+    /// Whether to ask again and again for a short wait, see [`ASKING`].
+    asks: bool,
+}
+
+/// How long the host asks a device whether it is done before it sleeps until it is told: to wake up takes it a tenth of
+/// a millisecond or two, which is much beside what most runs take. A device in software needs the host's cores itself.
+const ASKING: Duration = Duration::from_millis(5);
+
+fn asks(device: &wgpu::Device) -> bool {
+    device.adapter_info().device_type != wgpu::DeviceType::Cpu
 }
 
 impl Link {
@@ -42,12 +53,12 @@ impl Link {
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
             let _ = uncaught.set(flat(error));
         }));
-        Ok(Self { name, device, queue, fault })
+        Ok(Self { asks: asks(&device), name, device, queue, fault })
     }
 
     /// A device that somebody else opened, whose callbacks are left alone.
     pub(super) fn given(device: wgpu::Device, queue: wgpu::Queue, name: String) -> Self {
-        Self { name, device, queue, fault: Arc::default() }
+        Self { asks: asks(&device), name, device, queue, fault: Arc::default() }
     }
 
     /// The error that this device failed in some way.
@@ -100,9 +111,19 @@ impl Link {
 
     /// Waits until a submission is done, and runs the callbacks that waited for it.
     pub(super) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<(), Error> {
-        let poll = wgpu::PollType::Wait { submission_index: Some(submission), timeout: None };
+        let begin = Instant::now();
+        let wait = || {
+            loop {
+                let timeout = (self.asks && begin.elapsed() < ASKING).then_some(Duration::ZERO);
+                let submission_index = Some(submission.clone());
+                match self.device.poll(wgpu::PollType::Wait { submission_index, timeout }) {
+                    Err(wgpu::PollError::Timeout) => std::thread::yield_now(),
+                    done => return done,
+                }
+            }
+        };
         // wgpu panics where the device is lost while it waits.
-        match catch_unwind(AssertUnwindSafe(|| self.device.poll(poll))) {
+        match catch_unwind(AssertUnwindSafe(wait)) {
             Ok(Ok(_)) => {}
             Ok(Err(error)) => return Err(self.failed(format_args!("waiting for the device: {error}"))),
             Err(_) => {

@@ -2,9 +2,9 @@
 
 use super::{
     CLIPPED, FACES, LEAVES, LEVEL_CELLS, LEVEL_DEPTH, LEVEL_FRESH, LEVEL_LEAVES, LEVEL_LISTS, LEVEL_NODES,
-    LEVEL_REFS, LISTS, OVER_CELLS, OVER_FACES, OVER_FRESH, OVER_RANKS, OVER_REFERENCES, STATE_CELLS,
-    STATE_DEPTH, STATE_FRESH, STATE_LEVEL, STATE_LISTS, STATE_NODES, STATE_REFS, STATE_STATUS, THREADS,
-    WHOLE, blocks, fresh_room, ranked, room,
+    LEVEL_REFS, LISTS, OVER_BLOCKS, OVER_CELLS, OVER_FACES, OVER_FRESH, OVER_RANKS, OVER_REFERENCES,
+    OVER_SAMPLES, STATE_CELLS, STATE_DEPTH, STATE_FRESH, STATE_LEVEL, STATE_LISTS, STATE_NODES, STATE_REFS,
+    STATE_STATUS, THREADS, WHOLE, blocks, fresh_room, ranked, room, sample::SHARE, weigh::LANES,
 };
 use crate::{
     build::alloc::put_groups,
@@ -35,11 +35,12 @@ pub struct Level {
 /// Writes the record of a level.
 #[inline(always)]
 pub fn record(to: &mut (impl Slots<u32> + ?Sized), level: Level) {
-    let rows = if level.cells > 0 { FACES + level.lists } else { 0 };
     put_groups(to, OVER_REFERENCES, level.refs.div_ceil(THREADS));
     put_groups(to, OVER_CELLS, level.cells.div_ceil(THREADS));
-    put_groups(to, OVER_RANKS, rows * blocks(level.refs));
+    put_groups(to, OVER_RANKS, if level.cells > 0 { blocks(level.refs) } else { 0 });
     put_groups(to, OVER_FACES, (level.lists * level.refs).div_ceil(THREADS));
+    put_groups(to, OVER_BLOCKS, level.refs.div_ceil(LANES).div_ceil(THREADS));
+    put_groups(to, OVER_SAMPLES, (level.lists * level.refs.div_ceil(SHARE)).div_ceil(THREADS));
     put_groups(to, OVER_FRESH, (LISTS * level.fresh).div_ceil(THREADS));
     to.put(LEVEL_CELLS, level.cells);
     to.put(LEVEL_REFS, level.refs);

@@ -2,8 +2,8 @@
 //! others.
 
 use super::{
-    ABOVE, BELOW, Cell, FACES, LEAVES, LEVEL_REFS, LISTED, LISTS, REFERENCE, STATE_STATUS, cell_of,
-    count_before, fresh_room, pick, ranked, room, row_of,
+    Cell, FACES, LEAVES, LEVEL_REFS, LISTS, REFERENCE, STATE_STATUS, cell_of, count_before, fresh_room, pick,
+    ranked, room, row_of, sides_of,
 };
 use crate::{
     glam::{UVec2, UVec4},
@@ -20,7 +20,6 @@ pub fn carry(
     state: &Buf<u32>,
     refs: &Buf<UVec4>,
     cells: &Buf<UVec4>,
-    codes: &Buf<u32>,
     ranks: &Buf<u32>,
     totals: &Buf<UVec2>,
     next_cells: &Buf<UVec4>,
@@ -34,27 +33,24 @@ pub fn carry(
         let params = params.at(0);
         let room = room(&params);
         let (list, at) = row_of(i, number);
-        if (codes.at(at) & LISTED) != 0 {
-            let face = faces.at(list * room + at);
-            let reference = face.y & REFERENCE;
-            let side = codes.at(reference) & (BELOW | ABOVE);
-            if side != 0 {
-                let above = side >> 1;
-                let first = Cell::load(cells, cell_of(refs, at)).first;
-                let pair = 2 * ranked(ranks, totals, room, LEAVES, first).y;
-                let child = Cell::load(next_cells, pair + above);
-                if child.count > params.small {
-                    let row = FACES + list;
-                    let before = pick(ranked(ranks, totals, room, row, at), above)
-                        - pick(ranked(ranks, totals, room, row, first), above);
-                    let from = list * fresh_room(room) + child.fresh;
-                    let merged = count_before(fresh, from, from + child.freshes, face, false);
-                    let kind = face.y & !REFERENCE;
-                    next_faces.put(
-                        list * room + child.first + before + merged,
-                        UVec2::new(face.x, kind | moved.at(reference)),
-                    );
-                }
+        let row = FACES + list;
+        let side = sides_of(ranks, room, row, at);
+        if side != 0 {
+            let above = side >> 1;
+            let first = Cell::load(cells, cell_of(refs, at)).first;
+            let pair = 2 * ranked(ranks, totals, room, LEAVES, first).y;
+            let child = Cell::load(next_cells, pair + above);
+            if child.count > params.small {
+                let face = faces.at(list * room + at);
+                let before = pick(ranked(ranks, totals, room, row, at), above)
+                    - pick(ranked(ranks, totals, room, row, first), above);
+                let from = list * fresh_room(room) + child.fresh;
+                let merged = count_before(fresh, from, from + child.freshes, face, false);
+                let kind = face.y & !REFERENCE;
+                next_faces.put(
+                    list * room + child.first + before + merged,
+                    UVec2::new(face.x, kind | moved.at(face.y & REFERENCE)),
+                );
             }
         }
     }
@@ -64,7 +60,7 @@ kernel! {
     /// [`carry`] over all faces of a level.
     map CARRY = carry, threads 128, {
         0 params: read BuildParams, 1 level: read u32, 2 state: read u32, 3 refs: read UVec4, 4 cells: read UVec4,
-        5 codes: read u32, 6 ranks: read u32, 7 totals: read UVec2, 8 next_cells: read UVec4, 9 moved: read u32,
-        10 fresh: read UVec2, 11 faces: read UVec2, 12 next_faces: write UVec2,
+        5 ranks: read u32, 6 totals: read UVec2, 7 next_cells: read UVec4, 8 moved: read u32, 9 fresh: read UVec2,
+        10 faces: read UVec2, 11 next_faces: write UVec2,
     }
 }

@@ -11,6 +11,9 @@ use crate::{
 };
 use raykd_shared::{BuildParams, Node};
 
+/// What the cheapest plane of a cell costs at most, as long as nothing is known.
+pub const NO_BOUND: u32 = f32::INFINITY.to_bits();
+
 /// Writes node `i` of the level and its two children. Nodes are numbered level by level for now.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn children(
@@ -23,6 +26,7 @@ pub fn children(
     ranks: &Buf<u32>,
     totals: &Buf<UVec2>,
     next_cells: &mut Buf<UVec4>,
+    bounds: &mut Buf<u32>,
     tree: &mut Buf<UVec2>,
 ) {
     let number = level.at(LEVEL_CELLS);
@@ -67,6 +71,8 @@ pub fn children(
                 growth,
             };
             beside.store(next_cells, pair + 1);
+            bounds.put(pair, NO_BOUND);
+            bounds.put(pair + 1, NO_BOUND);
         }
         let (word0, word1) = node.words();
         tree.put(level.at(LEVEL_NODES) + i, UVec2::new(word0, word1));
@@ -77,6 +83,7 @@ kernel! {
     /// [`children`] over all cells of a level.
     map CHILDREN = children, threads 128, {
         0 params: read BuildParams, 1 level: read u32, 2 state: read u32, 3 cells: read UVec4, 4 bests: read UVec4,
-        5 ranks: read u32, 6 totals: read UVec2, 7 next_cells: write UVec4, 8 tree: write UVec2,
+        5 ranks: read u32, 6 totals: read UVec2, 7 next_cells: write UVec4, 8 bounds: write u32,
+        9 tree: write UVec2,
     }
 }

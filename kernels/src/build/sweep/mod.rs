@@ -8,10 +8,11 @@
 //! references begin before a plane and how many end by it are two binary searches, whichever face the plane
 //! comes from; smaller cells count one by one.
 //!
-//! [`weigh`] finds each reference's best plane and [`cheapest`] the cell's; [`classify`] says where every
-//! reference goes, [`rank`], [`total`] and [`advance`] count, [`children`] makes the next level's cells and
-//! [`distribute`] its references. Faces of references that stay whole keep their order ([`carry`]); those of
-//! clipped ones are sorted ([`sort`]) and merged in ([`insert`]). In the end [`sizes`] and [`number`] number
+//! [`start`] makes the root's lists, which [`digits`], [`runs`] and [`deal`] sort. On each level [`sample`] weighs some
+//! faces, [`weigh`] all that these do not rule out, block by block, and [`cheapest`] finds each cell's best plane.
+//! [`classify`] says where every reference goes, [`rank`], [`total`] and [`advance`] count, [`children`] makes the next
+//! level's cells and [`distribute`] its references. Faces of references that stay whole keep their order ([`carry`]);
+//! those of clipped ones are sorted ([`sort`]) and merged in ([`insert`]). In the end [`sizes`] and [`number`] number
 //! the nodes depth first, and [`leaves`] lists the references.
 
 pub mod advance;
@@ -19,11 +20,15 @@ pub mod carry;
 pub mod cheapest;
 pub mod children;
 pub mod classify;
+pub mod deal;
+pub mod digits;
 pub mod distribute;
 pub mod insert;
 pub mod leaves;
 pub mod number;
 pub mod rank;
+pub mod runs;
+pub mod sample;
 pub mod sizes;
 pub mod sort;
 pub mod start;
@@ -34,7 +39,11 @@ pub mod weigh;
 #[cfg(not(target_arch = "spirv"))]
 pub const KERNELS: &[&crate::Kernel] = &[
     &start::START,
+    &digits::COUNT_DIGITS,
+    &runs::RUNS,
+    &deal::DEAL,
     &sort::SORT,
+    &sample::SAMPLE,
     &weigh::WEIGH,
     &cheapest::CHEAPEST,
     &classify::CLASSIFY,
@@ -70,28 +79,32 @@ use raykd_shared::{BuildParams, Node};
 pub const OVER_REFERENCES: u32 = 0;
 /// A lane per cell.
 pub const OVER_CELLS: u32 = 1;
-/// A workgroup of [`rank`] per row and block.
+/// A workgroup of [`rank`] per block.
 pub const OVER_RANKS: u32 = 2;
 /// A lane per face in the lists.
 pub const OVER_FACES: u32 = 3;
 /// A lane per face of the references that were clipped on the way to this level.
 pub const OVER_FRESH: u32 = 4;
+/// A lane per block of [`weigh`].
+pub const OVER_BLOCKS: u32 = 5;
+/// A lane per face that [`sample`] weighs.
+pub const OVER_SAMPLES: u32 = 6;
 /// Words of a level's record, the arguments first: its cells.
-pub const LEVEL_CELLS: u32 = 15;
+pub const LEVEL_CELLS: u32 = 21;
 /// Its references.
-pub const LEVEL_REFS: u32 = 16;
+pub const LEVEL_REFS: u32 = 22;
 /// References clipped on the way to it whose faces are sorted in.
-pub const LEVEL_FRESH: u32 = 17;
+pub const LEVEL_FRESH: u32 = 23;
 /// Its depth.
-pub const LEVEL_DEPTH: u32 = 18;
+pub const LEVEL_DEPTH: u32 = 24;
 /// Nodes of the levels above.
-pub const LEVEL_NODES: u32 = 19;
+pub const LEVEL_NODES: u32 = 25;
 /// References of the leaves above.
-pub const LEVEL_LEAVES: u32 = 20;
+pub const LEVEL_LEAVES: u32 = 26;
 /// How many lists of faces some of its cells may have: all or none.
-pub const LEVEL_LISTS: u32 = 21;
+pub const LEVEL_LISTS: u32 = 27;
 /// Words of a level's record.
-pub const LEVEL_WORDS: u32 = 22;
+pub const LEVEL_WORDS: u32 = 28;
 
 words! {
     /// The build's state.
@@ -118,8 +131,8 @@ words! {
 /// Lists of faces: starts and ends on each axis.
 pub const LISTS: u32 = 6;
 /// Runs that a pass of [`sort`] makes into one, as a power of two.
-pub const SORT_BITS: u32 = 3;
-/// References of a cell that a pass of [`cheapest`] makes into one, as a power of two.
+pub const SORT_BITS: u32 = 4;
+/// Candidates of a cell that a pass of [`cheapest`] makes into one, as a power of two.
 pub const CHEAPEST_BITS: u32 = 5;
 /// Lanes of the kernels that are functions of an index.
 pub const THREADS: u32 = 128;
@@ -306,12 +319,22 @@ fn in_two(bounds: &Bounds, plane: SplitPlane) -> (Bounds, Bounds) {
     (Bounds { lo: bounds.lo, hi: hi_below }, Bounds { lo: lo_above, hi: bounds.hi })
 }
 
+/// A rank within a block, which is below 256, has room for where the face itself goes: two bits, as in a code.
+const SIDES_SHIFT: u32 = 14;
+const RANK: u32 = (1 << SIDES_SHIFT) - 1;
+
 /// How many of the first `i` in a row go below, and above.
 #[inline(always)]
 fn ranked(ranks: &Buf<u32>, totals: &Buf<UVec2>, room: u32, row: u32, i: u32) -> UVec2 {
     let here = ranks.at(row * (room + 1) + i);
     let block = totals.at(row * blocks(room) + i / LANES);
-    UVec2::new(block.x + (here & 0xFFFF), block.y + (here >> 16))
+    UVec2::new(block.x + (here & RANK), block.y + (here >> 16))
+}
+
+/// Where a face in a row goes itself, as bits of a code.
+#[inline(always)]
+fn sides_of(ranks: &Buf<u32>, room: u32, row: u32, i: u32) -> u32 {
+    (ranks.at(row * (room + 1) + i) & 0xFFFF) >> SIDES_SHIFT
 }
 
 /// Below, or above.

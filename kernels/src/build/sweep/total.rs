@@ -12,6 +12,12 @@ use raykd_shared::BuildParams;
 const SUMS: usize = scan::sums(2);
 const BLOCKS: usize = scan::blocks(2);
 
+/// What block `i` of a row counts, none from `end` on.
+#[inline(always)]
+fn up_to(i: u32, end: u32, first: u32, totals: &Buf<UVec2>) -> UVec2 {
+    if i < end { totals.at(first + i) } else { UVec2::new(0, 0) }
+}
+
 /// Replaces what each block of row `group.id` counts by what comes before it.
 pub fn total(
     group: Group,
@@ -29,11 +35,14 @@ pub fn total(
     lanes!(group, |lane| {
         let (mut below, mut above) = (0, 0);
         let mut i = lane * run;
-        while i < (lane + 1) * run && i < number {
-            let both = totals.at(first + i);
-            below += both.x;
-            above += both.y;
-            i += 1;
+        let end = if (lane + 1) * run < number { (lane + 1) * run } else { number };
+        while i < end {
+            // Read side by side: a GPU would wait for each.
+            let (a, b) = (up_to(i, end, first, totals), up_to(i + 1, end, first, totals));
+            let (c, d) = (up_to(i + 2, end, first, totals), up_to(i + 3, end, first, totals));
+            below += a.x + b.x + c.x + d.x;
+            above += a.y + b.y + c.y + d.y;
+            i += 4;
         }
         sums.put(word(0, lane), below);
         sums.put(word(1, lane), above);

@@ -1,16 +1,23 @@
-//! The best plane at the faces of one reference, or in large cells at six faces of their lists.
+//! The best plane at the faces of each reference, or in large cells at six faces of their lists; of those that one cell
+//! has in a block of references, the best.
 
 use super::{
-    AFTER_FLAT, Cell, LEVEL_DEPTH, LEVEL_REFS, LISTS, NONE, Reference, better, candidate, cell_of,
+    AFTER_FLAT, Cell, LEVEL_DEPTH, LEVEL_REFS, LISTS, NONE, Reference, THREADS, better, candidate, cell_of,
     count_before, is_before, room,
 };
 use crate::{
+    Group,
     build::{Sah, bin::ordered, bin::unordered},
     glam::{UVec2, UVec4},
-    math::component,
-    mem::{Buf, Slots},
+    math::{component, low},
+    mem::{Buf, PerLane, Slots},
 };
 use raykd_shared::BuildParams;
+
+/// References that one workgroup weighs for.
+pub const LANES: u32 = THREADS;
+/// Words of the candidates of all lanes.
+const WORDS: usize = 4 * LANES as usize;
 
 /// How many boxes start before a plane, end by it, and lie in it, on one axis of a cell.
 #[derive(Clone, Copy)]
@@ -68,16 +75,28 @@ fn one_by_one(i: u32, cell: &Cell, sah: &Sah, refs: &Buf<UVec4>) -> UVec4 {
     consider(best, sah, 2, ordered(own.hi.z), cell, &hi_z)
 }
 
-/// The better one of a candidate and that at face `i` of one list of an axis. Of starts at one position the
-/// first counts, of ends the last: how many there are before it, or up to it, is then its place.
+/// The better one of a candidate and that at face `i` of one list of an axis, unless it surely costs more than `bound`.
+/// Of starts at one position the first counts, of ends the last: how many there are before it, or up to it, is then its
+/// place.
 #[inline(always)]
-fn in_list(best: UVec4, i: u32, list: u32, cell: &Cell, sah: &Sah, faces: &Buf<UVec2>, room: u32) -> UVec4 {
+#[allow(clippy::too_many_arguments, reason = "what is known of the face")]
+pub(super) fn in_list(
+    best: UVec4,
+    i: u32,
+    list: u32,
+    bound: f32,
+    cell: &Cell,
+    sah: &Sah,
+    faces: &Buf<UVec2>,
+    room: u32,
+) -> UVec4 {
     let is_end = (list & 1) == 1;
     let axis = list >> 1;
     let starts = 2 * axis * room;
     let ends = starts + room;
     let (first, last) = (cell.first, cell.first + cell.count - 1);
-    let at = faces.at(list * room + i).x;
+    let face = faces.at(list * room + i);
+    let at = face.x;
     let beside = if is_end && i < last {
         i + 1
     } else if !is_end && i > first {
@@ -85,11 +104,24 @@ fn in_list(best: UVec4, i: u32, list: u32, cell: &Cell, sah: &Sah, faces: &Buf<U
     } else {
         i
     };
-    let counts_here = beside == i || faces.at(list * room + beside).x != at;
     let plane = unordered(at);
-    if counts_here && component(cell.bounds.lo, axis) < plane && plane < component(cell.bounds.hi, axis) {
+    let mut counts = Counts { before: i - first, ended: i + 1 - first, flat: 0 };
+    // No box ends before it starts, so at least so many are below and above. Where some lie in the plane, this holds for
+    // those of them below; the other way to cut there is found at their starts.
+    let (below, above) = if is_end {
+        (counts.ended, cell.count - counts.ended)
+    } else {
+        (counts.before, cell.count - counts.before)
+    };
+    let is_flat = !is_end & (face.y & AFTER_FLAT == 0);
+    let may_be_best = (sah.across(axis).least(plane, plane, below as f32, above as f32) <= bound)
+        | (below == 0)
+        | (above == 0)
+        | is_flat;
+    let counts_here = beside == i || faces.at(list * room + beside).x != at;
+    let is_inside = component(cell.bounds.lo, axis) < plane && plane < component(cell.bounds.hi, axis);
+    if may_be_best && counts_here && is_inside {
         let (flat, after) = (UVec2::new(at, 0), UVec2::new(at, AFTER_FLAT));
-        let mut counts = Counts { before: i - first, ended: i + 1 - first, flat: 0 };
         if is_end {
             counts.before = count_before(faces, starts + first, starts + last + 1, flat, false);
         } else {
@@ -105,6 +137,19 @@ fn in_list(best: UVec4, i: u32, list: u32, cell: &Cell, sah: &Sah, faces: &Buf<U
     }
 }
 
+/// The best candidate at face `i` of each list, but those that surely cost more than `bound`.
+#[inline(always)]
+fn in_lists(i: u32, bound: f32, cell: &Cell, sah: &Sah, faces: &Buf<UVec2>, room: u32) -> UVec4 {
+    let mut best = NONE;
+    let mut list = 0;
+    while list < LISTS {
+        let least = low(bound, f32::from_bits(best.x));
+        best = in_list(best, i, list, least, cell, sah, faces, room);
+        list += 1;
+    }
+    best
+}
+
 /// The candidate that any plane which pays is better than.
 #[inline(always)]
 fn instead(sah: &Sah, cell: &Cell) -> UVec4 {
@@ -112,44 +157,100 @@ fn instead(sah: &Sah, cell: &Cell) -> UVec4 {
     UVec4::new(NONE.x, plane.axis, ordered(plane.at), 1)
 }
 
-/// Weighs for reference `i`.
+/// The best candidate for reference `i`, of cell `number`.
+#[inline(always)]
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
-pub fn weigh(
+fn best_of(
     i: u32,
+    number: u32,
+    params: &BuildParams,
+    level: &Buf<u32>,
+    refs: &Buf<UVec4>,
+    cell: &Cell,
+    faces: &Buf<UVec2>,
+    bounds: &Buf<u32>,
+) -> UVec4 {
+    let sah = cell.sah(params);
+    let mut best = NONE;
+    if sah.may_pay && level.at(LEVEL_DEPTH) < params.max_depth {
+        if cell.count > params.small {
+            let bound = low(sah.leaf, f32::from_bits(bounds.at(number)));
+            best = in_lists(i, bound, cell, &sah, faces, room(params));
+        } else {
+            best = one_by_one(i, cell, &sah, refs);
+        }
+        if f32::from_bits(best.x) >= sah.leaf {
+            best = instead(&sah, cell);
+        }
+    }
+    best
+}
+
+#[inline(always)]
+fn put(table: &mut [u32; WORDS], lane: u32, candidate: UVec4) {
+    table.put(lane, candidate.x);
+    table.put(LANES + lane, candidate.y);
+    table.put(2 * LANES + lane, candidate.z);
+    table.put(3 * LANES + lane, candidate.w);
+}
+
+#[inline(always)]
+fn at(table: &[u32; WORDS], lane: u32) -> UVec4 {
+    UVec4::new(table.at(lane), table.at(LANES + lane), table.at(2 * LANES + lane), table.at(3 * LANES + lane))
+}
+
+/// Weighs for the references of block `group.id`. The best of those of one cell is left with the first of them.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+#[inline(always)]
+pub fn weigh(
+    group: Group,
+    table: &mut [u32; WORDS],
     params: &Buf<BuildParams>,
     level: &Buf<u32>,
     refs: &Buf<UVec4>,
     cells: &Buf<UVec4>,
     faces: &Buf<UVec2>,
+    bounds: &Buf<u32>,
     bests: &mut Buf<UVec4>,
 ) {
-    if i < level.at(LEVEL_REFS) {
-        let params = params.at(0);
-        let cell = Cell::load(cells, cell_of(refs, i));
-        let sah = cell.sah(&params);
-        let mut best = NONE;
-        if sah.may_pay && level.at(LEVEL_DEPTH) < params.max_depth {
-            if cell.count > params.small {
-                let mut list = 0;
-                while list < LISTS {
-                    best = in_list(best, i, list, &cell, &sah, faces, room(&params));
-                    list += 1;
-                }
-            } else {
-                best = one_by_one(i, &cell, &sah, refs);
-            }
-            if f32::from_bits(best.x) >= sah.leaf {
-                best = instead(&sah, &cell);
-            }
+    let (number, base) = (level.at(LEVEL_REFS), group.id * LANES);
+    // The lanes from which and up to which a lane's cell has references in the block.
+    let mut spans = PerLane::<(u32, u32), { LANES as usize }>::default();
+    lanes!(group, |lane| {
+        let i = base + lane;
+        if i < number {
+            let number = cell_of(refs, i);
+            let cell = Cell::load(cells, number);
+            put(table, lane, best_of(i, number, &params.at(0), level, refs, &cell, faces, bounds));
+            let end = cell.first + cell.count - base;
+            let from = if cell.first > base { cell.first - base } else { 0 };
+            spans.put(lane, (from, if end < LANES { end } else { LANES }));
+        } else {
+            spans.put(lane, (lane, 0));
         }
-        bests.put(i, best);
+    });
+    let mut step = 1;
+    while step < LANES {
+        lanes!(group, |lane| {
+            let (from, to) = spans.at(lane);
+            if (lane - from) & (2 * step - 1) == 0 && lane + step < to {
+                put(table, lane, better(at(table, lane), at(table, lane + step)));
+            }
+        });
+        step *= 2;
     }
+    lanes!(group, |lane| {
+        let (from, to) = spans.at(lane);
+        if lane == from && lane < to {
+            bests.put(base + lane, at(table, lane));
+        }
+    });
 }
 
 kernel! {
     /// [`weigh`] over all references of a level.
-    map WEIGH = weigh, threads 128, {
+    group WEIGH = weigh, threads 128, shared [table: WORDS], {
         0 params: read BuildParams, 1 level: read u32, 2 refs: read UVec4, 3 cells: read UVec4, 4 faces: read UVec2,
-        5 bests: write UVec4,
+        5 bounds: read u32, 6 bests: write UVec4,
     }
 }

@@ -1,0 +1,103 @@
+//! Moves the faces of the root's lists to where a digit puts them; those with the same value keep their order.
+
+use super::{
+    LEVEL_REFS,
+    digits::{BLOCK, LANES, VALUES, run, value},
+    row_of,
+};
+use crate::{
+    Group,
+    build::scan::{self, before, scan, word},
+    glam::UVec2,
+    mem::{Atomics, Buf, PerLane, Slots},
+};
+
+const SUMS: usize = scan::sums(1);
+const PARTS: usize = scan::blocks(1);
+/// Words with a bit for each lane.
+const MASK: u32 = LANES / 32;
+/// For each value, which lanes' faces have it.
+const MASKS: usize = (VALUES * MASK) as usize;
+
+/// Deals a block of a list, by the digit number `pass.x`: 256 faces at a time. A list has room for `pass.y`.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+pub fn deal(
+    group: Group,
+    sums: &mut [u32; SUMS],
+    parts: &mut [u32; PARTS],
+    places: &mut [u32; VALUES as usize],
+    masks: &mut [u32; MASKS],
+    pass: &Buf<UVec2>,
+    level: &Buf<u32>,
+    from: &Buf<UVec2>,
+    counts: &Buf<u32>,
+    totals: &Buf<u32>,
+    to: &mut Buf<UVec2>,
+) {
+    let number = level.at(LEVEL_REFS);
+    let (digit, room) = (pass.at(0).x, pass.at(0).y);
+    let blocks = number.div_ceil(BLOCK);
+    let (list, block) = row_of(group.id, blocks);
+    let base = list * room;
+    lanes!(group, |lane| {
+        sums.put(word(0, lane), if lane < VALUES { totals.at(list * VALUES + lane) } else { 0 });
+        let mut i = lane;
+        while i < MASKS as u32 {
+            masks.put(i, 0);
+            i += LANES;
+        }
+    });
+    scan(group, 1, sums, parts);
+    lanes!(group, |lane| {
+        if lane < VALUES {
+            places.put(lane, before(sums, parts, 0, lane) + counts.at(run(list, lane, blocks) + block));
+        }
+    });
+    let mut faces = PerLane::<UVec2, { LANES as usize }>::default();
+    let mut first = block * BLOCK;
+    while first < number && first < (block + 1) * BLOCK {
+        faces.forget();
+        lanes!(group, |lane| {
+            if first + lane < number {
+                let face = from.at(base + first + lane);
+                faces.put(lane, face);
+                masks.or(value(face, digit) * MASK + lane / 32, 1 << (lane % 32));
+            }
+        });
+        lanes!(group, |lane| {
+            if first + lane < number {
+                let face = faces.at(lane);
+                let value = value(face, digit);
+                let mut rank = (masks.at(value * MASK + lane / 32) & ((1 << (lane % 32)) - 1)).count_ones();
+                let mut word = 0;
+                while word < lane / 32 {
+                    rank += masks.at(value * MASK + word).count_ones();
+                    word += 1;
+                }
+                to.put(base + places.at(value) + rank, face);
+            }
+        });
+        lanes!(group, |lane| {
+            if lane < VALUES {
+                let mut sum = places.at(lane);
+                let mut word = lane * MASK;
+                while word < (lane + 1) * MASK {
+                    sum += masks.at(word).count_ones();
+                    masks.put(word, 0);
+                    word += 1;
+                }
+                places.put(lane, sum);
+            }
+        });
+        first += LANES;
+    }
+}
+
+kernel! {
+    /// [`deal`] over all blocks of the root's lists.
+    group DEAL = deal, threads 256,
+        shared [sums: SUMS, parts: PARTS, places: { VALUES as usize }, masks: MASKS], {
+        0 pass: read UVec2, 1 level: read u32, 2 from: read UVec2, 3 counts: read u32, 4 totals: read u32,
+        5 to: write UVec2,
+    }
+}
