@@ -16,7 +16,7 @@ pub(super) struct Link {
     pub(super) queue: wgpu::Queue,
     /// Set once, by wgpu's callbacks or by us; afterwards every call fails with it.
     fault: Arc<OnceLock<String>>,
-    /// Whether to ask again and again for a short wait, see [`ASKING`].
+    /// Whether it pays to [`Self::ask`].
     asks: bool,
 }
 
@@ -111,19 +111,27 @@ impl Link {
 
     /// Waits until a submission is done, and runs the callbacks that waited for it.
     pub(super) fn wait(&self, submission: wgpu::SubmissionIndex) -> Result<(), Error> {
+        self.poll(wgpu::PollType::Wait { submission_index: Some(submission), timeout: None })
+    }
+
+    /// Asks the device again and again, for a while, until its callbacks say so. Returns whether they did.
+    ///
+    /// Not by waiting for no time: wgpu 30 panics if another thread finds the queue empty meanwhile.
+    pub(super) fn ask(&self, mut is_done: impl FnMut() -> bool) -> Result<bool, Error> {
         let begin = Instant::now();
-        let wait = || {
-            loop {
-                let timeout = (self.asks && begin.elapsed() < ASKING).then_some(Duration::ZERO);
-                let submission_index = Some(submission.clone());
-                match self.device.poll(wgpu::PollType::Wait { submission_index, timeout }) {
-                    Err(wgpu::PollError::Timeout) => std::thread::yield_now(),
-                    done => return done,
-                }
+        while self.asks && begin.elapsed() < ASKING {
+            self.poll(wgpu::PollType::Poll)?;
+            if is_done() {
+                return Ok(true);
             }
-        };
+            std::thread::yield_now();
+        }
+        Ok(false)
+    }
+
+    fn poll(&self, poll: wgpu::PollType) -> Result<(), Error> {
         // wgpu panics where the device is lost while it waits.
-        match catch_unwind(AssertUnwindSafe(wait)) {
+        match catch_unwind(AssertUnwindSafe(|| self.device.poll(poll))) {
             Ok(Ok(_)) => {}
             Ok(Err(error)) => return Err(self.failed(format_args!("waiting for the device: {error}"))),
             Err(_) => {

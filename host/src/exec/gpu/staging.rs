@@ -57,8 +57,15 @@ impl Slot {
     /// Waits until the submission is done and the buffer mapped.
     pub(super) fn mapped(&mut self, link: &Link) -> Result<(), Error> {
         let Some((submission, signal)) = self.pending.take() else { return Ok(()) };
-        link.wait(submission)?;
-        match signal.recv() {
+        let mut told = None;
+        let is_told = || {
+            told = signal.try_recv().ok();
+            told.is_some()
+        };
+        if !link.ask(is_told)? {
+            link.wait(submission)?;
+        }
+        match told.map_or_else(|| signal.recv(), Ok) {
             Ok(Ok(())) => Ok(()),
             Ok(Err(error)) => Err(link.failed(format_args!("mapping a buffer: {error}"))),
             Err(_) => Err(link.failed("mapping a buffer: given up")),
