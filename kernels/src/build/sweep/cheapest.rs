@@ -1,7 +1,7 @@
 //! The best candidate of every cell, left with its first reference, of those that [`super::weigh`] leaves of each of the
 //! blocks it reaches into: one pass, which makes 32 candidates into one.
 
-use super::{CHEAPEST_BITS, Cell, LEVEL_REFS, better, cell_of, weigh::LANES};
+use super::{CHEAPEST_BITS, Cell, LEVEL_REFS, better, cell_of, lesser, weigh::LANES};
 use crate::{
     glam::{UVec2, UVec4},
     mem::{Buf, Slots},
@@ -11,11 +11,6 @@ use crate::{
 #[inline(always)]
 fn candidate_in(cell: &Cell, block: u32) -> u32 {
     if block == 0 { cell.first } else { (cell.first / LANES + block) * LANES }
-}
-
-#[inline(always)]
-fn lower(a: u32, b: u32) -> u32 {
-    if a < b { a } else { b }
 }
 
 /// Goes on with the cell to which the last reference of block `i` belongs: of its candidates, `2^pass.x` blocks apart,
@@ -30,7 +25,7 @@ pub fn cheapest(
 ) {
     let (number, begin) = (level.at(LEVEL_REFS), i * LANES);
     if begin < number {
-        let last = if number - begin < LANES { number } else { begin + LANES } - 1;
+        let last = lesser(number, begin + LANES) - 1;
         let cell = Cell::load(cells, cell_of(refs, last));
         let (first, step) = (cell.first / LANES, 1 << pass.at(0).x);
         let (block, blocks) = (i - first, (cell.first + cell.count - 1) / LANES - first);
@@ -43,9 +38,9 @@ pub fn cheapest(
             while other <= last {
                 // Read side by side: a GPU would wait for each. The last one may be read again.
                 let a = bests.at(candidate_in(&cell, other));
-                let b = bests.at(candidate_in(&cell, lower(other + step, last)));
-                let c = bests.at(candidate_in(&cell, lower(other + 2 * step, last)));
-                let d = bests.at(candidate_in(&cell, lower(other + 3 * step, last)));
+                let b = bests.at(candidate_in(&cell, lesser(other + step, last)));
+                let c = bests.at(candidate_in(&cell, lesser(other + 2 * step, last)));
+                let d = bests.at(candidate_in(&cell, lesser(other + 3 * step, last)));
                 best = better(best, better(better(a, b), better(c, d)));
                 other += 4 * step;
             }

@@ -8,7 +8,7 @@ use crate::{
     mem::{Atomics, Buf, Slots},
 };
 
-/// Bits of a digit: five make the 33 bits of a face's order, see [`super::is_before`].
+/// Bits of a digit. Five make the 33 by which faces are ordered: position, and whether the box is flat.
 pub const DIGIT_BITS: u32 = 7;
 /// How many digits a face has.
 pub const DIGITS: u32 = 5;

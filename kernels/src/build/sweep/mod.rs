@@ -337,6 +337,11 @@ fn sides_of(ranks: &Buf<u32>, room: u32, row: u32, i: u32) -> u32 {
     (ranks.at(row * (room + 1) + i) & 0xFFFF) >> SIDES_SHIFT
 }
 
+#[inline(always)]
+fn lesser(a: u32, b: u32) -> u32 {
+    if a < b { a } else { b }
+}
+
 /// Below, or above.
 #[inline(always)]
 fn pick(both: UVec2, above: u32) -> u32 {

@@ -3,7 +3,7 @@
 
 use super::{
     AFTER_FLAT, Cell, LEVEL_DEPTH, LEVEL_REFS, LISTS, NONE, Reference, THREADS, better, candidate, cell_of,
-    count_before, is_before, room,
+    count_before, is_before, lesser, room,
 };
 use crate::{
     Group,
@@ -222,9 +222,8 @@ pub fn weigh(
             let number = cell_of(refs, i);
             let cell = Cell::load(cells, number);
             put(table, lane, best_of(i, number, &params.at(0), level, refs, &cell, faces, bounds));
-            let end = cell.first + cell.count - base;
-            let from = if cell.first > base { cell.first - base } else { 0 };
-            spans.put(lane, (from, if end < LANES { end } else { LANES }));
+            let from = lane - lesser(lane, i - cell.first);
+            spans.put(lane, (from, lesser(cell.first + cell.count - base, LANES)));
         } else {
             spans.put(lane, (lane, 0));
         }
