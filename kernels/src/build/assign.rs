@@ -19,6 +19,21 @@ const KINDS: u32 = 4;
 const SUMS: usize = scan::sums(KINDS);
 const PARTS: usize = scan::blocks(KINDS);
 
+/// What branch `k` became, nothing from `end` on.
+#[inline(always)]
+fn became(k: u32, end: u32, sizes: &Buf<UVec4>) -> UVec4 {
+    if k < end { sizes.at(k) } else { UVec4::ZERO }
+}
+
+/// Writes the place of branch `k`, if it is before `end`; the next one's comes behind `size`.
+#[inline(always)]
+fn placed(k: u32, end: u32, place: UVec4, size: UVec4, places: &mut Buf<UVec4>) -> UVec4 {
+    if k < end {
+        places.put(k, place);
+    }
+    place + UVec4::new(size.x, 2 * size.y, size.z, size.w)
+}
+
 /// Places what each branch of a round became: its first treelet, its first node but the root, its first branch of the
 /// next round, and that one's room.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
@@ -38,9 +53,13 @@ pub fn assign(
     lanes!(group, |lane| {
         let mut all = UVec4::ZERO;
         let mut k = lane * share;
-        while k < (lane + 1) * share && k < number {
-            all += sizes.at(k);
-            k += 1;
+        let end = if k + share < number { k + share } else { number };
+        while k < end {
+            // Read side by side: a GPU would wait for each.
+            let (a, b) = (became(k, end, sizes), became(k + 1, end, sizes));
+            let (c, d) = (became(k + 2, end, sizes), became(k + 3, end, sizes));
+            all += (a + b) + (c + d);
+            k += 4;
         }
         sums.put(word(0, lane), all.x);
         sums.put(word(1, lane), all.y);
@@ -55,11 +74,15 @@ pub fn assign(
         let mut place =
             UVec4::new(treelets + sum(0), top + 2 * sum(1), from + number + sum(2), room + sum(3));
         let mut k = lane * share;
-        while k < (lane + 1) * share && k < number {
-            places.put(k, place);
-            let size = sizes.at(k);
-            place += UVec4::new(size.x, 2 * size.y, size.z, size.w);
-            k += 1;
+        let end = if k + share < number { k + share } else { number };
+        while k < end {
+            let (a, b) = (became(k, end, sizes), became(k + 1, end, sizes));
+            let (c, d) = (became(k + 2, end, sizes), became(k + 3, end, sizes));
+            place = placed(k, end, place, a, places);
+            place = placed(k + 1, end, place, b, places);
+            place = placed(k + 2, end, place, c, places);
+            place = placed(k + 3, end, place, d, places);
+            k += 4;
         }
         if lane == 0 {
             let all = |kind: u32| total(KINDS, parts, kind);

@@ -95,8 +95,7 @@ pub(super) fn in_list(
     let starts = 2 * axis * room;
     let ends = starts + room;
     let (first, last) = (cell.first, cell.first + cell.count - 1);
-    let face = faces.at(list * room + i);
-    let at = face.x;
+    let at = faces.at(list * room + i).x;
     let beside = if is_end && i < last {
         i + 1
     } else if !is_end && i > first {
@@ -106,18 +105,15 @@ pub(super) fn in_list(
     };
     let plane = unordered(at);
     let mut counts = Counts { before: i - first, ended: i + 1 - first, flat: 0 };
-    // No box ends before it starts, so at least so many are below and above. Where some lie in the plane, this holds for
-    // those of them below; the other way to cut there is found at their starts.
+    // No box ends before it starts, so at least so many are below and above, where boxes in the plane go above by their
+    // starts, and below by their ends: of the two ways to cut there, each list may rule out the one that it counts.
     let (below, above) = if is_end {
         (counts.ended, cell.count - counts.ended)
     } else {
         (counts.before, cell.count - counts.before)
     };
-    let is_flat = !is_end & (face.y & AFTER_FLAT == 0);
-    let may_be_best = (sah.across(axis).least(plane, plane, below as f32, above as f32) <= bound)
-        | (below == 0)
-        | (above == 0)
-        | is_flat;
+    let least = sah.across(axis).least(plane, plane, below as f32, above as f32);
+    let may_be_best = (least <= bound) | (below == 0) | (above == 0);
     let counts_here = beside == i || faces.at(list * room + beside).x != at;
     let is_inside = component(cell.bounds.lo, axis) < plane && plane < component(cell.bounds.hi, axis);
     if may_be_best && counts_here && is_inside {
