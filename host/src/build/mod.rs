@@ -120,14 +120,22 @@ fn attempt(
     let grown = match setting.way {
         Way::Leaf => leaf(arena, from)?,
         Way::Levels => levels::build(arena, from, &params, options, None)?,
+        #[cfg(not(target_arch = "wasm32"))]
         Way::SweepByKernels { .. } => sweep::kernels::build(arena, from, &params, options.profile)?,
-        Way::SweepByHost => match from.kept {
-            KeptIn::Host(mesh) => sweep::host::build(arena, mesh, &params)?,
-            KeptIn::Device(_) => unreachable!("chosen only where the host has the mesh"),
-        },
+        // A browser's host has every mesh: no page loads kernels that it never runs.
+        #[cfg(target_arch = "wasm32")]
+        Way::SweepByKernels { .. } => sweep_by_host(arena, from, &params)?,
+        Way::SweepByHost => sweep_by_host(arena, from, &params)?,
     };
     setting.check_budget(grown.counts[1])?;
     Ok(grown)
+}
+
+fn sweep_by_host(arena: &mut Arena<'_>, from: &Given<'_>, params: &BuildParams) -> Result<Grown, Stop> {
+    match from.kept {
+        KeptIn::Host(mesh) => sweep::host::build(arena, mesh, params),
+        KeptIn::Device(_) => unreachable!("chosen only where the host has the mesh"),
+    }
 }
 
 impl Grown {

@@ -6,6 +6,7 @@
 
 mod events;
 pub(super) mod host;
+#[cfg_attr(target_arch = "wasm32", allow(dead_code, reason = "browsers build by the host"))]
 pub(super) mod kernels;
 mod split;
 
