@@ -1,6 +1,9 @@
 //! Exclusive scan of several sums over the 256 lanes of one workgroup.
 
-use crate::{Group, mem::Table};
+use crate::{
+    Group,
+    mem::{Buf, Slots, Table},
+};
 
 /// Lanes of a scanning workgroup.
 pub(super) const LANES: u32 = 256;
@@ -73,6 +76,40 @@ pub(super) fn scan(group: Group, kinds: u32, sums: &mut impl Table, blocks: &mut
         if lane < kinds {
             let total = serial(blocks, lane * BLOCKS, BLOCKS);
             blocks.put(kinds * BLOCKS + lane, total);
+        }
+    });
+}
+
+/// Replaces each of `number` counts from `first` on by the sum of those before it; [`total`] then tells the sum of all. Each
+/// lane has as many, one after the other.
+#[inline(always)]
+pub(super) fn scan_counts(
+    group: Group,
+    sums: &mut impl Table,
+    parts: &mut impl Table,
+    counts: &mut Buf<u32>,
+    first: u32,
+    number: u32,
+) {
+    let share = number.div_ceil(LANES);
+    lanes!(group, |lane| {
+        let mut sum = 0;
+        let mut i = lane * share;
+        while i < (lane + 1) * share && i < number {
+            sum += counts.at(first + i);
+            i += 1;
+        }
+        sums.put(word(0, lane), sum);
+    });
+    scan(group, 1, sums, parts);
+    lanes!(group, |lane| {
+        let mut sum = before(sums, parts, 0, lane);
+        let mut i = lane * share;
+        while i < (lane + 1) * share && i < number {
+            let count = counts.at(first + i);
+            counts.put(first + i, sum);
+            sum += count;
+            i += 1;
         }
     });
 }

@@ -4,7 +4,7 @@
 use super::{BLOCK, FOUND_KEPT, FOUND_TRIANGLE, FOUND_VERTEX, FOUND_WORDS, JOB_TRIANGLES, corners, vertex};
 use crate::{
     Group,
-    build::scan::{self, LANES, before, scan, total, word},
+    build::scan::{self, scan_counts, total},
     glam::UVec3,
     mem::{Buf, Slots},
 };
@@ -25,45 +25,20 @@ pub fn offsets(
     found: &mut Buf<u32>,
 ) {
     let blocks = job.at(JOB_TRIANGLES).div_ceil(BLOCK);
-    // Each lane has as many, one after the other.
-    let share = blocks.div_ceil(LANES);
-    let end = move |lane: u32| {
-        let end = (lane + 1) * share;
-        if end < blocks { end } else { blocks }
-    };
-    lanes!(group, |lane| {
-        let mut sum = 0;
-        let mut block = lane * share;
-        while block < end(lane) {
-            sum += counts.at(block);
-            block += 1;
-        }
-        sums.put(word(0, lane), sum);
-    });
-    scan(group, 1, sums, parts);
-    lanes!(group, |lane| {
-        let mut sum = before(sums, parts, 0, lane);
-        let mut block = lane * share;
-        while block < end(lane) {
-            let count = counts.at(block);
-            counts.put(block, sum);
-            sum += count;
-            block += 1;
-        }
-        if lane == 0 {
-            found.put(FOUND_KEPT, total(1, parts, 0));
-            let (v, t) = (found.at(FOUND_VERTEX), found.at(FOUND_TRIANGLE));
-            let words = if v != u32::MAX {
-                vertex(positions, v)
-            } else if t != u32::MAX {
-                corners(indices, t)
-            } else {
-                UVec3::ZERO
-            };
-            found.put(FOUND_WORDS, words.x);
-            found.put(FOUND_WORDS + 1, words.y);
-            found.put(FOUND_WORDS + 2, words.z);
-        }
+    scan_counts(group, sums, parts, counts, 0, blocks);
+    lanes!(group, ..1, |_lane| {
+        found.put(FOUND_KEPT, total(1, parts, 0));
+        let (v, t) = (found.at(FOUND_VERTEX), found.at(FOUND_TRIANGLE));
+        let words = if v != u32::MAX {
+            vertex(positions, v)
+        } else if t != u32::MAX {
+            corners(indices, t)
+        } else {
+            UVec3::ZERO
+        };
+        found.put(FOUND_WORDS, words.x);
+        found.put(FOUND_WORDS + 1, words.y);
+        found.put(FOUND_WORDS + 2, words.z);
     });
 }
 

@@ -1,12 +1,9 @@
 //! How many faces of a list with a digit's value lie in the blocks before each: one workgroup a list and value.
 
-use super::{
-    LEVEL_REFS,
-    digits::{BLOCK, LANES},
-};
+use super::{LEVEL_REFS, digits::BLOCK};
 use crate::{
     Group,
-    build::scan::{self, before, scan, total, word},
+    build::scan::{self, scan_counts, total},
     mem::{Buf, Slots},
 };
 
@@ -23,29 +20,9 @@ pub fn runs(
     totals: &mut Buf<u32>,
 ) {
     let blocks = level.at(LEVEL_REFS).div_ceil(BLOCK);
-    let (first, each) = (group.id * blocks, blocks.div_ceil(LANES));
-    lanes!(group, |lane| {
-        let mut sum = 0;
-        let mut i = lane * each;
-        while i < (lane + 1) * each && i < blocks {
-            sum += counts.at(first + i);
-            i += 1;
-        }
-        sums.put(word(0, lane), sum);
-    });
-    scan(group, 1, sums, parts);
-    lanes!(group, |lane| {
-        let mut sum = before(sums, parts, 0, lane);
-        let mut i = lane * each;
-        while i < (lane + 1) * each && i < blocks {
-            let count = counts.at(first + i);
-            counts.put(first + i, sum);
-            sum += count;
-            i += 1;
-        }
-        if lane == 0 {
-            totals.put(group.id, total(1, parts, 0));
-        }
+    scan_counts(group, sums, parts, counts, group.id * blocks, blocks);
+    lanes!(group, ..1, |_lane| {
+        totals.put(group.id, total(1, parts, 0));
     });
 }
 

@@ -1,5 +1,5 @@
 //! What the cheapest plane of a cell costs at most: some of the candidates that [`super::weigh`] weighs, so that it can
-//! tell most of the others by a bound.
+//! rule most of the others out.
 
 use super::{Cell, LEVEL_DEPTH, LEVEL_REFS, LISTS, NONE, cell_of, room, weigh::in_list};
 use crate::{

@@ -105,8 +105,9 @@ pub(super) fn in_list(
     };
     let plane = unordered(at);
     let mut counts = Counts { before: i - first, ended: i + 1 - first, flat: 0 };
-    // No box ends before it starts, so at least so many are below and above, where boxes in the plane go above by their
-    // starts, and below by their ends: of the two ways to cut there, each list may rule out the one that it counts.
+    // A box ends no sooner than it starts, so at least so many are below and above. Boxes that lie in the plane may go to
+    // either side: at a start this bounds the cut with them above, at an end the cut with them below. Each list rules out
+    // one of the two ways.
     let (below, above) = if is_end {
         (counts.ended, cell.count - counts.ended)
     } else {
