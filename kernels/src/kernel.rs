@@ -281,7 +281,8 @@ macro_rules! run_twice {
             // SAFETY: as for the caller.
             unsafe { run(group, buffers) }
         }
-        |group, buffers| {
+        // No closure: each crate that names the kernel would compile it again.
+        unsafe fn either(group: $crate::Group, buffers: &[$crate::RawBuf]) -> u64 {
             // SAFETY: as for the caller, who says that the processor has these instructions.
             unsafe {
                 if group.usual || $crate::kernel::ONE_COPY {
@@ -291,6 +292,7 @@ macro_rules! run_twice {
                 }
             }
         }
+        either
     }};
 }
 

@@ -102,6 +102,18 @@ enum Memory {
     Gpu(wgpu::Buffer),
 }
 
+// Said, so that the compiler need not find it out again and again: see the same of `Gpu`.
+const _: () = {
+    const fn checked<T: Send + Sync>() {}
+    checked::<cpu::Memory>();
+    #[cfg(feature = "gpu")]
+    checked::<wgpu::Buffer>();
+};
+// SAFETY: what it holds is, as checked above.
+unsafe impl Send for Memory {}
+// SAFETY: as above.
+unsafe impl Sync for Memory {}
+
 impl AnyBuffer {
     fn of(name: &'static str, bytes: u64, memory: Memory) -> Self {
         Self {

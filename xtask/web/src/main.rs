@@ -10,19 +10,17 @@ const TARGET: &str = "wasm32-unknown-unknown";
 fn main() -> Result<()> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize()?;
     let cargo = env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    // Apart from the other builds, whose profile has line tables that would be shipped.
     let folder = root.join("target/web");
     let status = Command::new(cargo)
-        .args(["build", "--locked", "--package", "raykd-web", "--release", "--target", TARGET])
+        .args(["build", "--locked", "--package", "raykd-web", "--profile", "dist", "--target", TARGET])
         // Vectors of four floats, which all browsers have; nothing is fused.
         .args(["--config", "target.wasm32-unknown-unknown.rustflags=['-Ctarget-feature=+simd128']"])
-        .args(["--config", "profile.release.debug=false"])
-        .args(["--config", "profile.release.panic='abort'"])
+        .args(["--config", "profile.dist.panic='abort'"])
         // Rays never run what the registry's crates do: parsing, printing, sorting.
-        .args(["--config", "profile.release.package.\"*\".opt-level='s'"])
+        .args(["--config", "profile.dist.package.\"*\".opt-level='s'"])
         // Nor do they run what tells the way of one ray, or hands arrays to JavaScript.
-        .args(["--config", "profile.release.package.raykd-ways.opt-level='s'"])
-        .args(["--config", "profile.release.package.raykd-web.opt-level='s'", "--target-dir"])
+        .args(["--config", "profile.dist.package.raykd-ways.opt-level='s'"])
+        .args(["--config", "profile.dist.package.raykd-web.opt-level='s'", "--target-dir"])
         .arg(&folder)
         .current_dir(&root)
         .status()
@@ -30,7 +28,7 @@ fn main() -> Result<()> {
     ensure!(status.success(), "the build failed; if the target is missing: rustup target add {TARGET}");
     let out = root.join("web/pkg");
     Bindgen::new()
-        .input_path(folder.join(TARGET).join("release/raykd_web.wasm"))
+        .input_path(folder.join(TARGET).join("dist/raykd_web.wasm"))
         .web(true)?
         .typescript(true)
         .remove_name_section(true)
