@@ -2,15 +2,15 @@
 
 use proptest::prelude::*;
 use raykd::{
-    BuildOptions, Builder, Hit, Mesh, Query, Ray, Scene, Stepped, internals::kernels::math::ldexp,
-    mesh::MeshSource,
+    BuildOptions, Builder, Hit, Intersector, Mesh, Query, Ray, Scene, Stepped,
+    internals::kernels::math::ldexp, mesh::MeshSource,
 };
 use raykd_tests::{
     Failure, cases, cpu, devices, gpu,
     meshes::{Family, Recipe, traceable_mesh},
     one_by_one::OneByOne,
     rays::rays,
-    same,
+    same, unless_cut,
 };
 
 /// Traces on every device and compares with brute force.
@@ -99,6 +99,46 @@ proptest! {
             same(&format!("steps by {}", named.name), counts.get_or_insert(steps.clone()), &steps)?;
         }
     }
+}
+
+proptest! {
+    #![proptest_config(cases(24))]
+    #[test]
+    fn few_rays_lie_apart_and_get_the_same_answers(recipe in traceable_mesh(), seed: u64, count in 1usize..70) {
+        let mesh = recipe.mesh();
+        let build = |device| Scene::build(device, &mesh, &BuildOptions::default());
+        let (mut on_cpu, mut on_gpu) = (build(cpu())?, build(gpu())?);
+        for test in [Intersector::Strict, Intersector::Exact] {
+            on_cpu.intersect_by(test)?;
+            on_gpu.intersect_by(test)?;
+            let rays = rays(&mesh, on_cpu.tree()?.view(), count, seed);
+            let from: Vec<u32> = on_cpu.closest(&rays)?.iter().map(|hit| hit.triangle).collect();
+            let ways: [(&str, Way<'_>); 6] = [
+                ("closest", &|scene| scene.trace(Query::Closest, &rays).map(|t| (t.invalid, bytes(&t.hits)))),
+                ("any", &|scene| scene.trace(Query::Any, &rays).map(|t| (t.invalid, bytes(&t.hits)))),
+                ("except", &|scene| {
+                    scene.trace_except(Query::Closest, &rays, &from).map(|t| (t.invalid, bytes(&t.hits)))
+                }),
+                ("all", &|scene| scene.all(&rays, 3).map(|all| (all.invalid, bytes(&all.hits)))),
+                ("steps", &|scene| scene.steps(&rays).map(|found| (found.invalid, bytes(&found.steps)))),
+                ("crossings", &|scene| scene.crossings(&rays).map(|c| (c.invalid, bytes(&c.counts)))),
+            ];
+            for (name, way) in ways {
+                let (invalid, expected) = way(&on_cpu)?;
+                if let Some((found_invalid, found)) = unless_cut(way(&on_gpu))? {
+                    same(&format!("{name} by {test}"), &expected, &found)?;
+                    prop_assert_eq!(invalid, found_invalid, "rays that are none, {} by {}", name, test);
+                }
+            }
+        }
+    }
+}
+
+/// Asks a scene something of some rays: how many were none, and the answers' bytes.
+type Way<'a> = &'a dyn Fn(&Scene) -> Result<(u64, Vec<u8>), raykd::Error>;
+
+fn bytes(answers: &[impl bytemuck::Pod]) -> Vec<u8> {
+    bytemuck::cast_slice(answers).to_vec()
 }
 
 #[test]

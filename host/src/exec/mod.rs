@@ -520,6 +520,18 @@ impl Device {
         }
     }
 
+    /// How many lanes few rays may be spread over: what a small card holds at once. Lanes that the CPU plays cost as
+    /// much when idle: as many as tests need.
+    pub(crate) fn spare_lanes(&self) -> u32 {
+        if self.is_cpu() {
+            0
+        } else if self.is_card() {
+            1 << 15
+        } else {
+            128
+        }
+    }
+
     /// Runs work of the host with the device's threads; a GPU has those of the machine.
     pub(crate) fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
         match &*self.machine {

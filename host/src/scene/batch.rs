@@ -81,6 +81,8 @@ impl ResidentRays {
 #[derive(Debug)]
 pub(super) struct Batch {
     pub count: u32,
+    /// The logarithm of how far apart the lanes that take rays are.
+    apart: u32,
     pub job: Buffer<u32>,
     pub rays: Buffer<Vec4>,
     pub hits: Buffer<UVec4>,
@@ -101,14 +103,21 @@ impl Batch {
     /// Of rays that are where the mesh is.
     pub(super) fn of_local(scene: &Scene, rays: &[Ray], room: u32) -> Result<Self, Error> {
         let device = &scene.device;
+        let count = u32::try_from(rays.len()).unwrap_or(u32::MAX);
         Ok(Self {
-            count: u32::try_from(rays.len()).unwrap_or(u32::MAX),
+            count,
+            apart: apart(count, device.spare_lanes()),
             job: device.alloc("job", u64::from(JOB_WORDS))?,
             rays: device.upload("rays", rays)?.view(),
             hits: device.alloc("hits", rays.len() as u64 * u64::from(room))?,
             outcome: device.alloc("outcome", u64::from(OUTCOME_WORDS))?,
             counts: device.alloc("steps", rays.len() as u64)?,
         })
+    }
+
+    /// How many lanes walk through the tree.
+    pub(super) const fn lanes(&self) -> u32 {
+        self.count << self.apart
     }
 
     /// What all queries of the tree bind.
@@ -133,7 +142,7 @@ impl Batch {
         option: u32,
         wanted: Vec<Back<'_>>,
     ) -> Result<(Duration, u32), Error> {
-        let job: [u32; JOB_WORDS as usize] = [self.count, 0, 0, option];
+        let job: [u32; JOB_WORDS as usize] = [self.count, self.apart, 0, option];
         device.write(&self.job, 0, &job)?;
         device.write(&self.outcome, 0, &[0; OUTCOME_WORDS as usize])?;
         let mut words = [0; OUTCOME_WORDS as usize];
@@ -155,4 +164,9 @@ pub(super) fn invalid(words: [u32; OUTCOME_WORDS as usize]) -> Result<u32, Error
         0 => Ok(words[OUTCOME_INVALID as usize]),
         bits => Err(Error::Kernel(status::describe(bits))),
     }
+}
+
+/// How far apart the lanes are that take rays, as a logarithm: as far as there are `lanes` for, but one in 32 at least.
+fn apart(rays: u32, lanes: u32) -> u32 {
+    (lanes / rays.max(1)).checked_ilog2().unwrap_or(0).min(5)
 }

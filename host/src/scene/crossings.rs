@@ -126,7 +126,7 @@ impl Scene {
     fn counting<'a>(&'a self, batch: &'a Batch, crossings: &'a Buffer<u32>) -> [Step<'a>; 2] {
         let query = || queries::Query { corners: &self.corners, ..batch.query(self) };
         let more = (batch.counts.out(), &batch.counts);
-        intersector::crossings(query, || crossings.out(), more).map(|bound| bound.step(batch.count))
+        intersector::crossings(query, || crossings.out(), more).map(|bound| bound.step(batch.lanes()))
     }
 }
 

@@ -250,7 +250,7 @@ impl Scene {
             let batch = Batch::new(self, &rays[range.clone()])?;
             let excluded = &self.device.upload("excluded", &excluded[range])?;
             let upload = start.elapsed();
-            let except = self.intersector.except(batch.query(self), excluded, batch.count)?;
+            let except = self.intersector.except(batch.query(self), excluded, batch.lanes())?;
             traced(upload, || batch.run(&self.device, &[except], asked(query), vec![batch.hits.back(hits)]))
         })
     }
@@ -291,7 +291,7 @@ impl Scene {
             let batch = Batch::with_room(self, part, limit)?;
             let totals = self.device.alloc("totals", part.len() as u64)?;
             all.times.upload += start.elapsed();
-            let each = self.intersector.all(batch.query(self), totals.out(), batch.count)?;
+            let each = self.intersector.all(batch.query(self), totals.out(), batch.lanes())?;
             let (first, first_total) = (all.hits.len(), all.totals.len());
             let one = traced(Duration::ZERO, || {
                 let hits = batch.hits.back(To::End(&mut all.hits, part.len() * limit as usize));
@@ -329,7 +329,7 @@ impl Scene {
             let upload = start.elapsed();
             let step = match self.walk(&batch, self.traversal) {
                 Some(step) => step,
-                None => self.intersector.steps(batch.query(self), batch.counts.out(), batch.count)?,
+                None => self.intersector.steps(batch.query(self), batch.counts.out(), batch.lanes())?,
             };
             let one = traced(upload, || {
                 let hits = batch.hits.back(To::End(&mut all.hits, part.len()));
@@ -355,7 +355,7 @@ impl Scene {
         }
         let steps = match self.walk(batch, traversal) {
             Some(step) => vec![step],
-            None => self.bound_to(batch, query).into_iter().map(|bound| bound.step(batch.count)).collect(),
+            None => self.bound_to(batch, query).into_iter().map(|bound| bound.step(batch.lanes())).collect(),
         };
         batch.run(&self.device, &steps, asked(query), vec![batch.hits.back(hits)])
     }
@@ -373,7 +373,7 @@ impl Scene {
 
     /// By a traversal that also counts its steps.
     fn walk<'a>(&'a self, batch: &'a Batch, traversal: Traversal) -> Option<Step<'a>> {
-        traversal.step(batch.query(self), batch.counts.out(), batch.count, &self.extras)
+        traversal.step(batch.query(self), batch.counts.out(), batch.lanes(), &self.extras)
     }
 
     /// Finds the closest hits of a batch by testing every triangle.
@@ -381,7 +381,8 @@ impl Scene {
         let kept = self.kept.on(&self.device)?;
         let bests = self.device.alloc("best hits", 2 * u64::from(batch.count))?;
         let count = self.kept.count();
-        let slices = (0..count.div_ceil(BRUTE_SLICE)).map(|slice| {
+        // Without triangles one empty slice still writes the misses.
+        let slices = (0..count.div_ceil(BRUTE_SLICE).max(1)).map(|slice| {
             let from = slice * BRUTE_SLICE;
             self.device.upload("job", &[batch.count, from, count.min(from + BRUTE_SLICE), 0])
         });
@@ -400,9 +401,7 @@ impl Scene {
             };
             self.intersector.brute(brute, batch.count)
         };
-        // Without triangles one empty slice still writes the misses.
-        let steps: Vec<Step<'_>> =
-            if slices.is_empty() { vec![step(&batch.job)] } else { slices.iter().map(step).collect() };
+        let steps: Vec<Step<'_>> = slices.iter().map(step).collect();
         batch.run(&self.device, &steps, 0, vec![batch.hits.back(hits)])
     }
 

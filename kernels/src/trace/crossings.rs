@@ -9,7 +9,7 @@ use super::queries::Query;
 use super::{
     frame::Frame,
     intersect::{Best, Intersector, NORMAL, exact::Exact, perturbed::Perturbed},
-    job::{JOB_RAYS, OUTCOME_LEFT, OUTCOME_STATUS, load, loops_are_whole},
+    job::{JOB_RAYS, OUTCOME_LEFT, OUTCOME_STATUS, load, loops_are_whole, ray_of},
     left::MARKS,
     listed::{Listed, NONE, four},
     queries::SHARED,
@@ -209,7 +209,7 @@ pub fn count(
     more: &mut Buf<UVec4>,
 ) {
     lanes!(group, |lane| {
-        let i = group.id * group.width + lane;
+        let i = ray_of(group.id * group.width + lane, job);
         if i < job.at(JOB_RAYS) {
             let ray = &mut load(i, rays, &header.at(0), outcome);
             let (aside, own) = (&mut aside::<ASIDE, SHARED>(shared, lane), &mut scratch::<u32, WORDS>());

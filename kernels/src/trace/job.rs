@@ -13,6 +13,8 @@ pub const THREADS: u32 = 64;
 
 /// Words of the job record: how many rays this dispatch has.
 pub const JOB_RAYS: u32 = 0;
+/// Walks through the tree: the logarithm of how far apart the lanes that take rays are.
+pub const JOB_APART: u32 = 1;
 /// Brute force: where in the list of triangles this dispatch starts.
 pub const JOB_FROM: u32 = 1;
 /// Brute force: where it ends.
@@ -32,6 +34,14 @@ pub const OUTCOME_INVALID: u32 = 1;
 pub const OUTCOME_LEFT: u32 = 2;
 /// Words of the outcome record.
 pub const OUTCOME_WORDS: u32 = 4;
+
+/// The ray that a lane of a dispatch takes, or a number above all rays for none. Lanes go through the tree in step, each
+/// as long as the longest way of its warp: few rays are done sooner with some lanes idle, and more warps.
+#[inline(always)]
+pub fn ray_of(lane: u32, job: &Buf<u32>) -> u32 {
+    let apart = job.at(JOB_APART);
+    if lane >> apart << apart == lane { lane >> apart } else { u32::MAX }
+}
 
 /// Loads and prepares ray `i`, and counts it if it is none.
 #[inline(always)]

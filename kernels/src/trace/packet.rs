@@ -13,7 +13,7 @@ use super::{
         Best, NORMAL,
         strict::{self, Sheared, sheared, weights},
     },
-    job::JOB_RAYS,
+    job::{JOB_APART, JOB_RAYS},
     traverse::crossing::crossed,
 };
 use crate::{
@@ -529,7 +529,7 @@ pub fn side_by_side<const ANY: bool>(
     hits: &mut Buf<UVec4>,
     outcome: &mut Buf<u32>,
 ) -> u64 {
-    if group.usual {
+    if group.usual && job.at(JOB_APART) == 0 {
         let first = group.id * group.width;
         let range = (first, job.at(JOB_RAYS).min(first + group.width));
         // SAFETY: that it is usual says so.

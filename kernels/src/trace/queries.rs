@@ -5,7 +5,7 @@
 use super::packet::side_by_side;
 use super::{
     intersect::{Intersector, exact::Exact, strict::Strict},
-    job::{JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, THREADS, load, record},
+    job::{JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, THREADS, load, ray_of, record},
     traverse::{
         self, Steps,
         leaf::{After, Every, Except},
@@ -105,7 +105,7 @@ macro_rules! query {
         #[cfg(not(target_arch = "spirv"))]
         use $crate::trace::queries::Query;
 
-        /// Answers the rays of a workgroup, one a lane.
+        /// Answers the rays of a workgroup, one a lane that takes one.
         #[inline(always)]
         #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
         pub fn answer(
@@ -128,7 +128,7 @@ macro_rules! query {
             #[cfg(not(target_arch = "spirv"))]
             let left = u64::MAX $(& $beside(&group, job, header, $pairs, $corners, rays, hits, outcome))?;
             lanes!(group, |lane| {
-                let i = group.id * group.width + lane;
+                let i = job::ray_of(group.id * group.width + lane, job);
                 if i < job.at(job::JOB_RAYS) && is_left!(left, lane) {
                     let $ray = &mut job::load(i, rays, &header.at(0), outcome);
                     let ($i, $any) = (i, job.at(job::JOB_ANY) != 0);
@@ -192,15 +192,15 @@ query! {
     any::ANY(side_by_side::<true>) = |_, ray, pairs, corners, _, aside, steps|
         traverse::stack::walk::<Strict, Every, false>(ray, pairs, corners, Every, true, aside, steps)
 }
-/// Answers ray `i`: its first hits in order, as many as the job's limit, and how many it has. Where there are fewer,
-/// what lies behind them stays as it is.
+/// Answers the ray of a lane: its first hits in order, as many as the job's limit, and how many it has. Where there are
+/// fewer, what lies behind them stays as it is.
 ///
 /// A triangle may be listed in several leaves, and where a hit lies is too uncertain to say which of them
 /// owns it. But hits have an order, (`t`, triangle), in which each comes once: so this asks for the closest
 /// hit after the last one until there is none. `n` hits take `n + 1` traversals, each from the last hit on.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn each<I: Intersector>(
-    i: u32,
+    lane: u32,
     job: &Buf<u32>,
     header: &Buf<TreeHeader>,
     pairs: &Buf<UVec4>,
@@ -210,6 +210,7 @@ pub fn each<I: Intersector>(
     outcome: &mut Buf<u32>,
     totals: &mut Buf<u32>,
 ) {
+    let i = ray_of(lane, job);
     if i < job.at(JOB_RAYS) {
         let limit = job.at(JOB_LIMIT);
         let mut ray = load(i, rays, &header.at(0), outcome);

@@ -18,7 +18,7 @@ use crate::{
     trace::{
         frame::Frame,
         intersect::{Best, Intersector, exact::Exact},
-        job::{JOB_RAYS, OUTCOME_LEFT, OUTCOME_STATUS, load, loops_are_whole, record},
+        job::{JOB_RAYS, OUTCOME_LEFT, OUTCOME_STATUS, load, loops_are_whole, ray_of, record},
         listed::{NONE, four},
         queries::SHARED,
     },
@@ -127,7 +127,7 @@ pub fn narrow(
     more: &mut Buf<UVec4>,
 ) {
     lanes!(group, |lane| {
-        let i = group.id * group.width + lane;
+        let i = ray_of(group.id * group.width + lane, job);
         if i < job.at(JOB_RAYS) {
             let ray = &mut load(i, rays, &header.at(0), outcome);
             let (aside, own) = (&mut aside::<ASIDE, SHARED>(shared, lane), &mut scratch::<u32, WORDS>());
