@@ -191,12 +191,10 @@ impl Shares {
     /// Moves the references, and leaves room for one more behind those of either child.
     fn place(&mut self, references: &[Reference], [low, high]: [&mut [Reference]; 2]) {
         let (mut below, mut above) = (0, 0);
-        if self.targets.len() < references.len() {
-            self.targets.resize(references.len(), [0; 2]);
-        }
+        self.targets.clear();
         // Written to both and kept in one: no branch to predict.
-        for ((reference, side), target) in references.iter().zip(&self.sides).zip(&mut self.targets) {
-            *target = [
+        self.targets.extend(references.iter().zip(&self.sides).map(|(reference, side)| {
+            let target = [
                 below | if *side == BELOW { EVERY } else { 0 },
                 above | if *side == ABOVE { EVERY } else { 0 },
             ];
@@ -204,7 +202,8 @@ impl Shares {
             high[above as usize] = *reference;
             below += u64::from(side & 1);
             above += u64::from(side >> 1 & 1);
-        }
+            target
+        }));
         for (&i, [under, over]) in self.straddling.iter().zip(&self.halves) {
             let [below, above] = self.targets[i as usize];
             if self.sides[i as usize] & BELOW != 0 {
