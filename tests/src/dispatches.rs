@@ -64,6 +64,9 @@ fn exact_queries(device: &Device, seed: u64) -> Result<(), Error> {
     // One of them through a vertex, which floats do not decide.
     let mut rays = vec![Ray::new([2.0, 0.0, 0.0], [-1.0, 0.0, 0.0])];
     rays.extend((0..20).map(|_| Ray::new(random.point().map(|x| 2.0 * x), random.point())));
+    // So few lie apart.
+    scene.closest(&rays)?;
+    scene.any(&rays)?;
     scene.all(&rays, 3)?;
     scene.steps(&rays)?;
     scene.trace_except(Query::Closest, &rays, &vec![0; rays.len()])?;
@@ -94,8 +97,11 @@ impl Job<'_> {
             }
         }
         let rays = rays(self.mesh, tree.view(), 100, self.seed);
-        scene.closest(&rays)?;
-        scene.any(&rays)?;
+        // So few as the first lie apart.
+        for rays in [&rays[..10], &rays] {
+            scene.closest(rays)?;
+            scene.any(rays)?;
+        }
         scene.steps(&rays)?;
         let triangles = self.mesh.triangles().len();
         let own: Vec<u32> = (0..rays.len()).map(|i| (i % triangles) as u32).collect();

