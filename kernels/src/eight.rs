@@ -4,14 +4,16 @@
 //! has them: see [`packet`](crate::trace::packet).
 
 use crate::{
-    glam::{UVec4, Vec4},
-    math::{Digits, Number, Sides},
+    build::{bin::Entry, clip::Bounds, faces::Row},
+    glam::{UVec4, Vec3, Vec4},
+    math::{Digits, Listed, Number, Sides},
     mem::Buf,
 };
 use core::{
     arch::x86_64::*,
     ops::{Add, BitAnd, BitOr, Mul, Not, Sub},
 };
+use raykd_shared::limits::BINS;
 
 /// How many numbers stand in a register, and so how many rays are answered at once.
 pub(crate) const SIDE_BY_SIDE: u32 = 8;
@@ -32,6 +34,10 @@ pub(crate) struct Eight(__m256);
 /// Eight answers: all bits or none.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Mask(__m256);
+
+/// Eight counts.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Counts(__m256i);
 
 macro_rules! operator {
     ($of:ident, $name:ident, $method:ident, $instruction:ident) => {
@@ -79,7 +85,108 @@ impl Number for Eight {
     }
 }
 
+impl Listed for Eight {
+    const WIDTH: u32 = 8;
+    #[inline(always)]
+    fn numbers(first: u32) -> Self {
+        Self(avx2!(_mm256_setr_ps(0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0))) + Self::all(first as i32 as f32)
+    }
+    #[inline(always)]
+    fn bits<const N: usize>(words: &[u32; N], i: u32) -> Self {
+        let words = &words[i as usize..i as usize + 8];
+        Self(avx2!(_mm256_loadu_ps(words.as_ptr().cast())))
+    }
+    #[inline(always)]
+    fn counts<const N: usize>(words: &[u32; N], i: u32) -> Self {
+        let words = &words[i as usize..i as usize + 8];
+        Self(avx2!(_mm256_cvtepi32_ps(_mm256_loadu_si256(words.as_ptr().cast()))))
+    }
+    #[inline(always)]
+    fn put<const N: usize>(self, words: &mut [u32; N], i: u32) {
+        let words = &mut words[i as usize..i as usize + 8];
+        avx2!(_mm256_storeu_ps(words.as_mut_ptr().cast(), self.0));
+    }
+}
+
+impl Row for Eight {
+    const BOXES: u32 = 4;
+    #[inline(always)]
+    fn of(lows: &[u32], highs: &[u32]) -> Self {
+        let (lows, highs) = (&lows[..4], &highs[..4]);
+        Self(avx2!(_mm256_set_m128(_mm_loadu_ps(highs.as_ptr().cast()), _mm_loadu_ps(lows.as_ptr().cast()))))
+    }
+    #[inline(always)]
+    fn numbers(low: f32, high: f32) -> Self {
+        let first = avx2!(_mm256_set_m128(_mm_set1_ps(high), _mm_set1_ps(low)));
+        Self(avx2!(_mm256_add_ps(first, _mm256_setr_ps(0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0))))
+    }
+    type Tally = Counts;
+    #[inline(always)]
+    fn never() -> Counts {
+        Counts(avx2!(_mm256_setzero_si256()))
+    }
+    #[inline(always)]
+    fn once_more(tally: Counts, mask: Mask) -> Counts {
+        // All bits are -1. Integers are added in other units than numbers are compared in.
+        Counts(avx2!(_mm256_sub_epi32(tally.0, _mm256_castps_si256(mask.0))))
+    }
+    #[inline(always)]
+    fn times(tally: Counts) -> Self {
+        Self(avx2!(_mm256_cvtepi32_ps(tally.0)))
+    }
+    #[inline(always)]
+    fn smallest(self) -> f32 {
+        avx2!({
+            let four = _mm_min_ps(_mm256_castps256_ps128(self.0), _mm256_extractf128_ps::<1>(self.0));
+            let two = _mm_min_ps(four, _mm_movehl_ps(four, four));
+            _mm_cvtss_f32(_mm_min_ss(two, _mm_movehdup_ps(two)))
+        })
+    }
+}
+
 impl Eight {
+    /// Bits of which boxes with these low and high faces go below a plane, and which above.
+    #[inline(always)]
+    pub(crate) fn parted(lows: &[u32], highs: &[u32], plane: f32) -> (u32, u32) {
+        let at = Self::all(plane);
+        let (mut belows, mut aboves) = (0, 0);
+        for (i, (low, high)) in lows.chunks_exact(4).zip(highs.chunks_exact(4)).enumerate() {
+            let faces = <Self as Row>::of(low, high);
+            let (less, more) = (at.exceeds(faces), faces.exceeds(at));
+            let (less, more) = (<Self as Sides>::bits(less), <Self as Sides>::bits(more));
+            // Low faces stand in the lower half. What ends in the plane or before goes below, too.
+            belows |= ((less | !(more >> 4)) & 15) << (4 * i);
+            aboves |= (more >> 4) << (4 * i);
+        }
+        (belows, aboves)
+    }
+
+    /// What a histogram of a node that begins at `from` needs of a box.
+    #[inline(always)]
+    pub(crate) fn entry(part: &Bounds, from: Vec3, rates: Vec3) -> Entry {
+        let (mut bins, mut words) = ([0; 8], [0; 8]);
+        avx2!({
+            let twice = |v: Vec3| _mm256_setr_ps(v.x, v.y, v.z, 0.0, v.x, v.y, v.z, 0.0);
+            let Bounds { lo, hi } = *part;
+            let faces = _mm256_setr_ps(lo.x, lo.y, lo.z, 0.0, hi.x, hi.y, hi.z, 0.0);
+            let bin = _mm256_mul_ps(_mm256_sub_ps(faces, twice(from)), twice(rates));
+            // As `whole` does: what is no number becomes 0.
+            let bin = _mm256_max_ps(bin, _mm256_setzero_ps());
+            let bin = _mm256_min_ps(_mm256_set1_ps((BINS - 1) as f32), bin);
+            _mm256_storeu_si256(bins.as_mut_ptr().cast(), _mm256_cvttps_epi32(bin));
+            // As `ordered` does; low faces inverted, and all bits of those that lie in the high ones.
+            let bits = _mm256_castps_si256(faces);
+            let sign = _mm256_or_si256(_mm256_srai_epi32::<31>(bits), _mm256_set1_epi32(i32::MIN));
+            let is_low = _mm256_setr_epi32(-1, -1, -1, -1, 0, 0, 0, 0);
+            let order = _mm256_xor_si256(_mm256_xor_si256(bits, sign), is_low);
+            let highs = _mm256_permute2f128_ps::<1>(faces, faces);
+            let extends = _mm256_castps_si256(_mm256_cmp_ps::<_CMP_LT_OQ>(faces, highs));
+            let flat = _mm256_andnot_si256(extends, is_low);
+            _mm256_storeu_si256(words.as_mut_ptr().cast(), _mm256_or_si256(order, flat));
+        });
+        Entry { bins, words }
+    }
+
     /// Those bits of each.
     #[inline(always)]
     fn only(self, bits: u32) -> Self {

@@ -30,6 +30,15 @@ impl Group {
         self.width
     }
 
+    /// Whether this is a CPU that runs lanes in their usual order by its usual instructions.
+    #[inline(always)]
+    pub fn is_usual(&self) -> bool {
+        #[cfg(target_arch = "spirv")]
+        return false;
+        #[cfg(not(target_arch = "spirv"))]
+        self.usual
+    }
+
     /// Waits for all lanes; what they wrote to buffers is then seen by all.
     #[inline(always)]
     pub fn meet_at_buffers(&self) {
@@ -87,6 +96,24 @@ impl Group {
             }
         };
         (0..number).map(move |i| i.wrapping_mul(mul).wrapping_add(add) & mask).filter(move |&i| i < count)
+    }
+}
+
+/// The numbers of the bits that are set, from the lowest up. Of references that may go either way a CPU takes those that
+/// go one way first, and then the others: asked of each in turn, it guesses every second answer wrong.
+#[cfg(not(target_arch = "spirv"))]
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Bits(pub(crate) u32);
+
+#[cfg(not(target_arch = "spirv"))]
+impl Iterator for Bits {
+    type Item = u32;
+    #[inline(always)]
+    fn next(&mut self) -> Option<u32> {
+        let Self(rest) = self;
+        let next = (*rest != 0).then(|| rest.trailing_zeros());
+        *rest &= rest.wrapping_sub(1);
+        next
     }
 }
 

@@ -187,6 +187,16 @@ impl<T: Copy, const N: usize> PerLane<T, N> {
     }
 }
 
+#[cfg(not(target_arch = "spirv"))]
+impl<T, const N: usize> PerLane<[T; 2], N> {
+    /// Of two for each lane, the first of all lanes in turn, and then the second ones: number `i`.
+    #[inline(always)]
+    pub fn one(&mut self, i: u32) -> &mut T {
+        let i = i as usize;
+        &mut self.all[i % N][i / N]
+    }
+}
+
 /// A value that nobody reads.
 #[cfg(target_arch = "spirv")]
 #[inline(always)]

@@ -17,14 +17,23 @@ pub(super) fn triangles(
     group: Group,
     positions: &Buf<f32>,
     indices: &Buf<u32>,
-    mut mask: u32,
-    triangle: impl Fn(u32) -> u32,
+    mask: u32,
+    mut triangle: impl FnMut(u32) -> u32,
 ) {
-    while !ON_GPU && asks(group) && mask != 0 {
-        let (a, b, c) = indices.three(3 * triangle(mask.trailing_zeros()));
+    if ON_GPU || !asks(group) {
+        return;
+    }
+    let mut rest = mask;
+    while rest != 0 {
+        indices.soon(3 * triangle(rest.trailing_zeros()));
+        rest &= rest - 1;
+    }
+    rest = mask;
+    while rest != 0 {
+        let (a, b, c) = indices.three(3 * triangle(rest.trailing_zeros()));
         positions.soon(3 * a);
         positions.soon(3 * b);
         positions.soon(3 * c);
-        mask &= mask - 1;
+        rest &= rest - 1;
     }
 }

@@ -7,6 +7,8 @@
 //! border.
 
 use super::{Item, LEVEL_CHUNKS, chunk_of, clip::Bounds, reference::Reference};
+#[cfg(target_arch = "x86_64")]
+use crate::eight::Eight;
 use crate::{
     Group,
     glam::{UVec4, Vec3},
@@ -103,9 +105,40 @@ pub fn rates(rate: &[u32; 3]) -> Vec3 {
     Vec3::new(on(rate, 0), on(rate, 1), on(rate, 2))
 }
 
+/// The bins of a box's low faces and high faces, and where those stand in the order of a histogram's words: three words
+/// each, and one of no meaning.
+#[cfg(target_arch = "x86_64")]
+pub(crate) struct Entry {
+    pub(crate) bins: [u32; 8],
+    pub(crate) words: [u32; 8],
+}
+
+/// [`enter_box`] with AVX2.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+fn enter_by_eight(table: &mut [u32; TABLE], rates: Vec3, from: Vec3, part: &Bounds) {
+    let Entry { bins, words } = Eight::entry(part, from, rates);
+    let mut axis = 0;
+    while axis < 3 {
+        // No bin is out of range, which a compiler cannot know.
+        let start = BEFORE + axis * BINS + bins[axis as usize] % BINS;
+        let end = BEFORE + axis * BINS + bins[axis as usize + 4] % BINS;
+        table.add(STARTS + start, 1);
+        table.add(ENDS + end, 1);
+        table.raise(FIRST_STARTS + start, words[axis as usize]);
+        table.raise(LAST_ENDS + end, words[axis as usize + 4]);
+        axis += 1;
+    }
+}
+
 /// Counts a box's starts and ends, in a node that begins at `from`.
 #[inline(always)]
-pub fn enter_box(table: &mut [u32; TABLE], rates: Vec3, from: Vec3, part: &Bounds) {
+pub fn enter_box(group: &Group, table: &mut [u32; TABLE], rates: Vec3, from: Vec3, part: &Bounds) {
+    #[cfg(target_arch = "x86_64")]
+    if group.is_usual() {
+        return enter_by_eight(table, rates, from, part);
+    }
+    let _ = group;
     enter(table, 0, part.lo.x, part.hi.x, from.x, rates.x);
     enter(table, 1, part.lo.y, part.hi.y, from.y, rates.y);
     enter(table, 2, part.lo.z, part.hi.z, from.z, rates.z);
@@ -128,7 +161,7 @@ pub fn fill(
         let rates = rates(rate);
         let mut i = lane;
         while i < count {
-            enter_box(table, rates, item.lo, &Reference::load(refs, first + i).bounds);
+            enter_box(&group, table, rates, item.lo, &Reference::load(refs, first + i).bounds);
             i += step;
         }
     });

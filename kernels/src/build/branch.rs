@@ -10,7 +10,7 @@ use super::{
     ROUND_TREELETS, STATE_STATUS, SplitPlane,
     alloc::put_groups,
     bin::{TABLE, fill},
-    clip::{Bounds, sides_of},
+    clip::{Bounds, sides_of_halves},
     corners_at, cut, growth_left,
     marks::{BLOCKS, Marks, WORDS, scan},
     put_corners,
@@ -18,6 +18,10 @@ use super::{
     split::{FOUND, WEIGHING, chosen, find},
     tally::blocks_of,
 };
+#[cfg(not(target_arch = "spirv"))]
+use super::{ahead, marks::sides_of};
+#[cfg(not(target_arch = "spirv"))]
+use crate::kernel::Bits;
 use crate::{
     Group,
     glam::{UVec2, UVec4},
@@ -245,7 +249,7 @@ impl Halves {
         let (mut under, mut over) = (bounds, bounds);
         if clips && sides == 3 {
             (under, over) = whole.halves(positions, indices, plane);
-            sides = sides_of(&under, &over);
+            sides = sides_of_halves(&under, &over);
         }
         Self { under, over, triangle, sides }
     }
@@ -275,6 +279,10 @@ fn divide(
     indices: &Buf<u32>,
     refs: &Buf<UVec4>,
 ) {
+    #[cfg(not(target_arch = "spirv"))]
+    if group.sharers() == 1 {
+        return divide_words(group, belows, aboves, held, node, plane, clips, positions, indices, refs);
+    }
     lanes!(group, ..node.count.div_ceil(32), |word| {
         belows.put(word, 0);
         aboves.put(word, 0);
@@ -296,9 +304,70 @@ fn divide(
     });
 }
 
+/// [`divide`] on a CPU, whose one lane takes the references by words of marks.
+#[cfg(not(target_arch = "spirv"))]
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+#[inline(always)]
+fn divide_words(
+    group: Group,
+    belows: &mut [u32; WORDS],
+    aboves: &mut [u32; WORDS],
+    held: &mut Held,
+    node: &Item,
+    plane: SplitPlane,
+    clips: bool,
+    positions: &Buf<f32>,
+    indices: &Buf<u32>,
+    refs: &Buf<UVec4>,
+) {
+    let mut i = 0;
+    while i < node.count {
+        let (mut below, mut above) = sides_of(refs, node.first + i, node.count - i, plane);
+        let straddling = if clips { below & above } else { 0 };
+        for at in i..if node.count < i + 32 { node.count } else { i + 32 } {
+            let Reference { bounds, triangle, .. } = Reference::load(refs, node.first + at);
+            *held.one(at) = Halves { under: bounds, over: bounds, triangle, sides: 0 };
+        }
+        ahead::triangles(group, positions, indices, straddling, |k| held.one(i + k).triangle);
+        for k in Bits(straddling) {
+            let own = held.one(i + k);
+            let whole = Reference { triangle: own.triangle, cell: 0, bounds: own.under };
+            (own.under, own.over) = whole.halves(positions, indices, plane);
+            below &= !((own.under.is_empty() as u32) << k);
+            above &= !((own.over.is_empty() as u32) << k);
+        }
+        belows.put(i / 32, below);
+        aboves.put(i / 32, above);
+        i += 32;
+    }
+}
+
 /// Moves the references of the node at hand to its children's places, which may be among those of the node's own.
 #[inline(always)]
-fn replace(group: Group, held: &Held, node: &Item, children: Children, marks: Marks, refs: &mut Buf<UVec4>) {
+fn replace(
+    group: Group,
+    held: &mut Held,
+    node: &Item,
+    children: Children,
+    marks: Marks,
+    refs: &mut Buf<UVec4>,
+) {
+    #[cfg(not(target_arch = "spirv"))]
+    if group.sharers() == 1 {
+        for first in (0..node.count).step_by(32) {
+            for i in Bits(marks.belows.at(first / 32)).map(|k| first + k) {
+                let Halves { under: bounds, triangle, .. } = *held.one(i);
+                let at = children.first_below + marks.below_before(i);
+                Reference { triangle, cell: 0, bounds }.store(refs, at);
+            }
+            for i in Bits(marks.aboves.at(first / 32)).map(|k| first + k) {
+                let Halves { over: bounds, triangle, .. } = *held.one(i);
+                let at = children.first_above + marks.above_before(i);
+                Reference { triangle, cell: 0, bounds }.store(refs, at);
+            }
+        }
+        return;
+    }
     let put = move |refs: &mut Buf<UVec4>, marks: Marks, at: u32, halves: Halves| {
         let Halves { under, over, triangle, sides } = halves;
         if sides & 1 != 0 {
@@ -451,7 +520,7 @@ pub fn branch(
             let marks = Marks { belows, aboves, sums };
             let children = Children::of(own, &node, plane, marks.counts(count), small, room_here / SHARE);
             if children.fit {
-                replace(group, &held, &node, children, marks, refs);
+                replace(group, &mut held, &node, children, marks, refs);
                 finish(group, stack, own, children, base, items, nodes);
             } else {
                 lanes!(group, ..1, |_lane| {

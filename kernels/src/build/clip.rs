@@ -166,7 +166,7 @@ fn around(a: f32, b: f32, pad: f32) -> Span {
 
 /// Which of two halves are something: bit 0 that below, bit 1 that above.
 #[inline(always)]
-pub fn sides_of(under: &Bounds, over: &Bounds) -> u32 {
+pub fn sides_of_halves(under: &Bounds, over: &Bounds) -> u32 {
     !under.is_empty() as u32 | ((!over.is_empty() as u32) << 1)
 }
 

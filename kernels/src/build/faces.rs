@@ -1,13 +1,19 @@
-//! How a CPU weighs the faces of a small node's boxes on one axis: eight side by side, as a GPU's lanes do.
+//! How a CPU weighs the faces of a small node's boxes on one axis: some side by side, as a GPU's lanes do.
 
-use super::Across;
-use crate::{glam::Vec4, math::Number};
+use super::{Across, is_above, is_below};
+#[cfg(target_arch = "x86_64")]
+use crate::eight::Eight;
+use crate::{
+    glam::{BVec4A, Vec4},
+    math::Number,
+};
 use raykd_shared::limits::TREELET;
 
 /// The most references a node may have.
 pub const MOST: usize = TREELET as usize;
-/// Both faces of their boxes, and up to seven more than are full.
-const ROOM: usize = 2 * MOST + 8;
+
+/// Boxes are read by so many.
+pub const STEP: u32 = 4;
 
 /// On which side a box lies that is flat and in the plane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,66 +24,164 @@ pub enum Flat {
     Above,
 }
 
-/// The cheapest cut at a face of the boxes: its cost and rank. Of equally cheap ones that of the lowest rank,
-/// which is made of a face's place and number: first come the low ones. `faces` tells those of a box, low and
-/// high.
+/// Of equally cheap cuts, which is taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum First {
+    /// That at the face of the lowest number: first come the low faces, then the high ones.
+    Number,
+    /// The lowest one.
+    Place,
+}
+
+/// Faces side by side, half of them low ones, half high ones of the same boxes.
+pub(crate) trait Row: Number {
+    /// Boxes in a row.
+    const BOXES: u32;
+    /// The first low ones and high ones of two lists of bits.
+    fn of(lows: &[u32], highs: &[u32]) -> Self;
+    /// `low`, `low + 1` and so on, then `high`, `high + 1` and so on.
+    fn numbers(low: f32, high: f32) -> Self;
+    /// How often answers were yes.
+    type Tally: Copy;
+    /// Never.
+    fn never() -> Self::Tally;
+    /// Once more where the answer is yes.
+    fn once_more(tally: Self::Tally, mask: Self::Mask) -> Self::Tally;
+    /// As numbers.
+    fn times(tally: Self::Tally) -> Self;
+    /// The smallest of them.
+    fn smallest(self) -> f32;
+}
+
+impl Row for Vec4 {
+    const BOXES: u32 = 2;
+    #[inline(always)]
+    fn of(lows: &[u32], highs: &[u32]) -> Self {
+        Self::from_array([lows[0], lows[1], highs[0], highs[1]].map(f32::from_bits))
+    }
+    #[inline(always)]
+    fn numbers(low: f32, high: f32) -> Self {
+        Self::new(low, low + 1.0, high, high + 1.0)
+    }
+    type Tally = Self;
+    #[inline(always)]
+    fn never() -> Self {
+        Self::ZERO
+    }
+    #[inline(always)]
+    fn once_more(tally: Self, mask: BVec4A) -> Self {
+        tally + Self::select(mask, Self::ONE, Self::ZERO)
+    }
+    #[inline(always)]
+    fn times(tally: Self) -> Self {
+        tally
+    }
+    #[inline(always)]
+    fn smallest(self) -> f32 {
+        self.min_element()
+    }
+}
+
+/// The bits of the low and the high faces of some boxes on an axis, with room up to a multiple of [`STEP`].
+pub type Faces<'a> = (&'a [u32], &'a [u32]);
+
+/// [`cheapest`], row by row.
 #[inline(always)]
-pub fn cheapest(
-    number: usize,
-    faces: impl Fn(usize) -> (f32, f32),
-    across: &Across,
+fn row_by_row<N: Row>(
+    faces: [Faces<'_>; 3],
+    number: u32,
+    across: &[Across; 3],
     flat: Flat,
-    rank: impl Fn(f32, f32) -> f32,
-) -> (f32, f32) {
-    let (mut places, mut ranks) = ([f32::INFINITY; ROOM], [0.0f32; ROOM]);
-    let mut held = 0;
-    let mut keep = |place: f32, face: usize| {
-        places[held] = place;
-        ranks[held] = rank(place, face as f32);
-        held += across.holds(place) as usize;
-    };
-    for i in 0..number {
-        keep(faces(i).0, i);
+    first: First,
+) -> [(f32, f32); 3] {
+    let all = N::all;
+    let float = |n: u32| n as i32 as f32;
+    let count = all(float(number));
+    // So long, and no more is checked in the loop.
+    let mut boxes = faces;
+    for (lows, highs) in &mut boxes {
+        (*lows, *highs) = (&lows[..number as usize], &highs[..number as usize]);
     }
-    for i in 0..number {
-        keep(faces(i).1, number + i);
-    }
-    places[held] = f32::INFINITY;
-    let all = Vec4::splat(number as f32);
-    let (mut least, mut first) = (Vec4::INFINITY, Vec4::INFINITY);
+    let mut best = [(all(f32::INFINITY), all(f32::INFINITY)); 3];
     let mut next = 0;
-    while next < held {
-        let mut at = [0.0; 8];
-        at.copy_from_slice(&places[next..next + 8]);
-        // What reaches to the one side, and what lies on the other only. Sums of floats a compiler leaves in
-        // their order, so it makes vectors of faces, not of boxes.
-        let (mut here, mut there) = ([0.0f32; 8], [0.0f32; 8]);
-        for i in 0..number {
-            let (low, high) = faces(i);
-            for k in 0..8 {
-                let (reaches, beyond) = match flat {
-                    Flat::Below => (high > at[k], low >= at[k]),
-                    Flat::Above => (low < at[k], high <= at[k]),
+    while next < number {
+        let mut at = [all(0.0); 3];
+        for (at, (lows, highs)) in at.iter_mut().zip(faces) {
+            *at = N::of(&lows[next as usize..], &highs[next as usize..]);
+        }
+        // What reaches to the one side, and what lies on the other only; all axes in turn, as each waits for its own sums.
+        let mut sums = [(N::never(), N::never()); 3];
+        for i in 0..number as usize {
+            for ((here, there), (&at, (lows, highs))) in sums.iter_mut().zip(at.iter().zip(boxes)) {
+                let (low, high) = (all(f32::from_bits(lows[i])), all(f32::from_bits(highs[i])));
+                let (reaches, astride) = match flat {
+                    Flat::Below => (high.exceeds(at), at.exceeds(low)),
+                    Flat::Above => (at.exceeds(low), high.exceeds(at)),
                 };
-                here[k] += if reaches { 1.0 } else { 0.0 };
-                there[k] += if reaches & beyond { 1.0 } else { 0.0 };
+                *here = N::once_more(*here, reaches);
+                *there = N::once_more(*there, reaches & !astride);
             }
         }
-        for half in [0, 4] {
-            let four = |numbers: &[f32; 8]| Vec4::from_slice(&numbers[half..half + 4]);
-            let (at, here, there) = (four(&at), four(&here), all - four(&there));
+        let left = all(float(number - next)).exceeds(N::numbers(0.0, 0.0));
+        for ((best, across), (&at, &(here, there))) in best.iter_mut().zip(across).zip(at.iter().zip(&sums)) {
+            let (here, there) = (N::times(here), count - N::times(there));
             let (below, above) = match flat {
                 Flat::Below => (there, here),
                 Flat::Above => (here, there),
             };
-            let cost = across.cut(at, below, above);
-            let rank = Vec4::from_slice(&ranks[next + half..]);
-            let better = least.exceeds(cost) | (least.is(cost) & first.exceeds(rank));
-            least = Vec4::select(better, cost, least);
-            first = Vec4::select(better, rank, first);
+            let cost = N::choose(left, across.cut(at, below, above), all(f32::INFINITY));
+            let rank = match first {
+                First::Number => N::numbers(float(next), float(number + next)),
+                First::Place => at,
+            };
+            let (least, least_rank) = *best;
+            let better = least.exceeds(cost) | (least.is(cost) & least_rank.exceeds(rank));
+            *best = (N::choose(better, cost, least), N::choose(better, rank, least_rank));
         }
-        next += 8;
+        next += N::BOXES;
     }
-    let cost = least.min_element();
-    (cost, Vec4::select(least.is(Vec4::splat(cost)), first, Vec4::INFINITY).min_element())
+    let mut found = [(0.0, 0.0); 3];
+    for (found, (least, rank)) in found.iter_mut().zip(best) {
+        let cost = least.smallest();
+        *found = (cost, N::choose(least.is(all(cost)), rank, all(f32::INFINITY)).smallest());
+    }
+    found
+}
+
+/// The cheapest cuts at faces of `number` boxes, one across each axis: what it costs, and the face's number or place,
+/// whichever comes `first`; both infinite if there is none. With AVX2 they are weighed `by_eight`.
+#[inline(always)]
+pub fn cheapest(
+    by_eight: bool,
+    faces: [Faces<'_>; 3],
+    number: u32,
+    across: &[Across; 3],
+    flat: Flat,
+    first: First,
+) -> [(f32, f32); 3] {
+    #[cfg(target_arch = "x86_64")]
+    if by_eight {
+        return row_by_row::<Eight>(faces, number, across, flat, first);
+    }
+    let _ = by_eight;
+    row_by_row::<Vec4>(faces, number, across, flat, first)
+}
+
+/// A bit for each of `number` boxes which goes below a plane, and one for each which goes above.
+#[inline(always)]
+pub fn parted(by_eight: bool, (lows, highs): Faces<'_>, number: u32, plane: f32) -> (u32, u32) {
+    #[cfg(target_arch = "x86_64")]
+    if by_eight {
+        let (belows, aboves) = Eight::parted(lows, highs, plane);
+        let own = u32::MAX >> (32 - number);
+        return (belows & own, aboves & own);
+    }
+    let _ = by_eight;
+    let (mut belows, mut aboves) = (0, 0);
+    for (i, (low, high)) in (0..number).zip(lows.iter().zip(highs)) {
+        let (low, high) = (f32::from_bits(*low), f32::from_bits(*high));
+        belows |= (is_below(low, high, plane) as u32) << i;
+        aboves |= (is_above(high, plane) as u32) << i;
+    }
+    (belows, aboves)
 }

@@ -1,6 +1,10 @@
 //! Which references go below a plane and which above, a bit each; how many go there before one is a count of bits.
 
-use super::{SplitPlane, ahead, clip::sides_of, reference::Reference};
+use super::{
+    SplitPlane, ahead,
+    clip::sides_of_halves,
+    reference::{Reference, triangle_at},
+};
 use crate::{
     Group,
     glam::UVec4,
@@ -46,30 +50,17 @@ pub fn mark(
         // In batches: triangles are looked at together, in which lanes meet and for which a CPU asks ahead.
         let mut i = lane;
         while i < number {
-            let mut straddling = 0u32;
-            let mut k = 0;
-            while k < 32 && i + k * step < number {
-                let at = i + k * step;
-                let reference = Reference::load(refs, start + at);
-                let s = reference.sides(plane);
-                if clips && s == 3 {
-                    straddling |= 1 << k;
-                    indices.soon(3 * reference.triangle);
-                } else {
-                    belows.mark(at / 32, (s & 1) << (at % 32));
-                    aboves.mark(at / 32, (s >> 1) << (at % 32));
-                }
-                k += 1;
-            }
+            let straddling = mark_boxes(group, belows, aboves, clips, refs, (start, i, number), plane);
             ahead::triangles(group, positions, indices, straddling, |k| {
-                Reference::load(refs, start + i + k * step).triangle
+                triangle_at(refs, start + i + k * step)
             });
+            let mut straddling = straddling;
             while straddling != 0 {
                 let at = i + straddling.trailing_zeros() * step;
                 straddling &= straddling - 1;
                 let mut reference = Reference::load(refs, start + at);
                 let (under, over) = reference.halves(positions, indices, plane);
-                let s = sides_of(&under, &over);
+                let s = sides_of_halves(&under, &over);
                 if s != 3 {
                     reference.bounds = if s == 2 { over } else { under };
                     reference.store(refs, start + at);
@@ -80,6 +71,57 @@ pub fn mark(
             i += 32 * step;
         }
     });
+}
+
+/// A bit for each of the next 32 of so many references which goes below a plane, and one for each which goes above.
+#[cfg(not(target_arch = "spirv"))]
+#[inline(always)]
+pub(super) fn sides_of(refs: &Buf<UVec4>, first: u32, number: u32, plane: SplitPlane) -> (u32, u32) {
+    let (mut below, mut above) = (0, 0);
+    for k in 0..if number < 32 { number } else { 32 } {
+        let s = Reference::sides_at(refs, first + k, plane);
+        below |= (s & 1) << k;
+        above |= (s >> 1) << k;
+    }
+    (below, above)
+}
+
+/// [`mark`] for every `step`-th reference from `i` on, 32 at most; a bit for each box that straddles the plane.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+#[inline(always)]
+fn mark_boxes(
+    group: Group,
+    belows: &mut [u32; WORDS],
+    aboves: &mut [u32; WORDS],
+    clips: bool,
+    refs: &Buf<UVec4>,
+    (start, i, number): (u32, u32, u32),
+    plane: SplitPlane,
+) -> u32 {
+    let step = group.sharers();
+    #[cfg(not(target_arch = "spirv"))]
+    if step == 1 {
+        let (below, above) = sides_of(refs, start + i, number - i, plane);
+        let straddling = if clips { below & above } else { 0 };
+        belows.put(i / 32, below & !straddling);
+        aboves.put(i / 32, above & !straddling);
+        return straddling;
+    }
+    let mut straddling = 0u32;
+    let mut k = 0;
+    while k < 32 && i + k * step < number {
+        let at = i + k * step;
+        let reference = Reference::load(refs, start + at);
+        let s = reference.sides(plane);
+        if clips && s == 3 {
+            straddling |= 1 << k;
+        } else {
+            belows.mark(at / 32, (s & 1) << (at % 32));
+            aboves.mark(at / 32, (s >> 1) << (at % 32));
+        }
+        k += 1;
+    }
+    straddling
 }
 
 /// How many references go below, and in the upper half of a sum above, before each of `words` words: first

@@ -18,6 +18,7 @@ pub mod branch;
 pub mod clip;
 pub mod count;
 pub mod emit;
+#[cfg(not(target_arch = "spirv"))]
 pub mod faces;
 pub mod join;
 pub mod marks;

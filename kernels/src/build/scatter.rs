@@ -8,8 +8,10 @@ use super::{
     chunk_of, cut,
     marks::{BITS, BLOCKS, Marks, WORDS, scan},
     plane_of,
-    reference::Reference,
+    reference::{Reference, triangle_at},
 };
+#[cfg(not(target_arch = "spirv"))]
+use crate::kernel::Bits;
 use crate::{
     Group,
     glam::{UVec2, UVec4, Vec3},
@@ -79,41 +81,84 @@ fn move_references(
     let step = group.sharers();
     let mut i = lane;
     while i < number {
-        let mut straddling = 0u32;
-        let mut k = 0;
-        while k < 32 && i + k * step < number {
-            let at = i + k * step;
-            let (is_below, is_above) = marks.sides(at);
-            if is_below | is_above {
-                let reference = Reference::load(refs, start + at);
-                if clips && is_below && is_above {
-                    straddling |= 1 << k;
-                    indices.soon(3 * reference.triangle);
-                } else {
-                    if is_below {
-                        below.put(&reference, marks.below_before(at), below_table, next, branch_refs);
-                    }
-                    if is_above {
-                        above.put(&reference, marks.above_before(at), above_table, next, branch_refs);
-                    }
-                }
-            }
-            k += 1;
-        }
-        ahead::triangles(group, positions, indices, straddling, |k| {
-            Reference::load(refs, start + i + k * step).triangle
-        });
+        let straddling = move_boxes(
+            group,
+            below_table,
+            above_table,
+            marks,
+            clips,
+            (start, i, number),
+            (below, above),
+            refs,
+            next,
+            branch_refs,
+        );
+        ahead::triangles(group, positions, indices, straddling, |k| triangle_at(refs, start + i + k * step));
+        let mut straddling = straddling;
         while straddling != 0 {
             let at = i + straddling.trailing_zeros() * step;
             straddling &= straddling - 1;
             let whole = Reference::load(refs, start + at);
             let (under, over) = whole.halves(positions, indices, plane);
             let (under, over) = (Reference { bounds: under, ..whole }, Reference { bounds: over, ..whole });
-            below.put(&under, marks.below_before(at), below_table, next, branch_refs);
-            above.put(&over, marks.above_before(at), above_table, next, branch_refs);
+            below.put(group, &under, marks.below_before(at), below_table, next, branch_refs);
+            above.put(group, &over, marks.above_before(at), above_table, next, branch_refs);
         }
         i += 32 * step;
     }
+}
+
+/// Moves every `step`-th reference from `i` on, 32 at most, but those that go both ways: a bit for each.
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+#[inline(always)]
+fn move_boxes(
+    group: Group,
+    below_table: &mut [u32; TABLE],
+    above_table: &mut [u32; TABLE],
+    marks: Marks,
+    clips: bool,
+    (start, i, number): (u32, u32, u32),
+    (below, above): (Target, Target),
+    refs: &Buf<UVec4>,
+    next: &mut Buf<UVec4>,
+    branch_refs: &mut Buf<UVec4>,
+) -> u32 {
+    let step = group.sharers();
+    #[cfg(not(target_arch = "spirv"))]
+    if step == 1 {
+        let (is_below, is_above) = (marks.belows.at(i / 32), marks.aboves.at(i / 32));
+        let straddling = if clips { is_below & is_above } else { 0 };
+        for k in Bits(is_below & !straddling) {
+            let reference = Reference::load(refs, start + i + k);
+            below.put(group, &reference, marks.below_before(i + k), below_table, next, branch_refs);
+        }
+        for k in Bits(is_above & !straddling) {
+            let reference = Reference::load(refs, start + i + k);
+            above.put(group, &reference, marks.above_before(i + k), above_table, next, branch_refs);
+        }
+        return straddling;
+    }
+    let mut straddling = 0u32;
+    let mut k = 0;
+    while k < 32 && i + k * step < number {
+        let at = i + k * step;
+        let (is_below, is_above) = marks.sides(at);
+        if is_below | is_above {
+            let reference = Reference::load(refs, start + at);
+            if clips && is_below && is_above {
+                straddling |= 1 << k;
+            } else {
+                if is_below {
+                    below.put(group, &reference, marks.below_before(at), below_table, next, branch_refs);
+                }
+                if is_above {
+                    above.put(group, &reference, marks.above_before(at), above_table, next, branch_refs);
+                }
+            }
+        }
+        k += 1;
+    }
+    straddling
 }
 
 /// Scatters chunk `group.id`. References that go both ways are clipped again: [`super::count`] has no room for two boxes.
@@ -214,6 +259,7 @@ impl Target {
     #[inline(always)]
     fn put(
         &self,
+        group: Group,
         reference: &Reference,
         before: u32,
         table: &mut [u32; TABLE],
@@ -226,7 +272,7 @@ impl Target {
             reference.store(branch_refs, self.first + before);
         } else {
             reference.store(next, self.first + before);
-            enter_box(table, self.rates, self.from, &reference.bounds);
+            enter_box(&group, table, self.rates, self.from, &reference.bounds);
         }
     }
 }

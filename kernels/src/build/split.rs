@@ -7,10 +7,12 @@ use super::{
     longest_axis,
     scan::{serial, serial_back},
 };
+#[cfg(target_arch = "x86_64")]
+use crate::eight::Eight;
 use crate::{
     Group, ON_GPU,
     glam::UVec2,
-    math::{Listed, Number, Wide as Bins, component},
+    math::{Listed, Wide, component},
     mem::{Atomics, Slots},
 };
 use raykd_shared::{BuildParams, limits::BINS, rule};
@@ -18,8 +20,8 @@ use raykd_shared::{BuildParams, limits::BINS, rule};
 /// How many lanes share out the axes of a border: a GPU waits for the arithmetic, a CPU for the comparisons at the end.
 const SHARES: u32 = if ON_GPU { 3 } else { 1 };
 /// Lanes that weigh planes: a workgroup has as many at least.
-pub const WEIGHING: u32 = SHARES * BINS / Bins::WIDTH;
-const _: () = assert!(SHARES == 1 || Bins::WIDTH == 1, "what a lane finds stands in a row");
+pub const WEIGHING: u32 = SHARES * BINS / Wide::WIDTH;
+const _: () = assert!(SHARES == 1 || Wide::WIDTH == 1, "what a lane finds stands in a row");
 /// How many cheapest planes they find.
 const PLANES: u32 = SHARES * BINS;
 
@@ -45,7 +47,7 @@ const BEHIND_ALL: f32 = f32::INFINITY;
 /// Without the surface area heuristic (Zhou et al. 2008, section 3.2): cut off empty space where that is at
 /// least a quarter of an axis, the more the better, else take the middle of the longest axis.
 #[inline(always)]
-fn median_cost(border: Bins, below: Bins, above: Bins, longest: bool) -> Bins {
+fn median_cost<Bins: Listed>(border: Bins, below: Bins, above: Bins, longest: bool) -> Bins {
     let all = Bins::all;
     let (bins, none) = (all(BINS as f32), all(0.0));
     let below_empty = Bins::choose(below.is(none), border, none);
@@ -94,13 +96,13 @@ fn start(group: Group, table: &mut [u32; TABLE], found: &mut [u32; FOUND], leaf:
 
 /// The cheapest planes by some borders: what they cost, their axes and places.
 #[derive(Clone, Copy)]
-struct Best {
+struct Best<Bins> {
     cost: Bins,
     axis: Bins,
     at: Bins,
 }
 
-impl Best {
+impl<Bins: Listed> Best<Bins> {
     /// Keeps the cheaper ones of these and planes across `axis`.
     #[inline(always)]
     fn weigh(&mut self, cost: Bins, axis: u32, at: Bins) {
@@ -114,14 +116,14 @@ impl Best {
 /// How many references start before some borders, and before the ones before those; how many end behind them, and
 /// behind the next ones.
 #[derive(Clone, Copy)]
-struct Counts {
+struct Counts<Bins> {
     below: Bins,
     before: Bins,
     above: Bins,
     behind: Bins,
 }
 
-impl Counts {
+impl<Bins: Listed> Counts<Bins> {
     /// Those of bin `bin`, whose word is `word`, and on.
     #[inline(always)]
     fn of(table: &[u32; TABLE], bin: u32, word: u32) -> Self {
@@ -168,14 +170,14 @@ impl Counts {
 
 /// Some borders on an axis: their numbers and places, what lies on either side of each, and the word of their bins.
 #[derive(Clone, Copy)]
-struct Borders {
+struct Borders<Bins> {
     number: Bins,
     at: Bins,
-    counts: Counts,
+    counts: Counts<Bins>,
     word: u32,
 }
 
-impl Borders {
+impl<Bins: Listed> Borders<Bins> {
     #[inline(always)]
     fn new(table: &[u32; TABLE], bin: u32, axis: u32, lo: f32, hi: f32) -> Self {
         let all = Bins::all;
@@ -191,7 +193,7 @@ impl Borders {
 
     /// Weighs faces in the bins on either side of each border, for between faces the cost has no minimum.
     #[inline(always)]
-    fn weigh_faces(self, table: &[u32; TABLE], sah: &Sah, axis: u32, best: &mut Best) {
+    fn weigh_faces(self, table: &[u32; TABLE], sah: &Sah, axis: u32, best: &mut Best<Bins>) {
         let Self { number, at: border, counts: Counts { below, before, above, behind }, word } = self;
         let all = Bins::all;
         // The last end before it,
@@ -227,6 +229,23 @@ pub fn find(
     depth: u32,
     item: &Item,
 ) {
+    #[cfg(target_arch = "x86_64")]
+    if group.is_usual() {
+        return find_by::<Eight>(group, table, found, params, depth, item);
+    }
+    find_by::<Wide>(group, table, found, params, depth, item);
+}
+
+/// [`find`], so many borders at a time.
+#[inline(always)]
+fn find_by<Bins: Listed>(
+    group: Group,
+    table: &mut [u32; TABLE],
+    found: &mut [u32; FOUND],
+    params: &BuildParams,
+    depth: u32,
+    item: &Item,
+) {
     let step = group.sharers();
     let costs = Costs::of(params);
     let most = costs.most(item.lo, item.hi, item.count, item.growth);
@@ -237,14 +256,14 @@ pub fn find(
     let instead = if pays { sah.middle(item.count) } else { SplitPlane::LEAF };
     start(group, table, found, leaf, instead);
     let longest = longest_axis(item.hi - item.lo);
-    lanes!(group, ..WEIGHING, |lane| {
+    lanes!(group, ..SHARES * BINS / Bins::WIDTH, |lane| {
         let all = Bins::all;
         let bin = lane * Bins::WIDTH % BINS;
         let mut best = Best { cost: all(f32::INFINITY), axis: all(0.0), at: all(0.0) };
         let mut axis = lane * Bins::WIDTH / BINS;
         while axis < 3 {
             let (lo, hi) = (component(item.lo, axis), component(item.hi, axis));
-            let borders = Borders::new(table, bin, axis, lo, hi);
+            let borders = Borders::<Bins>::new(table, bin, axis, lo, hi);
             if median {
                 let Borders { number, at, counts: Counts { below, above, .. }, .. } = borders;
                 let inside = at.exceeds(all(lo)) & all(hi).exceeds(at);

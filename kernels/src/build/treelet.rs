@@ -6,12 +6,17 @@
 use super::{
     Costs, Item, STATE_STATUS, STATE_TREELETS, Sah,
     clip::{Bounds, clip_plane},
-    corners_at,
-    faces::{Flat, cheapest},
-    is_above, is_below, place, put_corners,
+    corners_at, is_above, is_below, place, put_corners,
     reference::{Reference, triangle_at},
     tally::BLOCK,
 };
+#[cfg(not(target_arch = "spirv"))]
+use super::{
+    ahead,
+    faces::{Faces, First, Flat, STEP, cheapest, parted},
+};
+#[cfg(not(target_arch = "spirv"))]
+use crate::kernel::Bits;
 use crate::{
     Group, ON_GPU,
     glam::{UVec2, UVec4, Vec3},
@@ -77,11 +82,11 @@ const MASK: u32 = 9;
 const OWN: usize = 10;
 
 /// Whether a lane weighs the faces of one member on an axis, for which it reads the boxes of four at a time. A
-/// CPU's lane weighs all on an axis, eight in a vector.
+/// CPU's lane weighs all, eight in a vector.
 const BY_MEMBER: bool = ON_GPU;
 
 /// Lanes that weigh a node's candidates.
-const WEIGHING: u32 = if BY_MEMBER { TREELET } else { 3 };
+const WEIGHING: u32 = if BY_MEMBER { TREELET } else { 1 };
 
 /// Lanes that finish a node: one, and those that write the pad.
 const FINISHING: u32 = if BY_MEMBER { 12 } else { 1 };
@@ -236,8 +241,13 @@ impl Last {
 
 /// The cheapest candidate among the faces that a lane weighs, and its cost; none is as cheap as the leaf.
 #[inline(always)]
-fn candidate(boxes: &[u32; BOXES], node: Last, sah: &Sah, lane: u32) -> (f32, u32) {
-    if BY_MEMBER { of_member(boxes, node, sah, lane) } else { of_axis(boxes, node, sah, lane) }
+fn candidate(group: &Group, boxes: &[u32; BOXES], node: Last, sah: &Sah, lane: u32) -> (f32, u32) {
+    #[cfg(not(target_arch = "spirv"))]
+    if !BY_MEMBER {
+        return of_all(group, boxes, node, sah);
+    }
+    let _ = group;
+    of_member(boxes, node, sah, lane)
 }
 
 /// [`candidate`] where the lanes share out the pairs of a member and an axis, axis by axis.
@@ -270,21 +280,35 @@ fn of_member(boxes: &[u32; BOXES], node: Last, sah: &Sah, lane: u32) -> (f32, u3
     (best, pick)
 }
 
-/// [`candidate`] for a lane that has an axis.
+/// The low and the high faces of boxes on an axis, of which the low ones stand from `start` on.
+#[cfg(not(target_arch = "spirv"))]
 #[inline(always)]
-fn of_axis(boxes: &[u32; BOXES], node: Last, sah: &Sah, lane: u32) -> (f32, u32) {
-    let start = (2 * lane * PITCH + node.from) as usize;
-    let lows = &boxes[start..][..node.number as usize];
-    let highs = &boxes[start + PITCH as usize..][..node.number as usize];
-    let faces = |i: usize| (f32::from_bits(lows[i]), f32::from_bits(highs[i]));
-    let (cost, face) = cheapest(lows.len(), faces, &sah.across(lane), Flat::Below, |_, face| face);
-    if cost < sah.leaf {
-        let face = face as u32;
-        let high = (face >= node.number) as u32;
-        (cost, (2 * lane + high) * TREELET + face - high * node.number)
-    } else {
-        (sah.leaf, NONE)
+fn faces_from(boxes: &[u32; BOXES], start: u32, number: u32) -> Faces<'_> {
+    let (start, number) = (start as usize, number.next_multiple_of(STEP) as usize);
+    (&boxes[start..start + number], &boxes[start + PITCH as usize..start + PITCH as usize + number])
+}
+
+/// [`candidate`] for a lane that weighs all.
+#[cfg(not(target_arch = "spirv"))]
+#[inline(always)]
+fn of_all(group: &Group, boxes: &[u32; BOXES], node: Last, sah: &Sah) -> (f32, u32) {
+    let number = node.number;
+    let faces = move |boxes, axis: u32| faces_from(boxes, 2 * axis * PITCH + node.from, number);
+    let faces = [faces(boxes, 0), faces(boxes, 1), faces(boxes, 2)];
+    let across = [sah.across(0), sah.across(1), sah.across(2)];
+    let found = cheapest(group.is_usual(), faces, number, &across, Flat::Below, First::Number);
+    let (mut best, mut pick) = (sah.leaf, NONE);
+    let mut axis = 0;
+    while axis < 3 {
+        let (cost, face) = found[axis as usize];
+        if cost < best {
+            let face = face as u32;
+            let high = (face >= number) as u32;
+            (best, pick) = (cost, (2 * axis + high) * TREELET + face - high * number);
+        }
+        axis += 1;
     }
+    (best, pick)
 }
 
 /// Finds the node's cheapest plane.
@@ -298,7 +322,7 @@ fn weigh(
     sah: &Sah,
 ) {
     lanes!(group, ..WEIGHING, |lane| {
-        let (best, pick) = candidate(boxes, node, sah, lane);
+        let (best, pick) = candidate(&group, boxes, node, sah, lane);
         if pick != NONE {
             own.lower(COST, best.to_bits());
         }
@@ -355,6 +379,10 @@ fn divide(
     refs: &Buf<UVec4>,
     first: u32,
 ) {
+    #[cfg(not(target_arch = "spirv"))]
+    if group.sharers() == 1 {
+        return divide_all(group, boxes, own, halves, node, cheapest, clips, positions, indices, refs, first);
+    }
     let (axis, plane) = (cheapest.axis, cheapest.at());
     lanes!(group, ..node.number, |lane| {
         let bounds = box_at(boxes, node.from + lane);
@@ -377,6 +405,47 @@ fn divide(
             own.or(ABOVE, 1 << lane);
         }
     });
+}
+
+/// [`divide`] by the one lane of a CPU.
+#[cfg(not(target_arch = "spirv"))]
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+#[inline(always)]
+fn divide_all(
+    group: Group,
+    boxes: &[u32; BOXES],
+    own: &mut [u32; OWN],
+    halves: &mut PerLane<Halves, LANES>,
+    node: Last,
+    cheapest: Cheapest,
+    clips: bool,
+    positions: &Buf<f32>,
+    indices: &Buf<u32>,
+    refs: &Buf<UVec4>,
+    first: u32,
+) {
+    let (axis, plane) = (cheapest.axis, cheapest.at());
+    let row = 2 * axis * PITCH + node.from;
+    let (mut belows, mut aboves) =
+        parted(group.is_usual(), faces_from(boxes, row, node.number), node.number, plane);
+    for i in 0..node.number {
+        let (bounds, at) = (box_at(boxes, node.from + i), NUMBER * PITCH + node.from + i);
+        halves.put(i, Halves { under: bounds, over: bounds, number: boxes.at(at) });
+    }
+    let straddling = if clips { belows & aboves } else { 0 };
+    ahead::triangles(group, positions, indices, straddling, |i| {
+        triangle_at(refs, first + halves.at(i).number)
+    });
+    for i in Bits(straddling) {
+        let Halves { under: bounds, number, .. } = halves.at(i);
+        let (a, b, c) = triangle(positions, indices, triangle_at(refs, first + number));
+        let (under, over) = clip_plane(a, b, c, &bounds, axis, plane);
+        halves.put(i, Halves { under, over, number });
+        belows &= !((under.is_empty() as u32) << i);
+        aboves &= !((over.is_empty() as u32) << i);
+    }
+    own.put(BELOW, belows);
+    own.put(ABOVE, aboves);
 }
 
 /// What becomes of the node.
@@ -410,6 +479,16 @@ fn replace(
     children: Children,
 ) {
     let Children { splits, belows, aboves } = children;
+    #[cfg(not(target_arch = "spirv"))]
+    if group.sharers() == 1 && splits {
+        for (before, i) in (0..).zip(Bits(aboves)) {
+            put_reference(boxes, node.from + before, &halves.at(i).over, halves.at(i).number);
+        }
+        for (before, i) in (aboves.count_ones()..).zip(Bits(belows)) {
+            put_reference(boxes, node.from + before, &halves.at(i).under, halves.at(i).number);
+        }
+        return;
+    }
     lanes!(group, ..node.number, |lane| {
         if splits {
             let Halves { under, over, number } = halves.at(lane);

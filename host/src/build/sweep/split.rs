@@ -9,7 +9,7 @@ use super::events::{Event, KIND, PLANAR, REFERENCE, START, Set, extent, position
 use raykd_kernels::{
     build::{
         Across, Sah, SplitPlane,
-        faces::{Flat, cheapest},
+        faces::{First, Flat, MOST, cheapest},
         reference::Reference,
     },
     glam::Vec4,
@@ -193,34 +193,53 @@ pub(super) fn cheaper(a: Option<Split>, b: Option<Split>) -> Option<Split> {
     }
 }
 
-/// The cheapest plane across an axis of a small node, if one costs less than `cost`: every face is weighed
-/// against every box.
+/// The cheapest plane of a small node, if one costs less than a leaf: every face is weighed against every box.
 #[inline(always)]
-fn faces_of(references: &[Reference], axis: usize, across: &Across, cost: f32) -> Option<Split> {
-    let faces = |i: usize| extent(&references[i].bounds, axis);
-    let mut flat = Flat::Above;
-    let (mut least, mut at) = cheapest(references.len(), faces, across, flat, |at, _| at);
-    if (0..references.len()).any(|i| faces(i).0 == faces(i).1) {
-        let (other, there) = cheapest(references.len(), faces, across, Flat::Below, |at, _| at);
-        if other < least || (other == least && there < at) {
-            (flat, least, at) = (Flat::Below, other, there);
+fn weighed(usual: bool, references: &[Reference], sah: &Sah) -> Option<Split> {
+    let number = references.len();
+    let (mut lows, mut highs) = ([[0; MOST]; 3], [[0; MOST]; 3]);
+    let mut has_flat = false;
+    for axis in 0..3 {
+        for ((low, high), reference) in lows[axis].iter_mut().zip(&mut highs[axis]).zip(references) {
+            let (lo, hi) = extent(&reference.bounds, axis);
+            (*low, *high) = (lo.to_bits(), hi.to_bits());
+            has_flat |= lo == hi;
         }
     }
-    (least < cost).then_some(Split { axis, at, flat, cost: least, most: [references.len(); 2] })
-}
-
-/// The cheapest plane of a small node, if one costs less than a leaf.
-#[inline(always)]
-pub(super) fn face(references: &[Reference], sah: &Sah) -> Option<Split> {
+    // No closures: they would not be compiled for the same instructions.
+    let faces = [(&lows[0][..], &highs[0][..]), (&lows[1][..], &highs[1][..]), (&lows[2][..], &highs[2][..])];
+    let across = [sah.across(0), sah.across(1), sah.across(2)];
+    let above = cheapest(usual, faces, number as u32, &across, Flat::Above, First::Place);
+    let mut below = [(f32::INFINITY, f32::INFINITY); 3];
+    if has_flat {
+        below = cheapest(usual, faces, number as u32, &across, Flat::Below, First::Place);
+    }
     let mut best = None;
+    let mut least = sah.leaf;
     for axis in 0..3 {
-        best = cheaper(best, faces_of(references, axis, &sah.across(axis as u32), sah.leaf));
+        let ((mut cost, mut at), mut flat) = (above[axis], Flat::Above);
+        let (other, there) = below[axis];
+        if other < cost || (other == cost && there < at) {
+            (flat, cost, at) = (Flat::Below, other, there);
+        }
+        if cost < least {
+            least = cost;
+            best = Some(Split { axis, at, flat, cost, most: [number; 2] });
+        }
     }
     best
 }
 
+/// The cheapest plane of a small node, if one costs less than a leaf.
+pub(super) fn face(references: &[Reference], sah: &Sah) -> Option<Split> {
+    weighed(false, references, sah)
+}
+
 /// The same, compiled for the usual instructions.
+///
+/// # Safety
+/// The processor has them.
 #[cfg_attr(target_arch = "x86_64", target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt"))]
 pub(super) unsafe fn face_usually(references: &[Reference], sah: &Sah) -> Option<Split> {
-    face(references, sah)
+    weighed(true, references, sah)
 }
