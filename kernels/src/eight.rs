@@ -11,7 +11,7 @@ use crate::{
 };
 use core::{
     arch::x86_64::*,
-    ops::{Add, BitAnd, BitOr, Mul, Not, Sub},
+    ops::{Add, BitAnd, BitOr, Mul, Neg, Not, Sub},
 };
 use raykd_shared::limits::BINS;
 
@@ -62,6 +62,14 @@ impl Not for Mask {
     #[inline(always)]
     fn not(self) -> Self {
         Self(avx2!(_mm256_xor_ps(self.0, _mm256_castsi256_ps(_mm256_set1_epi32(-1)))))
+    }
+}
+
+impl Neg for Eight {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self(avx2!(_mm256_xor_ps(self.0, _mm256_set1_ps(-0.0))))
     }
 }
 

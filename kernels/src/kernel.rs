@@ -13,9 +13,35 @@ pub struct Group {
     /// The order in which the CPU visits them.
     #[cfg(not(target_arch = "spirv"))]
     pub order: Order,
-    /// Whether that is [`Order::Forward`], and the processor has AVX2, BMI1, BMI2, LZCNT and POPCNT if it is an x86.
+    /// Whether that is [`Order::Forward`], and the processor has the usual instructions.
     #[cfg(not(target_arch = "spirv"))]
-    pub usual: bool,
+    pub usual: Usual,
+}
+
+/// Whether a CPU has the usual instructions: AVX2, BMI1, BMI2, LZCNT and POPCNT if it is an x86. Nobody can say so by
+/// mistake.
+#[cfg(not(target_arch = "spirv"))]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Usual(bool);
+
+#[cfg(not(target_arch = "spirv"))]
+impl Usual {
+    /// It is not known.
+    pub const NO: Self = Self(false);
+
+    /// It has them, or that is not known.
+    ///
+    /// # Safety
+    /// If it `has` them, this processor does.
+    pub const unsafe fn said(has: bool) -> Self {
+        Self(has)
+    }
+
+    /// Whether it has them.
+    #[inline(always)]
+    pub const fn has(self) -> bool {
+        self.0
+    }
 }
 
 impl Group {
@@ -28,15 +54,6 @@ impl Group {
             return 1;
         }
         self.width
-    }
-
-    /// Whether this is a CPU that runs lanes in their usual order by its usual instructions.
-    #[inline(always)]
-    pub fn is_usual(&self) -> bool {
-        #[cfg(target_arch = "spirv")]
-        return false;
-        #[cfg(not(target_arch = "spirv"))]
-        self.usual
     }
 
     /// Waits for all lanes; what they wrote to buffers is then seen by all.
@@ -195,7 +212,7 @@ pub struct Kernel {
     ///
     /// # Safety
     /// One [`RawBuf`] per slot, aligned to 16 bytes, valid while the call runs, writable where the slot says
-    /// so; [`Group::usual`] only if it holds; concurrent calls must be workgroups of the same dispatch, with
+    /// so; concurrent calls must be workgroups of the same dispatch, with
     /// different ids.
     pub run: unsafe fn(Group, &[RawBuf]) -> u64,
 }
@@ -304,18 +321,22 @@ macro_rules! run_twice {
         // A copy for the usual order, in which lanes are counted as in any loop. Each copy knows which it is.
         #[cfg_attr(target_arch = "x86_64", target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt"))]
         unsafe fn usual(group: $crate::Group, buffers: &[$crate::RawBuf]) -> u64 {
-            let group = $crate::Group { width: $n, order: $crate::Order::Forward, usual: true, ..group };
-            // SAFETY: as for the caller.
-            unsafe { run(group, buffers) }
+            // SAFETY: as for the caller, who says that the processor has these instructions.
+            unsafe {
+                let usual = $crate::Usual::said(true);
+                let order = $crate::Order::Forward;
+                run($crate::Group { width: $n, order, usual, ..group }, buffers)
+            }
         }
         // No closure: each crate that names the kernel would compile it again.
         unsafe fn either(group: $crate::Group, buffers: &[$crate::RawBuf]) -> u64 {
-            // SAFETY: as for the caller, who says that the processor has these instructions.
+            // SAFETY: as for the caller; a group knows whether the processor has these instructions, and there is one copy
+            // only for processors that need none.
             unsafe {
-                if group.usual || $crate::kernel::ONE_COPY {
+                if group.usual.has() || $crate::kernel::ONE_COPY {
                     usual(group, buffers)
                 } else {
-                    run($crate::Group { usual: false, ..group }, buffers)
+                    run($crate::Group { usual: $crate::Usual::NO, ..group }, buffers)
                 }
             }
         }

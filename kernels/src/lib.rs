@@ -98,7 +98,7 @@ pub mod trace;
 
 pub use kernel::Group;
 #[cfg(not(target_arch = "spirv"))]
-pub use kernel::{Access, Bindings, Host, Kernel, Order, RawBuf, Slot};
+pub use kernel::{Access, Bindings, Host, Kernel, Order, RawBuf, Slot, Usual};
 
 #[cfg(not(target_arch = "spirv"))]
 pub use glam;

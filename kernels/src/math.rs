@@ -7,7 +7,7 @@ use crate::{
 };
 #[cfg(target_arch = "x86_64")]
 use crate::{glam::UVec4, mem::Buf};
-use core::ops::{Add, BitAnd, BitOr, Mul, Not, Sub};
+use core::ops::{Add, BitAnd, BitOr, Mul, Neg, Not, Sub};
 
 /// One number, or on a CPU several side by side.
 pub trait Number: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
@@ -38,7 +38,7 @@ pub trait Listed: Number {
 }
 
 /// Numbers of which more than the order is known: what tracing needs.
-pub trait Digits: Number {
+pub trait Digits: Number + Neg<Output = Self> {
     /// Whether it is smaller.
     fn below(self, other: Self) -> Self::Mask;
     /// [`abs()`].

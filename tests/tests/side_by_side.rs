@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use raykd::{
-    BuildOptions, Hit, Mesh, Query, Ray, Scene,
+    BuildOptions, Crossings, Hit, Mesh, Query, Ray, Scene,
     rays::{Camera, Random, bounces},
     stress::CASES,
 };
@@ -58,7 +58,7 @@ fn extent(mesh: &Mesh) -> f32 {
     (0..3).map(|axis| hi[axis] - lo[axis]).fold(0.0, f32::max)
 }
 
-/// Compares closest and any hits of a batch with those of its rays one by one.
+/// Compares closest and any hits and crossings of a batch with those of its rays one by one.
 fn one_by_one(scene: &Scene, rays: &[Ray]) -> Result<(), Failure> {
     let tracer = scene.tracer()?;
     let alone = |hit: Option<Hit>| hit.unwrap_or(Hit::NONE);
@@ -70,7 +70,10 @@ fn one_by_one(scene: &Scene, rays: &[Ray]) -> Result<(), Failure> {
         let which = (0..rays.len()).find(differs).map(|i| rays[i]);
         same(&format!("{query:?} of {which:?}"), expected, &found)?;
     }
-    Ok(())
+    let crossings: Vec<Crossings> = rays.iter().map(|ray| tracer.crossings(ray)).collect();
+    let found = scene.crossings(rays)?.counts;
+    let which = (0..rays.len()).find(|&i| found[i] != crossings[i]).map(|i| rays[i]);
+    same(&format!("crossings of {which:?}"), &crossings, &found)
 }
 
 fn of_recipe(recipe: Recipe, seed: u64, count: usize) -> Result<(), Failure> {

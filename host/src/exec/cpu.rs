@@ -6,7 +6,7 @@ use super::{
 };
 use crate::{Error, clock::Instant};
 use bytemuck::allocation::try_zeroed_vec;
-use raykd_kernels::{Access, Group, Order, RawBuf};
+use raykd_kernels::{Access, Group, Order, RawBuf, Usual};
 use rayon::prelude::*;
 use std::sync::{
     Arc,
@@ -100,7 +100,9 @@ impl Cpu {
                 Groups::Fixed(n) => n,
                 Groups::Indirect(args, entry) => {
                     args.place("arguments", size_of::<[u32; 3]>(), u64::from(entry), 1);
-                    memory(args).keep(args.name).slice::<[u32; 3]>()[entry as usize].iter().product()
+                    memory(args).keep(args.name, args.bytes).slice::<[u32; 3]>()[entry as usize]
+                        .iter()
+                        .product()
                 }
             };
             let bytes = self.dispatch(step, groups);
@@ -119,8 +121,10 @@ impl Cpu {
         let slots = step.kernel.slots.iter().zip(&step.buffers);
         let uses: Vec<Use<'_>> =
             slots.map(|(slot, b)| memory(b).begin(b.name, slot.access == Access::Write)).collect();
-        let raw: Vec<Shared> = uses.iter().map(|it| Shared(it.raw())).collect();
-        let usual = self.order == Order::Forward && has_usual_instructions();
+        // Of memory that is used again perhaps but a part.
+        let raw = |(used, b): (&Use<'_>, &&AnyBuffer)| Shared(RawBuf { len: b.bytes as usize, ..used.raw() });
+        let raw: Vec<Shared> = uses.iter().zip(&step.buffers).map(raw).collect();
+        let usual = if self.order == Order::Forward { usual() } else { Usual::NO };
         let run = |id: u32| {
             let mut buffers = [RawBuf { ptr: std::ptr::null_mut(), len: 0 }; 16];
             for (slot, shared) in buffers.iter_mut().zip(&raw) {
@@ -143,15 +147,17 @@ impl Cpu {
 
 /// Whether the processor can run the copies of kernels that are compiled for more than the least of its kind. Only
 /// the instructions differ: nothing is fused.
-pub(crate) fn has_usual_instructions() -> bool {
+pub(crate) fn usual() -> Usual {
     #[cfg(target_arch = "x86_64")]
-    return is_x86_feature_detected!("avx2")
+    let has = is_x86_feature_detected!("avx2")
         && is_x86_feature_detected!("bmi1")
         && is_x86_feature_detected!("bmi2")
         && is_x86_feature_detected!("lzcnt")
         && is_x86_feature_detected!("popcnt");
     #[cfg(not(target_arch = "x86_64"))]
-    true
+    let has = true;
+    // SAFETY: the processor was asked, or needs none.
+    unsafe { Usual::said(has) }
 }
 
 /// A buffer's address may go to other threads: kernels keep its slots apart.
@@ -233,14 +239,17 @@ impl Use<'_> {
 
 /// A buffer that is only read while this lives, by any number of threads.
 #[derive(Debug)]
-pub(crate) struct Kept(Memory);
+pub(crate) struct Kept {
+    memory: Memory,
+    bytes: usize,
+}
 
 impl Kept {
     /// Its elements.
     pub(crate) fn slice<T: bytemuck::Pod>(&self) -> &[T] {
-        let (ptr, len) = (self.0.0.ptr, self.0.0.len);
+        let (ptr, len) = (self.memory.0.ptr, self.bytes);
         // SAFETY: `keep` counted a reader, which stays until the drop below, so nobody writes; the memory is
-        // aligned to a line and holds bytes that were once zeroed, or a file's, which any `T` may be. Who mapped
+        // as long at least, aligned to a line and holds bytes that were once zeroed, or a file's, which any `T` may be. Who mapped
         // a file promised that it does not change.
         unsafe { std::slice::from_raw_parts(ptr.cast(), len / size_of::<T>()) }
     }
@@ -248,15 +257,21 @@ impl Kept {
 
 impl Drop for Kept {
     fn drop(&mut self) {
-        drop(Use { allocation: &self.0.0, writes: false });
+        drop(Use { allocation: &self.memory.0, writes: false });
     }
 }
 
 impl Memory {
-    /// Keeps others from writing it.
-    pub(crate) fn keep(&self, name: &str) -> Kept {
+    /// How many bytes it has.
+    pub(super) fn len(&self) -> u64 {
+        self.0.len as u64
+    }
+
+    /// Keeps others from writing it; so many bytes are to be read.
+    pub(crate) fn keep(&self, name: &str, bytes: u64) -> Kept {
+        assert!(bytes <= self.len(), "{bytes} bytes of buffer {name}, which has {}", self.len());
         std::mem::forget(self.begin(name, false));
-        Kept(self.clone())
+        Kept { memory: self.clone(), bytes: bytes as usize }
     }
 
     fn zeroed(bytes: u64) -> Option<Self> {

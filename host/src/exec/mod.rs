@@ -4,7 +4,6 @@ pub(crate) mod cpu;
 #[cfg(feature = "gpu")]
 mod gpu;
 pub(crate) mod pages;
-#[cfg(feature = "gpu")]
 mod pool;
 #[doc(hidden)]
 pub mod watch;
@@ -32,7 +31,6 @@ pub struct Device {
     #[cfg(feature = "gpu")]
     notes: Option<Arc<Mutex<Option<Past>>>>,
     /// Where the memory of scenes goes and comes from, if it is used again.
-    #[cfg(feature = "gpu")]
     pool: Option<Arc<pool::Pool>>,
 }
 
@@ -91,7 +89,6 @@ pub struct AnyBuffer {
     bytes: u64,
     memory: Memory,
     /// Counted: a pool that has the only one may give the memory to somebody else.
-    #[cfg(feature = "gpu")]
     users: Arc<()>,
 }
 
@@ -118,13 +115,7 @@ unsafe impl Sync for Memory {}
 
 impl AnyBuffer {
     fn of(name: &'static str, bytes: u64, memory: Memory) -> Self {
-        Self {
-            name,
-            bytes,
-            memory,
-            #[cfg(feature = "gpu")]
-            users: Arc::default(),
-        }
+        Self { name, bytes, memory, users: Arc::default() }
     }
 
     /// The name it was allocated under.
@@ -135,6 +126,15 @@ impl AnyBuffer {
     /// Its size in bytes.
     pub const fn bytes(&self) -> u64 {
         self.bytes
+    }
+
+    /// Bytes of its memory, of which it may use a part.
+    fn room(&self) -> u64 {
+        match &self.memory {
+            Memory::Cpu(memory) => memory.len(),
+            #[cfg(feature = "gpu")]
+            Memory::Gpu(memory) => memory.size(),
+        }
     }
 
     /// The same memory as elements of some type.
@@ -391,7 +391,6 @@ impl Device {
             machine: Arc::new(machine),
             #[cfg(feature = "gpu")]
             notes: None,
-            #[cfg(feature = "gpu")]
             pool: None,
         }
     }
@@ -408,13 +407,14 @@ impl Device {
     /// waits once for the whole build. A mesh that turns out otherwise takes a little longer; its scene is the same.
     ///
     /// All that is kept is given back with the last clone of what this returns, and the last scene that was built with
-    /// it. On the CPU, where memory is no more than asked for, nothing is kept.
-    #[cfg(feature = "gpu")]
+    /// it.
     #[must_use]
     pub fn recycling(&self) -> Self {
+        let pool = Some(Arc::default());
         match &*self.machine {
-            Machine::Cpu(_) => self.clone(),
-            Machine::Gpu(_) => Self { pool: Some(Arc::default()), ..self.expecting() },
+            Machine::Cpu(_) => Self { pool, ..self.clone() },
+            #[cfg(feature = "gpu")]
+            Machine::Gpu(_) => Self { pool, ..self.expecting() },
         }
     }
 
@@ -611,14 +611,13 @@ impl Device {
         match &*self.machine {
             Machine::Cpu(_) => Ok(AnyBuffer::of(name, bytes, Memory::Cpu(part)).view()),
             #[cfg(feature = "gpu")]
-            Machine::Gpu(_) => self.put(name, &part.keep(name).slice()[..count]),
+            Machine::Gpu(_) => self.put(name, &part.keep(name, bytes).slice()[..count]),
         }
     }
 
     /// A buffer of `count` elements at least, for work that writes them before it reads them: their values may be
     /// anything.
     pub(crate) fn room<T>(&self, name: &'static str, count: u64) -> Result<Buffer<T>, Error> {
-        #[cfg(feature = "gpu")]
         if let Some(pool) = &self.pool {
             let bytes = whole_bytes::<T>(count);
             if let Some(found) = pool.take(name, bytes) {
@@ -718,7 +717,7 @@ impl Device {
         match &*self.machine {
             Machine::Cpu(_) => {
                 let Back { buffer, offset, bytes, take } = back;
-                let kept = cpu::memory(buffer).keep(buffer.name);
+                let kept = cpu::memory(buffer).keep(buffer.name, buffer.bytes);
                 // By the thread that asks: the device's threads need not be rayon's.
                 kept.slice()[*offset as usize..][..*bytes].chunks(PIECE).for_each(take);
                 Ok(())
@@ -732,7 +731,7 @@ impl Device {
     /// who writes the buffer panics.
     pub(crate) fn kept(&self, buffer: &AnyBuffer) -> Result<cpu::Kept, Error> {
         match &buffer.memory {
-            Memory::Cpu(memory) => Ok(memory.keep(buffer.name)),
+            Memory::Cpu(memory) => Ok(memory.keep(buffer.name, buffer.bytes)),
             #[cfg(feature = "gpu")]
             Memory::Gpu(_) => {
                 let words: Buffer<u32> = buffer.view();
@@ -789,7 +788,6 @@ impl Device {
     }
 
     /// Whether memory is kept for what is built next.
-    #[cfg(feature = "gpu")]
     pub(crate) fn recycles(&self) -> bool {
         self.pool.is_some()
     }

@@ -118,6 +118,7 @@ impl AnyRay for Ray64 {
     }
 }
 
+#[inline]
 fn moved(origin: [f64; 3], translation: [f64; 3]) -> [f32; 3] {
     [0, 1, 2].map(|axis| (origin[axis] - translation[axis]) as f32)
 }

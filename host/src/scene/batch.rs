@@ -97,21 +97,20 @@ impl Batch {
 
     /// With room for so many hits a ray. Rays come in the mesh's own coordinates; here they are moved.
     pub(super) fn with_room(scene: &Scene, rays: &[impl AnyRay], room: u32) -> Result<Self, Error> {
-        Self::of_local(scene, &AnyRay::local(rays, scene.translation), room)
+        Self::of_local(&scene.device, &AnyRay::local(rays, scene.translation), room)
     }
 
-    /// Of rays that are where the mesh is.
-    pub(super) fn of_local(scene: &Scene, rays: &[Ray], room: u32) -> Result<Self, Error> {
-        let device = &scene.device;
+    /// Of rays that are where the mesh is, in memory of `device`.
+    pub(super) fn of_local(device: &Device, rays: &[Ray], room: u32) -> Result<Self, Error> {
         let count = u32::try_from(rays.len()).unwrap_or(u32::MAX);
         Ok(Self {
             count,
             apart: apart(count, device.spare_lanes()),
             job: device.alloc("job", u64::from(JOB_WORDS))?,
-            rays: device.upload("rays", rays)?.view(),
-            hits: device.alloc("hits", rays.len() as u64 * u64::from(room))?,
+            rays: device.put("rays", rays)?.view(),
+            hits: device.room("hits", rays.len() as u64 * u64::from(room))?,
             outcome: device.alloc("outcome", u64::from(OUTCOME_WORDS))?,
-            counts: device.alloc("steps", rays.len() as u64)?,
+            counts: device.room("steps", rays.len() as u64)?,
         })
     }
 

@@ -6,16 +6,19 @@ use super::{
     trace::{TraceTimes, Traced, traced},
 };
 use crate::{
-    Error,
+    Device, Error,
     clock::Instant,
     exec::{Buffer, Step, To},
     intersector,
     rays::{AnyPoint, AnyRay},
 };
-use raykd_kernels::trace::{crossings::UNDECIDED, queries};
+use raykd_kernels::{
+    glam::Vec4,
+    trace::{crossings::UNDECIDED, queries},
+};
 use raykd_shared::{Crossings, Ray};
 use rayon::prelude::*;
-use std::time::Duration;
+use std::{ops::Range, time::Duration};
 
 /// What was counted for every ray or point, and what that took: see [`Scene::crossings`] and [`Scene::winding`].
 #[derive(Clone, Debug, Default)]
@@ -46,7 +49,7 @@ impl Scene {
             let start = Instant::now();
             let local = AnyRay::local(part, self.translation);
             counted.times.upload += start.elapsed();
-            self.count_local(&local, &mut counted)?;
+            self.count_local(&self.device, &local, &mut counted)?;
         }
         Ok(counted)
     }
@@ -74,18 +77,49 @@ impl Scene {
     /// # Errors
     /// The device failed.
     pub fn winding(&self, points: &[impl AnyPoint]) -> Result<Counted<i32>, Error> {
+        let local = |point: &_| AnyPoint::local(point, self.translation);
+        let fill = |range: Range<usize>, part: &mut Vec<_>| {
+            points[range].par_iter().map(local).collect_into_vec(part);
+        };
+        self.winding_of_parts(points.len(), &fill)
+    }
+
+    /// [`Self::winding`] of so many points, of which `fill` makes a part what the mesh's positions are.
+    fn winding_of_parts(&self, number: usize, fill: Fill<'_>) -> Result<Counted<i32>, Error> {
         let scale = 1.0 / self.header.scale;
         let (lo, hi) = (self.header.lo.map(|x| x * scale), self.header.hi.map(|x| x * scale));
+        // A CPU takes rays in an order in which they go side by side, so many at a time that its cache holds what is kept
+        // of them.
+        let on_cpu = self.device.is_cpu();
+        let at_once = if on_cpu { AT_ONCE } else { self.batch_limit() };
+        let device = if on_cpu { &self.device.recycling() } else { &self.device };
+        let grid = Grid::new(lo, hi, at_once.min(number));
         let mut counted = Counted::default();
-        let mut windings = Vec::with_capacity(points.len());
-        for part in points.chunks(self.batch_limit()) {
+        let mut windings = vec![0; number];
+        let (mut points, mut rays, mut order) = (Vec::new(), Vec::new(), Vec::new());
+        for (i, windings) in windings.chunks_mut(at_once).enumerate() {
             let start = Instant::now();
-            let ray = |point: &_| shortest(AnyPoint::local(point, self.translation), lo, hi);
-            let rays: Vec<Ray> = self.device.install(|| part.par_iter().map(ray).collect());
+            let first = i * at_once;
+            device.install(|| {
+                fill(first..first + windings.len(), &mut points);
+                if on_cpu {
+                    order = grid.order(&points);
+                    let ray = |&i: &u32| grid.ray(points[i as usize]);
+                    order.par_iter().map(ray).collect_into_vec(&mut rays);
+                } else {
+                    points.par_iter().map(|point| grid.ray(*point)).collect_into_vec(&mut rays);
+                }
+            });
             counted.times.upload += start.elapsed();
-            // These are where the mesh is already.
-            self.count_local(&rays, &mut counted)?;
-            windings.extend(counted.counts.drain(..).map(Crossings::winding));
+            self.count_local(device, &rays, &mut counted)?;
+            let start = Instant::now();
+            let found = counted.counts.drain(..).map(Crossings::winding);
+            if on_cpu {
+                order.iter().zip(found).for_each(|(&i, found)| windings[i as usize] = found);
+            } else {
+                windings.iter_mut().zip(found).for_each(|(winding, found)| *winding = found);
+            }
+            counted.times.download += start.elapsed();
         }
         let Counted { times, invalid, .. } = counted;
         Ok(Counted { counts: windings, times, invalid })
@@ -107,10 +141,15 @@ impl Scene {
     }
 
     /// Counts for rays that are where the mesh is, as many as fit the device.
-    fn count_local(&self, rays: &[Ray], counted: &mut Counted<Crossings>) -> Result<(), Error> {
+    fn count_local(
+        &self,
+        device: &Device,
+        rays: &[Ray],
+        counted: &mut Counted<Crossings>,
+    ) -> Result<(), Error> {
         let start = Instant::now();
-        let batch = Batch::of_local(self, rays, 1)?;
-        let crossings = self.device.alloc("crossings", 2 * rays.len() as u64)?;
+        let batch = Batch::of_local(device, rays, 1)?;
+        let crossings = device.room("crossings", 2 * rays.len() as u64)?;
         counted.times.upload += start.elapsed();
         let steps = self.counting(&batch, &crossings);
         let Traced { times, invalid, .. } = traced(Duration::ZERO, || {
@@ -130,17 +169,99 @@ impl Scene {
     }
 }
 
-/// The ray from a point along the axis on which it leaves the box soonest.
-fn shortest(point: [f32; 3], lo: [f32; 3], hi: [f32; 3]) -> Ray {
-    let (mut direction, mut best) = ([1.0, 0.0, 0.0], f32::INFINITY);
-    for axis in 0..3 {
-        for (side, distance) in [(-1.0, point[axis] - lo[axis]), (1.0, hi[axis] - point[axis])] {
-            if distance < best {
-                (direction, best) = ([0.0; 3], distance);
-                direction[axis] = side;
-            }
-        }
+/// Points that a CPU takes at once.
+const AT_ONCE: usize = 1 << 17;
+
+/// Directions along the axes, down and up.
+const WAYS: [[f32; 3]; 6] =
+    [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [0.0, 0.0, 1.0]];
+
+/// Makes a part of some points what a mesh's positions are.
+type Fill<'a> = &'a (dyn Fn(Range<usize>, &mut Vec<[f32; 3]>) + Sync);
+
+/// Cells of a box, of each direction `8^bits` in the order of Morton 1966: rays of a cell start near each other, and
+/// mostly those of the next one, too.
+struct Grid {
+    lo: Vec4,
+    hi: Vec4,
+    /// Cells to a unit of length.
+    rates: Vec4,
+    bits: u32,
+}
+
+/// The first way, in the order of [`WAYS`], of those whose bits are set: three down, three up. Without any it is one up.
+const FIRST: [u8; 64] = {
+    let mut first = [1; 64];
+    let mut bits = 1usize;
+    while bits < 64 {
+        let (down, up) = (bits & 7, bits >> 3);
+        let axis = (down | up).trailing_zeros();
+        first[bits] = (2 * axis + (down >> axis & 1 == 0) as u32) as u8;
+        bits += 1;
     }
-    // Of a point that is none the ray is none.
-    Ray::new(point, direction)
+    first
+};
+
+impl Grid {
+    /// Some eight of so many rays start in a cell.
+    fn new(lo: [f32; 3], hi: [f32; 3], rays: usize) -> Self {
+        let bits = ((rays / 48).max(1).ilog2() / 3).min(7);
+        let [x, y, z] = [0, 1, 2].map(|axis| (1 << bits) as f32 / (hi[axis] - lo[axis]));
+        // A fourth axis on which the box has no end.
+        let lo = Vec4::new(lo[0], lo[1], lo[2], f32::NEG_INFINITY);
+        let hi = Vec4::new(hi[0], hi[1], hi[2], f32::INFINITY);
+        Self { lo, hi, rates: Vec4::new(x, y, z, 0.0), bits }
+    }
+
+    /// The way on which a point leaves the box soonest. All are asked: a processor would guess wrong.
+    #[inline]
+    fn way(&self, point: [f32; 3]) -> u32 {
+        let at = Vec4::new(point[0], point[1], point[2], 0.0);
+        let (down, up) = (at - self.lo, self.hi - at);
+        let least = Vec4::splat(down.min(up).min_element());
+        let bits = down.cmpeq(least).bitmask() & 7 | (up.cmpeq(least).bitmask() & 7) << 3;
+        u32::from(FIRST[bits as usize])
+    }
+
+    /// The ray from a point on that way.
+    fn ray(&self, point: [f32; 3]) -> Ray {
+        Ray::new(point, WAYS[self.way(point) as usize])
+    }
+
+    /// The number of the cell in which it starts.
+    #[inline]
+    fn cell(&self, point: [f32; 3]) -> u32 {
+        let most = ((1u32 << self.bits) - 1) as f32;
+        let at = Vec4::new(point[0], point[1], point[2], 0.0);
+        // What is no number becomes 0.
+        let [x, y, z, _] = ((at - self.lo) * self.rates).min(Vec4::splat(most)).to_array().map(|x| x as u32);
+        let cell = spread(x) | spread(y) << 1 | spread(z) << 2;
+        self.way(point) << (3 * self.bits) | cell
+    }
+
+    /// The numbers of points in the order of their cells.
+    fn order(&self, points: &[[f32; 3]]) -> Vec<u32> {
+        let cells: Vec<u32> = points.par_iter().map(|point| self.cell(*point)).collect();
+        let mut next = vec![0u32; (WAYS.len() << (3 * self.bits)) + 1];
+        for &cell in &cells {
+            next[cell as usize + 1] += 1;
+        }
+        for i in 1..next.len() {
+            next[i] += next[i - 1];
+        }
+        let mut order = vec![0; points.len()];
+        for (i, &cell) in (0..).zip(&cells) {
+            let next = &mut next[cell as usize];
+            order[*next as usize] = i;
+            *next += 1;
+        }
+        order
+    }
+}
+
+/// Eight bits, two zeros before each.
+const fn spread(bits: u32) -> u32 {
+    let bits = (bits | (bits << 8)) & 0x0000_F00F;
+    let bits = (bits | (bits << 4)) & 0x000C_30C3;
+    (bits | (bits << 2)) & 0x0024_9249
 }

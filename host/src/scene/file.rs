@@ -277,7 +277,7 @@ impl Scene {
 
 /// The head of a file that is a scene's, whole and undamaged, and where its sections begin.
 fn checked(file: &FileBytes) -> Result<(Head, [usize; SECTIONS]), TreeError> {
-    let all = Memory::part_of(file, 0, file.len()).keep("scene file");
+    let all = Memory::part_of(file, 0, file.len()).keep("scene file", file.len() as u64);
     let all: &[u8] = all.slice();
     if all.starts_with(tree::MAGIC) {
         return Err(TreeError::NoMesh);

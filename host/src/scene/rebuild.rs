@@ -3,7 +3,7 @@
 use super::Scene;
 use crate::{BuildOptions, Device, Error, Mesh};
 
-/// A GPU's memory is used again: the second rebuild takes the last there is to take, as long as the mesh does not
+/// Memory is used again: the second rebuild takes the last there is to take, as long as the mesh does not
 /// grow by more than an eighth; see [`Device::recycling`]. The tree is built anew, to the same bytes as ever. Clones
 /// stay what they are, and may be traced while this goes on, by other threads too: so a program that shows the old
 /// mesh meanwhile keeps one. Traversal and triangle test stay as they were chosen. If it fails, the scene stays as it
@@ -57,7 +57,6 @@ impl Scene {
     }
 
     fn become_of(&mut self, build: impl FnOnce(&Device) -> Result<Self, Error>) -> Result<(), Error> {
-        #[cfg(feature = "gpu")]
         if !self.device.recycles() {
             self.device = self.device.recycling();
         }

@@ -135,7 +135,7 @@ fn enter_by_eight(table: &mut [u32; TABLE], rates: Vec3, from: Vec3, part: &Boun
 #[inline(always)]
 pub fn enter_box(group: &Group, table: &mut [u32; TABLE], rates: Vec3, from: Vec3, part: &Bounds) {
     #[cfg(target_arch = "x86_64")]
-    if group.is_usual() {
+    if group.usual.has() {
         return enter_by_eight(table, rates, from, part);
     }
     let _ = group;

@@ -4,6 +4,7 @@ use super::{Across, is_above, is_below};
 #[cfg(target_arch = "x86_64")]
 use crate::eight::Eight;
 use crate::{
+    Usual,
     glam::{BVec4A, Vec4},
     math::Number,
 };
@@ -149,10 +150,10 @@ fn row_by_row<N: Row>(
 }
 
 /// The cheapest cuts at faces of `number` boxes, one across each axis: what it costs, and the face's number or place,
-/// whichever comes `first`; both infinite if there is none. With AVX2 they are weighed `by_eight`.
+/// whichever comes `first`; both infinite if there is none.
 #[inline(always)]
 pub fn cheapest(
-    by_eight: bool,
+    usual: Usual,
     faces: [Faces<'_>; 3],
     number: u32,
     across: &[Across; 3],
@@ -160,23 +161,23 @@ pub fn cheapest(
     first: First,
 ) -> [(f32, f32); 3] {
     #[cfg(target_arch = "x86_64")]
-    if by_eight {
+    if usual.has() {
         return row_by_row::<Eight>(faces, number, across, flat, first);
     }
-    let _ = by_eight;
+    let _ = usual;
     row_by_row::<Vec4>(faces, number, across, flat, first)
 }
 
 /// A bit for each of `number` boxes which goes below a plane, and one for each which goes above.
 #[inline(always)]
-pub fn parted(by_eight: bool, (lows, highs): Faces<'_>, number: u32, plane: f32) -> (u32, u32) {
+pub fn parted(usual: Usual, (lows, highs): Faces<'_>, number: u32, plane: f32) -> (u32, u32) {
     #[cfg(target_arch = "x86_64")]
-    if by_eight {
+    if usual.has() {
         let (belows, aboves) = Eight::parted(lows, highs, plane);
         let own = u32::MAX >> (32 - number);
         return (belows & own, aboves & own);
     }
-    let _ = by_eight;
+    let _ = usual;
     let (mut belows, mut aboves) = (0, 0);
     for (i, (low, high)) in (0..number).zip(lows.iter().zip(highs)) {
         let (low, high) = (f32::from_bits(*low), f32::from_bits(*high));

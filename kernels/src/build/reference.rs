@@ -93,3 +93,31 @@ impl Reference {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{glam::Vec3, mem::view};
+
+    /// Boxes before, behind, across, in and at planes on all axes, and empty ones.
+    #[test]
+    fn both_ways_to_tell_sides_are_one() {
+        let at = [-1.0, -0.0, 0.0, 1.0, f32::INFINITY, f32::NEG_INFINITY];
+        for (x, y) in at.iter().flat_map(|x| at.map(|y| (*x, y))) {
+            for axis in 0..3 {
+                let mut bounds = Bounds { lo: Vec3::splat(-2.0), hi: Vec3::splat(2.0) };
+                (bounds.lo[axis], bounds.hi[axis]) = (x, y);
+                // What is no part of the box has all bits.
+                let reference = Reference { triangle: u32::MAX, cell: u32::MAX, bounds };
+                let list = [to_bits(bounds.lo, reference.triangle), to_bits(bounds.hi, reference.cell)];
+                for across in [0, 1, 2, Node::LEAF] {
+                    for at in at {
+                        let plane = SplitPlane { axis: across, at, pays: true };
+                        let found = Reference::sides_at(&view(&list), 0, plane);
+                        assert_eq!(found, reference.sides(plane), "{bounds:?} {plane:?}");
+                    }
+                }
+            }
+        }
+    }
+}

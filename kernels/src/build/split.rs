@@ -230,7 +230,7 @@ pub fn find(
     item: &Item,
 ) {
     #[cfg(target_arch = "x86_64")]
-    if group.is_usual() {
+    if group.usual.has() {
         return find_by::<Eight>(group, table, found, params, depth, item);
     }
     find_by::<Wide>(group, table, found, params, depth, item);

@@ -296,7 +296,7 @@ fn of_all(group: &Group, boxes: &[u32; BOXES], node: Last, sah: &Sah) -> (f32, u
     let faces = move |boxes, axis: u32| faces_from(boxes, 2 * axis * PITCH + node.from, number);
     let faces = [faces(boxes, 0), faces(boxes, 1), faces(boxes, 2)];
     let across = [sah.across(0), sah.across(1), sah.across(2)];
-    let found = cheapest(group.is_usual(), faces, number, &across, Flat::Below, First::Number);
+    let found = cheapest(group.usual, faces, number, &across, Flat::Below, First::Number);
     let (mut best, mut pick) = (sah.leaf, NONE);
     let mut axis = 0;
     while axis < 3 {
@@ -427,7 +427,7 @@ fn divide_all(
     let (axis, plane) = (cheapest.axis, cheapest.at());
     let row = 2 * axis * PITCH + node.from;
     let (mut belows, mut aboves) =
-        parted(group.is_usual(), faces_from(boxes, row, node.number), node.number, plane);
+        parted(group.usual, faces_from(boxes, row, node.number), node.number, plane);
     for i in 0..node.number {
         let (bounds, at) = (box_at(boxes, node.from + i), NUMBER * PITCH + node.from + i);
         halves.put(i, Halves { under: bounds, over: bounds, number: boxes.at(at) });

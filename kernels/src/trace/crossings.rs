@@ -6,6 +6,8 @@
 
 #[cfg(not(target_arch = "spirv"))]
 use super::queries::Query;
+#[cfg(target_arch = "x86_64")]
+use super::tallies::side_by_side;
 use super::{
     frame::Frame,
     intersect::{Best, Intersector, NORMAL, exact::Exact, perturbed::Perturbed},
@@ -43,7 +45,7 @@ const OPEN: u32 = 3;
 const REFERENCES: u32 = 4;
 /// Numbers of all.
 const IDS: u32 = REFERENCES + MOST_OPEN;
-const WORDS: usize = (IDS + MOST) as usize;
+pub(super) const WORDS: usize = (IDS + MOST) as usize;
 
 /// Stands beside how many crossings leave while some are undecided.
 pub const UNDECIDED: u32 = 0x8000_0000;
@@ -52,11 +54,12 @@ const TOO_MANY: u32 = u32::MAX;
 
 /// Counts the triangles that floats tell of, and lists the others.
 #[derive(Clone, Copy, Debug)]
-struct Tally;
+pub(super) struct Tally;
 
 impl Tally {
+    /// Whether a triangle is kept.
     #[inline(always)]
-    fn has(own: &impl Slots<u32>, id: u32) -> bool {
+    pub(super) fn has(own: &impl Slots<u32>, id: u32) -> bool {
         let count = own.at(KEPT);
         let (mut i, mut there) = (0, false);
         while i < count {
@@ -64,6 +67,52 @@ impl Tally {
             i += 1;
         }
         there
+    }
+
+    /// Keeps a triangle, given by its number and the reference that lists it, that floats have `told` of, or have not.
+    /// False if there is no room.
+    #[inline(always)]
+    pub(super) fn keep(own: &mut impl Slots<u32>, (id, at): (u32, u32), told: bool, leaving: bool) -> bool {
+        let (count, open) = (own.at(KEPT), own.at(OPEN));
+        let fits = (count < MOST) & (told | (open < MOST_OPEN));
+        if fits {
+            own.put(KEPT, count + 1);
+            own.put(IDS + count, id);
+            if told {
+                let way = if leaving { LEAVING } else { ENTERING };
+                own.put(way, own.at(way) + 1);
+            } else {
+                own.put(OPEN, open + 1);
+                own.put(REFERENCES + open, at);
+            }
+        } else {
+            own.put(OPEN, MOST_OPEN + 1);
+        }
+        fits
+    }
+
+    /// Writes what is kept of ray `i`.
+    #[inline(always)]
+    pub(super) fn put(
+        own: &impl Slots<u32>,
+        i: u32,
+        hits: &mut Buf<UVec4>,
+        outcome: &mut Buf<u32>,
+        crossings: &mut Buf<u32>,
+        more: &mut Buf<UVec4>,
+    ) {
+        let (leaving, open) = (own.at(LEAVING), own.at(OPEN));
+        let many = open > MOST_OPEN;
+        let marked = if open > 0 { leaving | UNDECIDED } else { leaving };
+        crossings.put(2 * i, if many { TOO_MANY } else { marked });
+        crossings.put(2 * i + 1, own.at(ENTERING));
+        if open > 0 {
+            outcome.or(OUTCOME_LEFT, 1);
+        }
+        if open > 0 && !many {
+            hits.put(i, Self::four(own, 0));
+            more.put(i, Self::four(own, 4));
+        }
     }
 
     /// Four references that list undecided triangles, from number `first` on.
@@ -88,19 +137,7 @@ impl Choice for Tally {
         let passed = seen.later < ray.t_min || seen.near > best.t;
         if !passed && !Self::has(own, id) {
             let told = seen.sure & (seen.near > ray.t_min) & (seen.later < best.t);
-            let (count, open) = (own.at(KEPT), own.at(OPEN));
-            if (count < MOST) & (told | (open < MOST_OPEN)) {
-                own.put(KEPT, count + 1);
-                own.put(IDS + count, id);
-                if told {
-                    let way = if seen.leaving { LEAVING } else { ENTERING };
-                    own.put(way, own.at(way) + 1);
-                } else {
-                    own.put(OPEN, open + 1);
-                    own.put(REFERENCES + open, at);
-                }
-            } else {
-                own.put(OPEN, MOST_OPEN + 1);
+            if !Self::keep(own, (id, at), told, seen.leaving) {
                 // Nothing lies before this, so the walk ends.
                 best.t = f32::NEG_INFINITY;
                 best.triangle = id;
@@ -208,25 +245,18 @@ pub fn count(
     crossings: &mut Buf<u32>,
     more: &mut Buf<UVec4>,
 ) {
+    #[cfg(target_arch = "x86_64")]
+    let left = side_by_side(&group, job, header, pairs, corners, rays, hits, outcome, crossings, more);
+    #[cfg(not(any(target_arch = "spirv", target_arch = "x86_64")))]
+    let left = u64::MAX;
     lanes!(group, |lane| {
         let i = ray_of(group.id * group.width + lane, job);
-        if i < job.at(JOB_RAYS) {
+        if i < job.at(JOB_RAYS) && is_left!(left, lane) {
             let ray = &mut load(i, rays, &header.at(0), outcome);
             let (aside, own) = (&mut aside::<ASIDE, SHARED>(shared, lane), &mut scratch::<u32, WORDS>());
             let steps = &mut Steps::default();
             tally(ray, (pairs, corners), aside, own, steps);
-            let (leaving, open) = (own.at(LEAVING), own.at(OPEN));
-            let many = open > MOST_OPEN;
-            let marked = if open > 0 { leaving | UNDECIDED } else { leaving };
-            crossings.put(2 * i, if many { TOO_MANY } else { marked });
-            crossings.put(2 * i + 1, own.at(ENTERING));
-            if open > 0 {
-                outcome.or(OUTCOME_LEFT, 1);
-            }
-            if open > 0 && !many {
-                hits.put(i, Tally::four(own, 0));
-                more.put(i, Tally::four(own, 4));
-            }
+            Tally::put(own, i, hits, outcome, crossings, more);
             if steps.status != 0 || !loops_are_whole(job) {
                 outcome.or(OUTCOME_STATUS, status::CUT_SHORT);
             }

@@ -20,4 +20,6 @@ pub mod packet;
 pub mod place;
 pub mod prepare;
 pub mod single;
+#[cfg(target_arch = "x86_64")]
+mod tallies;
 pub mod traverse;

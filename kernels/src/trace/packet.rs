@@ -126,14 +126,24 @@ fn sum<N: Sides>(numbers: N) -> f32 {
     ((a + b) + (c + d)) + ((e + f) + (g + h))
 }
 
+/// What is made of the leaves that some rays meet.
+pub(super) trait Leaves<N: Sides> {
+    /// Tests the triangles of a leaf.
+    fn visit(&mut self, packet: &Packet<N>, leaf: Node, rays: u32, corners: &Buf<Vec4>);
+    /// The last `t` that counts.
+    fn last(&self) -> N;
+    /// Which rays are done.
+    fn done(&self) -> u32;
+}
+
 /// Rays made ready, as [`Frame`] is.
-struct Packet<N: Sides> {
+pub(super) struct Packet<N: Sides> {
     /// By axis; there is no fourth one, but its number is that of a leaf.
     origins: [N; 4],
     inverses: [N; 4],
     /// Which rays go down on an axis.
     back: [u32; 4],
-    pad: N,
+    pub pad: N,
     /// What turns a corner so that a ray's main axis is the last.
     turns: [N::Turn; 3],
     /// The origins, turned.
@@ -141,17 +151,37 @@ struct Packet<N: Sides> {
     shear_x: N,
     shear_y: N,
     /// Reciprocals of the main components.
-    along: N,
+    pub along: N,
     main: N,
     enter: N,
     exit: N,
-    t_min: N,
+    pub t_min: N,
+    pub t_max: N,
     /// What makes of a scaled `t` one of the ray's own.
     unstretch: N,
-    best: Bests<N>,
 }
 
 impl<N: Sides> Packet<N> {
+    /// The eight rays from `i` on, and which of them go together, if enough do.
+    #[inline(always)]
+    pub(super) fn of(i: u32, rays: &Buf<Vec4>, header: &TreeHeader, near: f32) -> Option<(Self, u32)> {
+        let (mut starts, mut ways) = ([Vec4::ZERO; 8], [Vec4::ZERO; 8]);
+        let mut ray = 0;
+        while ray < SIDE_BY_SIDE {
+            starts[ray as usize] = rays.at(2 * (i + ray));
+            ways[ray as usize] = rays.at(2 * (i + ray) + 1);
+            ray += 1;
+        }
+        let mut together = close::<N>(&starts, near);
+        if together.count_ones() < ENOUGH {
+            return None;
+        }
+        let scaled = Scaled::<N>::new(&starts, &ways, header.scale);
+        together &= scaled.rays;
+        let go = together.count_ones() >= ENOUGH && scaled.agree();
+        go.then(|| (Self::new(&scaled, header), together))
+    }
+
     #[inline(always)]
     fn new(of: &Scaled<N>, header: &TreeHeader) -> Self {
         let (all, zero) = (N::all, N::all(0.0));
@@ -197,8 +227,8 @@ impl<N: Sides> Packet<N> {
             enter,
             exit,
             t_min: of.t_min,
+            t_max: of.t_max,
             unstretch: of.stretch.unit(),
-            best: Bests { t: of.t_max, triangle: all(NONE), u: zero, v: zero, det: one },
         }
     }
 
@@ -210,9 +240,15 @@ impl<N: Sides> Packet<N> {
         rays & like(self.back[0]) & like(self.back[1]) & like(self.back[2])
     }
 
-    /// Finds the hits of some rays, as [`stack::walk`](super::traverse::stack::walk) does.
+    /// Takes some rays to their leaves, as [`stack::walk`](super::traverse::stack::walk) does.
     #[inline(always)]
-    fn walk<const ANY: bool>(&mut self, rays: u32, pairs: &Buf<UVec4>, corners: &Buf<Vec4>) {
+    pub(super) fn walk(
+        &self,
+        rays: u32,
+        pairs: &Buf<UVec4>,
+        corners: &Buf<Vec4>,
+        leaves: &mut impl Leaves<N>,
+    ) {
         let mut stack = Stack::<Entry<N>, { MAX_DEPTH as usize }>::new();
         let mut top = 0;
         let root = pairs.at(0);
@@ -278,68 +314,96 @@ impl<N: Sides> Packet<N> {
                 Entry { node, rays, enter, exit } = next;
             }
             if rays != 0 {
-                self.visit(node, rays, corners);
+                leaves.visit(self, node, rays, corners);
             }
-            if ANY {
-                running &= !N::bits(self.best.triangle.below(N::all(NONE)));
-            }
+            running &= !leaves.done();
+            let last = leaves.last();
             rays = 0;
             while rays == 0 && top > 0 {
                 top -= 1;
                 let entry = stack.at(top);
-                (node, enter, exit) = (entry.node, entry.enter, entry.exit.low(self.best.t));
-                rays = entry.rays & running & !N::bits(enter.exceeds(self.best.t));
+                (node, enter, exit) = (entry.node, entry.enter, entry.exit.low(last));
+                rays = entry.rays & running & !N::bits(enter.exceeds(last));
             }
         }
     }
 
-    /// Tests the triangles of a leaf.
+    /// A triangle seen along the rays.
     #[inline(always)]
-    fn visit(&mut self, leaf: Node, rays: u32, corners: &Buf<Vec4>) {
+    pub(super) fn sheared(&self, (a, b, c): (Vec4, Vec4, Vec4)) -> Sheared<N> {
+        let seen = |v: Vec4, k: usize| N::turned(v, self.turns[k]) - self.seats[k];
+        let (az, bz, cz) = (seen(a, 2), seen(b, 2), seen(c, 2));
+        Sheared {
+            ax: sheared(seen(a, 0), self.shear_x, az),
+            ay: sheared(seen(a, 1), self.shear_y, az),
+            bx: sheared(seen(b, 0), self.shear_x, bz),
+            by: sheared(seen(b, 1), self.shear_y, bz),
+            cx: sheared(seen(c, 0), self.shear_x, cz),
+            cy: sheared(seen(c, 1), self.shear_y, cz),
+            az,
+            bz,
+            cz,
+        }
+    }
+}
+
+/// Keeps the best hits, or the first.
+struct Hits<N, const ANY: bool>(Bests<N>);
+
+impl<N: Sides, const ANY: bool> Leaves<N> for Hits<N, ANY> {
+    #[inline(always)]
+    fn visit(&mut self, packet: &Packet<N>, leaf: Node, rays: u32, corners: &Buf<Vec4>) {
         let end = leaf.first() + leaf.count();
         let mut r = leaf.first();
         while r < end {
             let (a, b, c) = corners.three(3 * r);
             r += 1;
-            let seen = |v: Vec4, k: usize| N::turned(v, self.turns[k]) - self.seats[k];
-            let (az, bz, cz) = (seen(a, 2), seen(b, 2), seen(c, 2));
-            let s = Sheared {
-                ax: sheared(seen(a, 0), self.shear_x, az),
-                ay: sheared(seen(a, 1), self.shear_y, az),
-                bx: sheared(seen(b, 0), self.shear_x, bz),
-                by: sheared(seen(b, 1), self.shear_y, bz),
-                cx: sheared(seen(c, 0), self.shear_x, cz),
-                cy: sheared(seen(c, 1), self.shear_y, cz),
-                az,
-                bz,
-                cz,
-            };
+            let s = packet.sheared((a, b, c));
             let may_hit = N::bits(s.agree()) & rays;
             if may_hit != 0 {
                 let plain = N::bits(s.is_plain());
-                self.test(&s, a.w, may_hit & plain);
+                self.0.test(packet, &s, a.w, may_hit & plain);
                 let mut odd = may_hit & !plain;
                 while odd != 0 {
-                    self.test_one(odd.trailing_zeros() as usize, (a, b, c));
+                    self.0.test_one(packet, odd.trailing_zeros() as usize, (a, b, c));
                     odd &= odd - 1;
                 }
             }
         }
     }
 
+    #[inline(always)]
+    fn last(&self) -> N {
+        self.0.t
+    }
+
+    #[inline(always)]
+    fn done(&self) -> u32 {
+        if ANY { N::bits(self.0.triangle.below(N::all(NONE))) } else { 0 }
+    }
+}
+
+impl<N: Sides> Bests<N> {
+    /// None yet.
+    #[inline(always)]
+    fn new(packet: &Packet<N>) -> Self {
+        let (all, zero) = (N::all, N::all(0.0));
+        Self { t: packet.t_max, triangle: all(NONE), u: zero, v: zero, det: all(1.0) }
+    }
+
     /// [`strict::test`] of one triangle for some rays, whose coordinates are plain.
     #[inline(always)]
-    fn test(&mut self, s: &Sheared<N>, triangle: f32, rays: u32) {
+    fn test(&mut self, packet: &Packet<N>, s: &Sheared<N>, triangle: f32, rays: u32) {
         let (zero, triangle) = (N::all(0.0), N::all(triangle));
         let (u, v, w) = s.edges();
         let negative = u.below(zero) | v.below(zero) | w.below(zero);
         let positive = u.exceeds(zero) | v.exceeds(zero) | w.exceeds(zero);
         let hit = (negative | positive) & !(negative & positive);
         let (u, v, w, det) = weights(u, v, w);
-        let t = s.depth(self.along, u, v, w).over(det);
-        let best = &mut self.best;
+        let t = s.depth(packet.along, u, v, w).over(det);
+        let best = self;
         let better = t.below(best.t) | (t.is(best.t) & triangle.below(best.triangle));
-        let take = hit & better & !t.below(self.t_min) & N::mask(rays);
+        let take = hit & better & !t.below(packet.t_min) & N::mask(rays);
         best.t = N::choose(take, t, best.t);
         best.triangle = N::choose(take, triangle, best.triangle);
         best.u = N::choose(take, v, best.u);
@@ -349,10 +413,10 @@ impl<N: Sides> Packet<N> {
 
     /// [`strict::test`] of one triangle for one ray.
     #[inline(always)]
-    fn test_one(&mut self, ray: usize, corners: (Vec4, Vec4, Vec4)) {
+    fn test_one(&mut self, packet: &Packet<N>, ray: usize, corners: (Vec4, Vec4, Vec4)) {
         let one = |numbers: N| numbers.numbers()[ray];
         let three = |numbers: &[N; 4]| Vec3::new(one(numbers[0]), one(numbers[1]), one(numbers[2]));
-        let numbers = &self.best;
+        let numbers = self;
         let triangle = one(numbers.triangle);
         let mut best = Best {
             t: one(numbers.t),
@@ -362,18 +426,17 @@ impl<N: Sides> Packet<N> {
             det: one(numbers.det),
         };
         let frame = Frame {
-            origin: three(&self.origins),
-            inverse: three(&self.inverses),
-            main: one(self.main) as u32,
-            shear_x: one(self.shear_x),
-            shear_y: one(self.shear_y),
-            t_min: one(self.t_min),
+            origin: three(&packet.origins),
+            inverse: three(&packet.inverses),
+            main: one(packet.main) as u32,
+            shear_x: one(packet.shear_x),
+            shear_y: one(packet.shear_y),
+            t_min: one(packet.t_min),
             ..Frame::NOTHING
         };
         offer(&frame, corners, &mut best);
         if best.triangle != MISS {
             let here = N::mask(1 << ray);
-            let numbers = &mut self.best;
             numbers.t = N::choose(here, N::all(best.t), numbers.t);
             numbers.triangle =
                 N::choose(here, N::all(f32::from_bits(best.triangle | NORMAL)), numbers.triangle);
@@ -385,10 +448,10 @@ impl<N: Sides> Packet<N> {
 
     /// Writes the hits of some rays, as [`record`](super::job::record) does, from `first` on.
     #[inline(always)]
-    fn record(&self, rays: u32, first: u32, hits: &mut Buf<UVec4>) {
-        let best = &self.best;
+    fn record(&self, packet: &Packet<N>, rays: u32, first: u32, hits: &mut Buf<UVec4>) {
+        let best = self;
         // What is subnormal is 0, and so is a negative zero.
-        let t = flush(best.t * self.unstretch, f32::MIN_POSITIVE);
+        let t = flush(best.t * packet.unstretch, f32::MIN_POSITIVE);
         let (triangles, t) = (best.triangle.numbers(), t.numbers());
         let (u, v) = (quotients(best.u, best.det), quotients(best.v, best.det));
         let mut ray = 0;
@@ -444,31 +507,19 @@ fn answer<N: Sides, const ANY: bool>(
     let Some(near) = near(header) else { return left };
     let mut i = first;
     while i + SIDE_BY_SIDE <= end {
-        let (mut starts, mut ways) = ([Vec4::ZERO; 8], [Vec4::ZERO; 8]);
-        let mut ray = 0;
-        while ray < SIDE_BY_SIDE {
-            starts[ray as usize] = rays.at(2 * (i + ray));
-            ways[ray as usize] = rays.at(2 * (i + ray) + 1);
-            ray += 1;
-        }
-        let mut waiting = close::<N>(&starts, near);
-        if waiting.count_ones() >= ENOUGH {
-            let scaled = Scaled::<N>::new(&starts, &ways, header.scale);
-            waiting &= scaled.rays;
-            if waiting.count_ones() >= ENOUGH && scaled.agree() {
-                let mut packet = Packet::new(&scaled, header);
-                let mut answered = 0;
-                while waiting != 0 {
-                    let some = if ANY { packet.alike(waiting) } else { waiting };
-                    if some.count_ones() >= FEW {
-                        packet.walk::<ANY>(some, pairs, corners);
-                        answered |= some;
-                    }
-                    waiting &= !some;
+        if let Some((packet, mut waiting)) = Packet::<N>::of(i, rays, header, near) {
+            let mut found = Hits::<N, ANY>(Bests::new(&packet));
+            let mut answered = 0;
+            while waiting != 0 {
+                let some = if ANY { packet.alike(waiting) } else { waiting };
+                if some.count_ones() >= FEW {
+                    packet.walk(some, pairs, corners, &mut found);
+                    answered |= some;
                 }
-                packet.record(answered, i, hits);
-                left &= !(u64::from(answered) << (i - first));
+                waiting &= !some;
             }
+            found.0.record(&packet, answered, i, hits);
+            left &= !(u64::from(answered) << (i - first));
         }
         i += SIDE_BY_SIDE;
     }
@@ -477,7 +528,7 @@ fn answer<N: Sides, const ANY: bool>(
 
 /// How near to each other rays start that go together; nothing if the scene's numbers are out of the ordinary.
 #[inline(always)]
-fn near(header: &TreeHeader) -> Option<f32> {
+pub(super) fn near(header: &TreeHeader) -> Option<f32> {
     let (mut extent, mut most) = (0.0, 0.0);
     let mut axis = 0;
     while axis < 3 {
@@ -529,7 +580,7 @@ pub fn side_by_side<const ANY: bool>(
     hits: &mut Buf<UVec4>,
     outcome: &mut Buf<u32>,
 ) -> u64 {
-    if group.usual && job.at(JOB_APART) == 0 {
+    if group.usual.has() && job.at(JOB_APART) == 0 {
         let first = group.id * group.width;
         let range = (first, job.at(JOB_RAYS).min(first + group.width));
         // SAFETY: that it is usual says so.

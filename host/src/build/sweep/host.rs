@@ -16,10 +16,11 @@ use crate::{
         times::BuildTimes,
     },
     clock::Instant,
-    exec::cpu::has_usual_instructions,
+    exec::cpu::usual,
     mesh::Mesh,
 };
 use raykd_kernels::{
+    Usual,
     build::{
         Costs, Sah,
         clip::{Bounds, clip_plane},
@@ -149,7 +150,7 @@ struct Builder<'m> {
     max_depth: u32,
     clip: bool,
     /// Whether the processor has its usual instructions.
-    usual: bool,
+    usual: Usual,
     pool: Pool,
     /// References so far, of the leaves and of the nodes of each depth, and how many there may be of either.
     listed: AtomicUsize,
@@ -455,8 +456,12 @@ impl Builder<'_> {
     fn finish(&self, own: Range<usize>, cell: &Cell, tree: &mut Branch, spare: &mut Spare) -> Node {
         let references = &spare.small[own.clone()];
         let plane = self.sah(cell, references.len()).and_then(|sah| {
-            // SAFETY: the processor has these instructions.
-            if self.usual { unsafe { face_usually(references, &sah) } } else { face(references, &sah) }
+            if self.usual.has() {
+                // SAFETY: the processor has these instructions.
+                unsafe { face_usually(self.usual, references, &sah) }
+            } else {
+                face(references, &sah)
+            }
         });
         let Some(plane) = plane else {
             return self.leaf(tree, references, cell.depth);
@@ -540,7 +545,7 @@ fn grow(mesh: &Mesh, params: &BuildParams) -> Option<(Branch, u64)> {
         costs: Costs::of(params),
         max_depth: params.max_depth,
         clip: params.rule & rule::CLIP != 0,
-        usual: has_usual_instructions(),
+        usual: usual(),
         pool: Pool::default(),
         listed: AtomicUsize::new(0),
         passed: [const { AtomicUsize::new(0) }; MAX_DEPTH as usize + 1],

@@ -7,6 +7,7 @@
 
 use super::events::{Event, KIND, PLANAR, REFERENCE, START, Set, extent, position};
 use raykd_kernels::{
+    Usual,
     build::{
         Across, Sah, SplitPlane,
         faces::{First, Flat, MOST, cheapest},
@@ -195,7 +196,7 @@ pub(super) fn cheaper(a: Option<Split>, b: Option<Split>) -> Option<Split> {
 
 /// The cheapest plane of a small node, if one costs less than a leaf: every face is weighed against every box.
 #[inline(always)]
-fn weighed(usual: bool, references: &[Reference], sah: &Sah) -> Option<Split> {
+fn weighed(usual: Usual, references: &[Reference], sah: &Sah) -> Option<Split> {
     let number = references.len();
     let (mut lows, mut highs) = ([[0; MOST]; 3], [[0; MOST]; 3]);
     let mut has_flat = false;
@@ -232,7 +233,7 @@ fn weighed(usual: bool, references: &[Reference], sah: &Sah) -> Option<Split> {
 
 /// The cheapest plane of a small node, if one costs less than a leaf.
 pub(super) fn face(references: &[Reference], sah: &Sah) -> Option<Split> {
-    weighed(false, references, sah)
+    weighed(Usual::NO, references, sah)
 }
 
 /// The same, compiled for the usual instructions.
@@ -240,6 +241,6 @@ pub(super) fn face(references: &[Reference], sah: &Sah) -> Option<Split> {
 /// # Safety
 /// The processor has them.
 #[cfg_attr(target_arch = "x86_64", target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt"))]
-pub(super) unsafe fn face_usually(references: &[Reference], sah: &Sah) -> Option<Split> {
-    weighed(true, references, sah)
+pub(super) unsafe fn face_usually(usual: Usual, references: &[Reference], sah: &Sah) -> Option<Split> {
+    weighed(usual, references, sah)
 }

@@ -523,11 +523,6 @@ fn dispatch(pass: &mut wgpu::ComputePass<'_>, groups: u32) {
 }
 
 impl AnyBuffer {
-    /// Bytes of its memory, of which it may use a part.
-    pub(super) fn room(&self) -> u64 {
-        self.as_wgpu().size()
-    }
-
     /// Its memory on a GPU.
     pub(crate) fn as_wgpu(&self) -> &wgpu::Buffer {
         match &self.memory {

@@ -1,10 +1,13 @@
 //! Between which numbers floats put the place where a ray meets a triangle's plane: enough to pass over what lies
 //! behind the ray, or behind a hit that it has.
 
-use super::{Glance, strict::shear};
+use super::{
+    Glance,
+    strict::{Sheared, shear},
+};
 use crate::{
     glam::Vec3,
-    math::{abs, component, div, exp2, exponent, high, low},
+    math::{Digits, abs, component, exp2},
     trace::frame::Frame,
 };
 
@@ -42,39 +45,76 @@ fn level(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> (f32, f32) {
     if abs(x.1) > 0.0 { x } else { found }
 }
 
-/// What floats tell of `t`, as it is rounded, if the ray's line may pass through the triangle. A sheared corner is off
-/// by at most a quarter of the pad, so edge functions are by an eighth of what their sum is compared with; `t` hangs on
-/// them by how far the corners' depths are apart.
+/// How a ray's line passes through a triangle's border.
+pub(in crate::trace) struct Through<N: Digits = f32> {
+    edges: (N, N, N),
+    det: N,
+    error: N,
+    /// Whether anything is known: not where the ray is all but parallel to the plane.
+    pub known: N::Mask,
+    /// Whether it surely passes through.
+    pub sure: N::Mask,
+}
+
+impl<N: Digits> Through<N> {
+    /// A sheared corner is off by at most a quarter of the pad, so edge functions are by an eighth of what their sum is
+    /// compared with.
+    #[inline(always)]
+    pub(in crate::trace) fn new(s: &Sheared<N>, pad: N) -> Self {
+        let all = N::all;
+        let half = all(0.5) * pad;
+        let (x, y, z) = (s.ax.abs() + s.ay.abs(), s.bx.abs() + s.by.abs(), s.cx.abs() + s.cy.abs());
+        let error = all(2.0) * pad * (x + y + z + all(1.5) * half);
+        let (u, v, w) = (s.cx * s.by - s.cy * s.bx, s.ax * s.cy - s.ay * s.cx, s.bx * s.ay - s.by * s.ax);
+        let det = u + v + w;
+        let known = det.abs().exceeds(all(4.0) * error);
+        // As in [`Exact::may_hit`](super::exact::Exact).
+        let (eu, ev, ew) = (half * (y + z + half), half * (z + x + half), half * (x + y + half));
+        let sure =
+            (u.exceeds(eu) & v.exceeds(ev) & w.exceeds(ew)) | (u.below(-eu) & v.below(-ev) & w.below(-ew));
+        Self { edges: (u, v, w), det, error, known, sure }
+    }
+
+    /// Whether along the triangle's normal, on a ray whose main component has the reciprocal `along`.
+    #[inline(always)]
+    pub(in crate::trace) fn leaves(&self, along: N) -> N::Mask {
+        let zero = N::all(0.0);
+        let (up, back) = (self.det.exceeds(zero), along.below(zero));
+        (up & back) | !(up | back)
+    }
+
+    /// Between which numbers `t` lies, as it is rounded: it hangs on edge functions by how far the corners' depths are
+    /// apart.
+    #[inline(always)]
+    pub(in crate::trace) fn range(&self, s: &Sheared<N>, along: N, pad: N) -> (N, N) {
+        let (u, v, w) = self.edges;
+        let unit = self.det.unit();
+        let inverse = N::all(1.0).over(self.det * unit);
+        let t = s.depth(along, u * unit, v * unit, w * unit) * inverse;
+        let spread = along.abs() * (s.az.high(s.bz.high(s.cz)) - s.az.low(s.bz.low(s.cz)));
+        let off = N::all(4.0) * self.error * unit * inverse.abs() * spread + N::all(2.0) * pad;
+        (t - off, t + off)
+    }
+}
+
+/// What floats tell of `t`, as it is rounded, if the ray's line may pass through the triangle.
 #[inline(always)]
 pub(super) fn bounds(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> Glance {
     let s = shear(ray, a, b, c);
-    let half = 0.5 * ray.pad;
-    let (x, y, z) = (abs(s.ax) + abs(s.ay), abs(s.bx) + abs(s.by), abs(s.cx) + abs(s.cy));
-    let error = 2.0 * ray.pad * (x + y + z + 1.5 * half);
-    let (u, v, w) = (s.cx * s.by - s.cy * s.bx, s.ax * s.cy - s.ay * s.cx, s.bx * s.ay - s.by * s.ax);
-    let det = u + v + w;
-    // Where the ray is all but parallel to the plane, nothing is known.
-    let known = abs(det) > 4.0 * error;
-    if !known {
+    let through = Through::new(&s, ray.pad);
+    if !through.known {
         return Glance { near: f32::NEG_INFINITY, later: f32::INFINITY, sure: false, leaving: false };
     }
-    // As in [`Exact::may_hit`](super::exact::Exact).
-    let (eu, ev, ew) = (half * (y + z + half), half * (z + x + half), half * (x + y + half));
-    let sure = ((u > eu) & (v > ev) & (w > ew)) | ((u < -eu) & (v < -ev) & (w < -ew));
+    let sure = through.sure;
     let along = component(ray.inverse, ray.main);
-    let leaving = (det > 0.0) == (along < 0.0);
+    let leaving = through.leaves(along);
     // Across an axis it is met where that says.
     let (distance, way) = level(ray, (a, b, c));
     if abs(way) > 0.0 {
         let (t, wide) = (distance * way, abs(distance * way) * exp2(-20));
         return Glance { near: t - wide, later: t + wide, sure, leaving };
     }
-    let unit = exp2(-exponent(det));
-    let inverse = div(1.0, det * unit);
-    let t = s.depth(along, u * unit, v * unit, w * unit) * inverse;
-    let spread = abs(along) * (high(s.az, high(s.bz, s.cz)) - low(s.az, low(s.bz, s.cz)));
-    let off = 4.0 * error * unit * abs(inverse) * spread + 2.0 * ray.pad;
-    let (near, later) = (t - off, t + off);
+    let (near, later) = through.range(&s, along, ray.pad);
     if (near < 0.0) & (later > 0.0) {
         // The direction's sign along the normal, and with it that of `t`.
         let ahead = side(ray.origin, ray.pad * exp2(19), (a, b, c)) * if leaving { -1 } else { 1 };

@@ -6,7 +6,7 @@
 //! of `t` are inclusive, the lowest number wins. `perturbed` says what a ray crosses.
 
 pub mod baldwin;
-mod bounds;
+pub(super) mod bounds;
 pub mod exact;
 pub mod integers;
 pub mod moeller;

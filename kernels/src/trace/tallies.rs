@@ -1,0 +1,174 @@
+//! Crossings of eight rays side by side, on a CPU: they go through the tree together ([`packet`](super::packet)), and
+//! floats tell of most triangles for all at once. What they do not is told of each ray alone, as [`crossings`] does.
+
+use super::{
+    crossings::{Tally, WORDS},
+    frame::Frame,
+    intersect::{Best, NORMAL, bounds::Through, exact::Exact, exact::may_hit},
+    job::{JOB_APART, JOB_RAYS},
+    packet::{Leaves, Packet, near},
+    traverse::leaf::Choice,
+};
+use crate::{
+    Group,
+    eight::{Eight, SIDE_BY_SIDE},
+    glam::{UVec4, Vec4},
+    kernel::Bits,
+    math::Sides,
+    mem::{Buf, Slots},
+};
+use raykd_shared::{Node, TreeHeader};
+
+/// What is kept of each ray.
+pub(super) struct Tallies<'a> {
+    own: [[u32; WORDS]; SIDE_BY_SIDE as usize],
+    /// The last `t` that counts.
+    last: [f32; SIDE_BY_SIDE as usize],
+    /// The number of the first ray.
+    first: u32,
+    rays: &'a Buf<Vec4>,
+    header: &'a TreeHeader,
+}
+
+impl Tallies<'_> {
+    /// Tells of a triangle and one ray.
+    #[cold]
+    #[inline(never)]
+    fn tell(&mut self, lane: usize, triangle: (u32, u32), corners: (Vec4, Vec4, Vec4)) {
+        let i = 2 * (self.first + lane as u32);
+        let ray = Frame::new(self.rays.at(i), self.rays.at(i + 1), self.header).whole();
+        let mut best = Best { t: self.last[lane], ..Best::NOTHING };
+        Tally.test(Exact, &ray, triangle, corners, &mut best, &mut self.own[lane]);
+        self.last[lane] = best.t;
+    }
+}
+
+impl<N: Sides> Leaves<N> for Tallies<'_> {
+    #[inline(always)]
+    fn visit(&mut self, packet: &Packet<N>, leaf: Node, rays: u32, corners: &Buf<Vec4>) {
+        let end = leaf.first() + leaf.count();
+        let mut r = leaf.first();
+        while r < end {
+            let (a, b, c) = corners.three(3 * r);
+            let triangle = (a.w.to_bits() & !NORMAL, r);
+            r += 1;
+            let s = packet.sheared((a, b, c));
+            let may = may_hit(&s, packet.pad);
+            if N::bits(may) & rays == 0 {
+                continue;
+            }
+            let through = Through::new(&s, packet.pad);
+            let (near, later) = through.range(&s, packet.along, packet.pad);
+            let last = N::of(&self.last);
+            let passed = through.known & (later.below(packet.t_min) | near.exceeds(last));
+            let told = through.known & through.sure & near.exceeds(packet.t_min) & later.below(last);
+            let leaving = N::bits(through.leaves(packet.along));
+            let left = N::bits(may & !passed) & rays;
+            let told = N::bits(told) & left;
+            for lane in Bits(told) {
+                let own = &mut self.own[lane as usize];
+                if !Tally::has(own, triangle.0) && !Tally::keep(own, triangle, true, leaving >> lane & 1 != 0)
+                {
+                    self.last[lane as usize] = f32::NEG_INFINITY;
+                }
+            }
+            for lane in Bits(left & !told) {
+                self.tell(lane as usize, triangle, (a, b, c));
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn last(&self) -> N {
+        N::of(&self.last)
+    }
+
+    #[inline(always)]
+    fn done(&self) -> u32 {
+        0
+    }
+}
+
+/// Counts for those of the rays from `first` to `end`, at most 64, that go together, and returns which are left, a bit a
+/// ray.
+#[inline(always)]
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+fn answer<N: Sides>(
+    (first, end): (u32, u32),
+    header: &TreeHeader,
+    pairs: &Buf<UVec4>,
+    corners: &Buf<Vec4>,
+    rays: &Buf<Vec4>,
+    hits: &mut Buf<UVec4>,
+    outcome: &mut Buf<u32>,
+    crossings: &mut Buf<u32>,
+    more: &mut Buf<UVec4>,
+) -> u64 {
+    let mut left = u64::MAX;
+    let Some(near) = near(header) else { return left };
+    let mut i = first;
+    while i + SIDE_BY_SIDE <= end {
+        if let Some((packet, together)) = Packet::<N>::of(i, rays, header, 4.0 * near) {
+            let mut tallies = Tallies {
+                own: [[0; WORDS]; SIDE_BY_SIDE as usize],
+                last: packet.t_max.numbers(),
+                first: i,
+                rays,
+                header,
+            };
+            packet.walk(together, pairs, corners, &mut tallies);
+            for lane in Bits(together) {
+                Tally::put(&tallies.own[lane as usize], i + lane, hits, outcome, crossings, more);
+            }
+            left &= !(u64::from(together) << (i - first));
+        }
+        i += SIDE_BY_SIDE;
+    }
+    left
+}
+
+/// [`answer`], compiled for AVX2.
+///
+/// # Safety
+/// The processor has these instructions.
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+#[inline(never)]
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+unsafe fn by_eight(
+    range: (u32, u32),
+    header: &TreeHeader,
+    pairs: &Buf<UVec4>,
+    corners: &Buf<Vec4>,
+    rays: &Buf<Vec4>,
+    hits: &mut Buf<UVec4>,
+    outcome: &mut Buf<u32>,
+    crossings: &mut Buf<u32>,
+    more: &mut Buf<UVec4>,
+) -> u64 {
+    answer::<Eight>(range, header, pairs, corners, rays, hits, outcome, crossings, more)
+}
+
+/// Counts for those of a workgroup's rays that go side by side, and returns which are left: a bit a ray.
+#[inline(always)]
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+pub(super) fn side_by_side(
+    group: &Group,
+    job: &Buf<u32>,
+    header: &Buf<TreeHeader>,
+    pairs: &Buf<UVec4>,
+    corners: &Buf<Vec4>,
+    rays: &Buf<Vec4>,
+    hits: &mut Buf<UVec4>,
+    outcome: &mut Buf<u32>,
+    crossings: &mut Buf<u32>,
+    more: &mut Buf<UVec4>,
+) -> u64 {
+    if group.usual.has() && job.at(JOB_APART) == 0 {
+        let first = group.id * group.width;
+        let range = (first, job.at(JOB_RAYS).min(first + group.width));
+        let header = &header.at(0);
+        // SAFETY: that it is usual says so.
+        return unsafe { by_eight(range, header, pairs, corners, rays, hits, outcome, crossings, more) };
+    }
+    u64::MAX
+}
