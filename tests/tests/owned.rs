@@ -1,7 +1,8 @@
 //! Devices, scenes and rays at home in other people's programs: in structs, statics and threads.
 
 use raykd::{
-    BuildOptions, Device, Error, Hit, KdTree, Mesh, Query, Ray, ResidentRays, Scene, Traversal, World, rays,
+    BuildOptions, Builder, Device, Error, Hit, KdTree, Mesh, Query, Ray, ResidentRays, Scene, Tracer,
+    Traversal, World, internals::watch::watching, rays,
 };
 use raykd_tests::{devices, same};
 use std::{sync::OnceLock, thread};
@@ -43,6 +44,35 @@ fn everything_may_go_to_other_threads_and_be_seen_by_several() {
     check::<Mesh>();
     check::<World>();
     check::<raykd::Error>();
+}
+
+/// On the CPU; tests of build_on do the same on a GPU.
+#[test]
+fn memory_used_again_shows_in_no_scene_and_no_tracer() {
+    let fresh = Device::cpu();
+    let device = fresh.recycling();
+    let rays = some_rays();
+    for builder in [Builder::Median, Builder::Zhou, Builder::Binned, Builder::Exact] {
+        let options = BuildOptions::default().with_builder(builder);
+        let mut old: Option<(Tracer, Vec<Option<Hit>>)> = None;
+        for size in [5, 2, 6, 3, 1, 4, 4] {
+            let mesh = Mesh::teapot(size);
+            // On memory that starts as garbage, used again or not.
+            let scene = watching(Box::new(|_, _| ()), || Scene::build(&device, &mesh, &options)).unwrap();
+            let usual = Scene::build(&fresh, &mesh, &options).unwrap();
+            assert!(scene.tree().unwrap() == usual.tree().unwrap(), "{builder}, teapot {size}");
+            let hits = scene.closest(&rays).unwrap();
+            same(&format!("{builder}, teapot {size}"), &usual.brute(&rays).unwrap(), &hits).unwrap();
+            // A tracer keeps the memory of a scene that is gone.
+            let tracer = scene.tracer().unwrap();
+            let found = |tracer: &Tracer| rays.iter().map(|ray| tracer.closest(ray)).collect();
+            let now = found(&tracer);
+            if let Some((tracer, before)) = old.replace((tracer, now)) {
+                let after: Vec<_> = found(&tracer);
+                assert!(after == before, "{builder}: the scene before teapot {size} changed");
+            }
+        }
+    }
 }
 
 #[test]

@@ -262,6 +262,11 @@ impl Drop for Kept {
 }
 
 impl Memory {
+    /// Whether others have it, too: a [`Kept`], which is no buffer, or buffers.
+    pub(super) fn is_shared(&self) -> bool {
+        Arc::strong_count(&self.0) > 1
+    }
+
     /// How many bytes it has.
     pub(super) fn len(&self) -> u64 {
         self.0.len as u64

@@ -128,6 +128,16 @@ impl AnyBuffer {
         self.bytes
     }
 
+    /// Whether nobody else has it, or reads what it holds.
+    fn is_free(&self) -> bool {
+        let is_read = match &self.memory {
+            Memory::Cpu(memory) => memory.is_shared(),
+            #[cfg(feature = "gpu")]
+            Memory::Gpu(_) => false,
+        };
+        Arc::strong_count(&self.users) == 1 && !is_read
+    }
+
     /// Bytes of its memory, of which it may use a part.
     fn room(&self) -> u64 {
         match &self.memory {

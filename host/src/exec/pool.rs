@@ -1,7 +1,7 @@
 //! Memory that a build leaves for the next one.
 
 use super::AnyBuffer;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
 #[derive(Debug, Default)]
 pub(super) struct Pool {
@@ -14,7 +14,7 @@ impl Pool {
     /// use any more.
     pub(super) fn take(&self, name: &str, bytes: u64) -> Option<AnyBuffer> {
         let mut buffers = self.buffers.lock().unwrap_or_else(PoisonError::into_inner);
-        let free = |buffer: &AnyBuffer| buffer.name == name && Arc::strong_count(&buffer.users) == 1;
+        let free = |buffer: &AnyBuffer| buffer.name == name && buffer.is_free();
         let fits = buffers.iter().filter(|buffer| free(buffer) && buffer.room() >= bytes);
         let found = fits.min_by_key(|buffer| buffer.room()).cloned();
         if found.is_none() {
