@@ -212,8 +212,7 @@ pub struct Kernel {
     ///
     /// # Safety
     /// One [`RawBuf`] per slot, aligned to 16 bytes, valid while the call runs, writable where the slot says
-    /// so; concurrent calls must be workgroups of the same dispatch, with
-    /// different ids.
+    /// so; concurrent calls must be workgroups of the same dispatch, with different ids.
     pub run: unsafe fn(Group, &[RawBuf]) -> u64,
 }
 

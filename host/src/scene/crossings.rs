@@ -233,7 +233,7 @@ impl Grid {
     fn cell(&self, point: [f32; 3]) -> u32 {
         let most = ((1u32 << self.bits) - 1) as f32;
         let at = Vec4::new(point[0], point[1], point[2], 0.0);
-        // What is no number becomes 0.
+        // Points outside, and what is no number, are in a cell at the border.
         let [x, y, z, _] = ((at - self.lo) * self.rates).min(Vec4::splat(most)).to_array().map(|x| x as u32);
         let cell = spread(x) | spread(y) << 1 | spread(z) << 2;
         self.way(point) << (3 * self.bits) | cell

@@ -1,4 +1,4 @@
-//! How a CPU weighs the faces of a small node's boxes on one axis: some side by side, as a GPU's lanes do.
+//! How a CPU weighs the faces of a small node's boxes: some side by side, as a GPU's lanes do.
 
 use super::{Across, is_above, is_below};
 #[cfg(target_arch = "x86_64")]
@@ -149,7 +149,7 @@ fn row_by_row<N: Row>(
     found
 }
 
-/// The cheapest cuts at faces of `number` boxes, one across each axis: what it costs, and the face's number or place,
+/// The cheapest cuts at faces of `number` boxes, one across each axis: what each costs, and the face's number or place,
 /// whichever comes `first`; both infinite if there is none.
 #[inline(always)]
 pub fn cheapest(
@@ -168,13 +168,13 @@ pub fn cheapest(
     row_by_row::<Vec4>(faces, number, across, flat, first)
 }
 
-/// A bit for each of `number` boxes which goes below a plane, and one for each which goes above.
+/// A bit for each of `number` boxes, 32 at most, which goes below a plane, and one for each which goes above.
 #[inline(always)]
 pub fn parted(usual: Usual, (lows, highs): Faces<'_>, number: u32, plane: f32) -> (u32, u32) {
     #[cfg(target_arch = "x86_64")]
     if usual.has() {
         let (belows, aboves) = Eight::parted(lows, highs, plane);
-        let own = u32::MAX >> (32 - number);
+        let own = ((1u64 << number) - 1) as u32;
         return (belows & own, aboves & own);
     }
     let _ = usual;
