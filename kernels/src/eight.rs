@@ -4,9 +4,9 @@
 //! has them: see [`packet`](crate::trace::packet).
 
 use crate::{
-    build::{bin::Entry, clip::Bounds, faces::Row},
+    build::clip::Bounds,
     glam::{UVec4, Vec3, Vec4},
-    math::{Digits, Listed, Number, Sides},
+    math::{Digits, Listed, Number, Row, Sides},
     mem::Buf,
 };
 use core::{
@@ -169,9 +169,10 @@ impl Eight {
         (belows, aboves)
     }
 
-    /// What a histogram of a node that begins at `from` needs of a box.
+    /// What a histogram of a node that begins at `from` needs of a box: the bins of its low faces and its high faces, and
+    /// the words for where those stand; three each, and one of no meaning.
     #[inline(always)]
-    pub(crate) fn entry(part: &Bounds, from: Vec3, rates: Vec3) -> Entry {
+    pub(crate) fn entry(part: &Bounds, from: Vec3, rates: Vec3) -> ([u32; 8], [u32; 8]) {
         let (mut bins, mut words) = ([0; 8], [0; 8]);
         avx2!({
             let twice = |v: Vec3| _mm256_setr_ps(v.x, v.y, v.z, 0.0, v.x, v.y, v.z, 0.0);
@@ -192,7 +193,7 @@ impl Eight {
             let flat = _mm256_andnot_si256(extends, is_low);
             _mm256_storeu_si256(words.as_mut_ptr().cast(), _mm256_or_si256(order, flat));
         });
-        Entry { bins, words }
+        (bins, words)
     }
 
     /// Those bits of each.

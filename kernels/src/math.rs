@@ -88,6 +88,27 @@ pub trait Sides: Digits {
     fn nodes(pairs: &Buf<UVec4>, numbers: Self, some: Self::Mask, rest: (Self, Self)) -> (Self, Self);
 }
 
+/// Faces of boxes side by side, half of them low ones, half high ones of the same boxes.
+#[cfg(not(target_arch = "spirv"))]
+pub trait Row: Number {
+    /// Boxes in a row.
+    const BOXES: u32;
+    /// The first low ones and high ones of two lists of bits.
+    fn of(lows: &[u32], highs: &[u32]) -> Self;
+    /// `low`, `low + 1` and so on, then `high`, `high + 1` and so on.
+    fn numbers(low: f32, high: f32) -> Self;
+    /// How often answers were yes.
+    type Tally: Copy;
+    /// Never.
+    fn never() -> Self::Tally;
+    /// Once more where the answer is yes.
+    fn once_more(tally: Self::Tally, mask: Self::Mask) -> Self::Tally;
+    /// As numbers.
+    fn times(tally: Self::Tally) -> Self;
+    /// The smallest of them.
+    fn smallest(self) -> f32;
+}
+
 impl Number for f32 {
     type Mask = bool;
     #[inline(always)]
@@ -208,6 +229,36 @@ impl Listed for Vec4 {
     }
 }
 
+#[cfg(not(target_arch = "spirv"))]
+impl Row for Vec4 {
+    const BOXES: u32 = 2;
+    #[inline(always)]
+    fn of(lows: &[u32], highs: &[u32]) -> Self {
+        Self::from_array([lows[0], lows[1], highs[0], highs[1]].map(f32::from_bits))
+    }
+    #[inline(always)]
+    fn numbers(low: f32, high: f32) -> Self {
+        Self::new(low, low + 1.0, high, high + 1.0)
+    }
+    type Tally = Self;
+    #[inline(always)]
+    fn never() -> Self {
+        Self::ZERO
+    }
+    #[inline(always)]
+    fn once_more(tally: Self, mask: BVec4A) -> Self {
+        tally + Self::select(mask, Self::ONE, Self::ZERO)
+    }
+    #[inline(always)]
+    fn times(tally: Self) -> Self {
+        tally
+    }
+    #[inline(always)]
+    fn smallest(self) -> f32 {
+        self.min_element()
+    }
+}
+
 /// How many numbers a lane computes with side by side: a GPU has lanes enough.
 #[cfg(target_arch = "spirv")]
 pub type Wide = f32;
@@ -298,6 +349,12 @@ pub fn whole<const MOST: u32>(a: f32) -> u32 {
     // What `as` does for numbers out of range takes a CPU longer than the conversion. SAFETY: `high` leaves
     // no NaN, as no comparison with one holds, and `low` nothing above `MOST`, which fits.
     unsafe { held.to_int_unchecked::<i32>() as u32 }
+}
+
+/// A mask of the lowest `n` bits, `n <= 32`.
+#[inline(always)]
+pub fn ones(n: u32) -> u32 {
+    if n >= 32 { u32::MAX } else { (1 << n) - 1 }
 }
 
 /// Absolute value, by clearing the sign bit.

@@ -100,9 +100,8 @@ impl Cpu {
                 Groups::Fixed(n) => n,
                 Groups::Indirect(args, entry) => {
                     args.place("arguments", size_of::<[u32; 3]>(), u64::from(entry), 1);
-                    memory(args).keep(args.name, args.bytes).slice::<[u32; 3]>()[entry as usize]
-                        .iter()
-                        .product()
+                    let kept = memory(args).keep(args.name, args.bytes);
+                    kept.slice::<[u32; 3]>()[entry as usize].iter().product()
                 }
             };
             let bytes = self.dispatch(step, groups);
@@ -248,9 +247,9 @@ impl Kept {
     /// Its elements.
     pub(crate) fn slice<T: bytemuck::Pod>(&self) -> &[T] {
         let (ptr, len) = (self.memory.0.ptr, self.bytes);
-        // SAFETY: `keep` counted a reader, which stays until the drop below, so nobody writes; the memory is
-        // as long at least, aligned to a line and holds bytes that were once zeroed, or a file's, which any `T` may be. Who mapped
-        // a file promised that it does not change.
+        // SAFETY: `keep` counted a reader, which stays until the drop below, so nobody writes; the memory is as long at
+        // least, aligned to a line and holds bytes that were once zeroed, or a file's, which any `T` may be. Who mapped a
+        // file promised that it does not change.
         unsafe { std::slice::from_raw_parts(ptr.cast(), len / size_of::<T>()) }
     }
 }

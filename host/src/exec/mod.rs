@@ -428,6 +428,11 @@ impl Device {
         }
     }
 
+    /// The same device, which keeps no memory: for rays, as batches are of any size.
+    pub(crate) fn keeping_nothing(&self) -> Self {
+        Self { pool: None, ..self.clone() }
+    }
+
     /// For tests: the same device, on which builds expect a mesh like the one before, as those of [`Self::recycling`]
     /// do, but no memory is kept.
     #[cfg(feature = "gpu")]

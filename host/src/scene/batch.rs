@@ -97,7 +97,7 @@ impl Batch {
 
     /// With room for so many hits a ray. Rays come in the mesh's own coordinates; here they are moved.
     pub(super) fn with_room(scene: &Scene, rays: &[impl AnyRay], room: u32) -> Result<Self, Error> {
-        Self::of_local(&scene.device, &AnyRay::local(rays, scene.translation), room)
+        Self::of_local(&scene.device.keeping_nothing(), &AnyRay::local(rays, scene.translation), room)
     }
 
     /// Of rays that are where the mesh is, in memory of `device`.

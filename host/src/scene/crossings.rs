@@ -14,7 +14,7 @@ use crate::{
 };
 use raykd_kernels::{
     glam::Vec4,
-    trace::{crossings::UNDECIDED, queries},
+    trace::{queries, tally::UNDECIDED},
 };
 use raykd_shared::{Crossings, Ray};
 use rayon::prelude::*;
@@ -49,7 +49,7 @@ impl Scene {
             let start = Instant::now();
             let local = AnyRay::local(part, self.translation);
             counted.times.upload += start.elapsed();
-            self.count_local(&self.device, &local, &mut counted)?;
+            self.count_local(&self.device.keeping_nothing(), &local, &mut counted)?;
         }
         Ok(counted)
     }
@@ -92,7 +92,7 @@ impl Scene {
         // of them.
         let on_cpu = self.device.is_cpu();
         let at_once = if on_cpu { AT_ONCE } else { self.batch_limit() };
-        let device = if on_cpu { &self.device.recycling() } else { &self.device };
+        let device = &if on_cpu { self.device.recycling() } else { self.device.keeping_nothing() };
         let grid = Grid::new(lo, hi, at_once.min(number));
         let mut counted = Counted::default();
         let mut windings = vec![0; number];

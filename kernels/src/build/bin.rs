@@ -105,19 +105,11 @@ pub fn rates(rate: &[u32; 3]) -> Vec3 {
     Vec3::new(on(rate, 0), on(rate, 1), on(rate, 2))
 }
 
-/// The bins of a box's low faces and high faces, and where those stand in the order of a histogram's words: three words
-/// each, and one of no meaning.
-#[cfg(target_arch = "x86_64")]
-pub(crate) struct Entry {
-    pub(crate) bins: [u32; 8],
-    pub(crate) words: [u32; 8],
-}
-
 /// [`enter_box`] with AVX2.
 #[cfg(target_arch = "x86_64")]
 #[inline(always)]
 fn enter_by_eight(table: &mut [u32; TABLE], rates: Vec3, from: Vec3, part: &Bounds) {
-    let Entry { bins, words } = Eight::entry(part, from, rates);
+    let (bins, words) = Eight::entry(part, from, rates);
     let mut axis = 0;
     while axis < 3 {
         // No bin is out of range, which a compiler cannot know.

@@ -5,8 +5,8 @@ use super::{Across, is_above, is_below};
 use crate::eight::Eight;
 use crate::{
     Usual,
-    glam::{BVec4A, Vec4},
-    math::Number,
+    glam::Vec4,
+    math::{Row, ones},
 };
 use raykd_shared::limits::TREELET;
 
@@ -32,55 +32,6 @@ pub enum First {
     Number,
     /// The lowest one.
     Place,
-}
-
-/// Faces side by side, half of them low ones, half high ones of the same boxes.
-pub(crate) trait Row: Number {
-    /// Boxes in a row.
-    const BOXES: u32;
-    /// The first low ones and high ones of two lists of bits.
-    fn of(lows: &[u32], highs: &[u32]) -> Self;
-    /// `low`, `low + 1` and so on, then `high`, `high + 1` and so on.
-    fn numbers(low: f32, high: f32) -> Self;
-    /// How often answers were yes.
-    type Tally: Copy;
-    /// Never.
-    fn never() -> Self::Tally;
-    /// Once more where the answer is yes.
-    fn once_more(tally: Self::Tally, mask: Self::Mask) -> Self::Tally;
-    /// As numbers.
-    fn times(tally: Self::Tally) -> Self;
-    /// The smallest of them.
-    fn smallest(self) -> f32;
-}
-
-impl Row for Vec4 {
-    const BOXES: u32 = 2;
-    #[inline(always)]
-    fn of(lows: &[u32], highs: &[u32]) -> Self {
-        Self::from_array([lows[0], lows[1], highs[0], highs[1]].map(f32::from_bits))
-    }
-    #[inline(always)]
-    fn numbers(low: f32, high: f32) -> Self {
-        Self::new(low, low + 1.0, high, high + 1.0)
-    }
-    type Tally = Self;
-    #[inline(always)]
-    fn never() -> Self {
-        Self::ZERO
-    }
-    #[inline(always)]
-    fn once_more(tally: Self, mask: BVec4A) -> Self {
-        tally + Self::select(mask, Self::ONE, Self::ZERO)
-    }
-    #[inline(always)]
-    fn times(tally: Self) -> Self {
-        tally
-    }
-    #[inline(always)]
-    fn smallest(self) -> f32 {
-        self.min_element()
-    }
 }
 
 /// The bits of the low and the high faces of some boxes on an axis, with room up to a multiple of [`STEP`].
@@ -174,7 +125,7 @@ pub fn parted(usual: Usual, (lows, highs): Faces<'_>, number: u32, plane: f32) -
     #[cfg(target_arch = "x86_64")]
     if usual.has() {
         let (belows, aboves) = Eight::parted(lows, highs, plane);
-        let own = ((1u64 << number) - 1) as u32;
+        let own = ones(number);
         return (belows & own, aboves & own);
     }
     let _ = usual;

@@ -50,11 +50,10 @@ pub fn mark(
         // In batches: triangles are looked at together, in which lanes meet and for which a CPU asks ahead.
         let mut i = lane;
         while i < number {
-            let straddling = mark_boxes(group, belows, aboves, clips, refs, (start, i, number), plane);
+            let mut straddling = mark_boxes(group, belows, aboves, clips, refs, (start, i, number), plane);
             ahead::triangles(group, positions, indices, straddling, |k| {
                 triangle_at(refs, start + i + k * step)
             });
-            let mut straddling = straddling;
             while straddling != 0 {
                 let at = i + straddling.trailing_zeros() * step;
                 straddling &= straddling - 1;

@@ -81,7 +81,7 @@ fn move_references(
     let step = group.sharers();
     let mut i = lane;
     while i < number {
-        let straddling = move_boxes(
+        let mut straddling = move_boxes(
             group,
             below_table,
             above_table,
@@ -94,7 +94,6 @@ fn move_references(
             branch_refs,
         );
         ahead::triangles(group, positions, indices, straddling, |k| triangle_at(refs, start + i + k * step));
-        let mut straddling = straddling;
         while straddling != 0 {
             let at = i + straddling.trailing_zeros() * step;
             straddling &= straddling - 1;

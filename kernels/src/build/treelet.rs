@@ -20,6 +20,7 @@ use crate::kernel::Bits;
 use crate::{
     Group, ON_GPU,
     glam::{UVec2, UVec4, Vec3},
+    math::ones,
     mem::{Atomics, Buf, PerLane, Slots},
     mesh::triangle,
 };
@@ -156,12 +157,6 @@ fn sides(boxes: &[u32; BOXES], from: u32, number: u32, low: f32, high: f32) -> [
         i += 4;
     }
     sides
-}
-
-/// A mask of the lowest `n` bits, `n <= 32`.
-#[inline(always)]
-fn ones(n: u32) -> u32 {
-    if n >= 32 { u32::MAX } else { (1 << n) - 1 }
 }
 
 /// Where the nodes of a treelet lie while it is built: room for [`treelet_nodes`] and its root.

@@ -8,16 +8,19 @@
 use super::queries::Query;
 #[cfg(target_arch = "x86_64")]
 use super::tallies::side_by_side;
+#[cfg(not(target_arch = "spirv"))]
+use super::tally::MOST_OPEN;
 use super::{
     frame::Frame,
     intersect::{Best, Intersector, NORMAL, exact::Exact, perturbed::Perturbed},
-    job::{JOB_RAYS, OUTCOME_LEFT, OUTCOME_STATUS, load, loops_are_whole, ray_of},
+    job::{JOB_RAYS, OUTCOME_STATUS, load, loops_are_whole, ray_of},
     left::MARKS,
-    listed::{Listed, NONE, four},
+    listed::{Listed, NONE},
     queries::SHARED,
+    tally::{TOO_MANY, Tally, UNDECIDED, WORDS},
     traverse::{
         Steps,
-        leaf::{After, Choice},
+        leaf::After,
         next::{self, AT_ONCE, Next},
         stack::{ASIDE, walk_keeping},
     },
@@ -29,124 +32,6 @@ use crate::{
 };
 use raykd_shared::{Crossings, MISS, TreeHeader, status};
 
-/// How many triangles are kept of a ray, so that each counts once.
-const MOST: u32 = 28;
-/// How many of them may be undecided.
-const MOST_OPEN: u32 = 8;
-/// How many there are.
-const KEPT: u32 = 0;
-/// By how many the ray surely leaves.
-const LEAVING: u32 = 1;
-/// By how many it surely enters.
-const ENTERING: u32 = 2;
-/// How many are undecided, more than [`MOST_OPEN`] if there was no room.
-const OPEN: u32 = 3;
-/// The references that list those.
-const REFERENCES: u32 = 4;
-/// Numbers of all.
-const IDS: u32 = REFERENCES + MOST_OPEN;
-pub(super) const WORDS: usize = (IDS + MOST) as usize;
-
-/// Stands beside how many crossings leave while some are undecided.
-pub const UNDECIDED: u32 = 0x8000_0000;
-/// Stands for how many leave if the ray must walk once more.
-const TOO_MANY: u32 = u32::MAX;
-
-/// Counts the triangles that floats tell of, and lists the others.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Tally;
-
-impl Tally {
-    /// Whether a triangle is kept.
-    #[inline(always)]
-    pub(super) fn has(own: &impl Slots<u32>, id: u32) -> bool {
-        let count = own.at(KEPT);
-        let (mut i, mut there) = (0, false);
-        while i < count {
-            there |= own.at(IDS + i) == id;
-            i += 1;
-        }
-        there
-    }
-
-    /// Keeps a triangle, given by its number and the reference that lists it, that floats have `told` of, or have not.
-    /// False if there is no room.
-    #[inline(always)]
-    pub(super) fn keep(own: &mut impl Slots<u32>, (id, at): (u32, u32), told: bool, leaving: bool) -> bool {
-        let (count, open) = (own.at(KEPT), own.at(OPEN));
-        let fits = (count < MOST) & (told | (open < MOST_OPEN));
-        if fits {
-            own.put(KEPT, count + 1);
-            own.put(IDS + count, id);
-            if told {
-                let way = if leaving { LEAVING } else { ENTERING };
-                own.put(way, own.at(way) + 1);
-            } else {
-                own.put(OPEN, open + 1);
-                own.put(REFERENCES + open, at);
-            }
-        } else {
-            own.put(OPEN, MOST_OPEN + 1);
-        }
-        fits
-    }
-
-    /// Writes what is kept of ray `i`.
-    #[inline(always)]
-    pub(super) fn put(
-        own: &impl Slots<u32>,
-        i: u32,
-        hits: &mut Buf<UVec4>,
-        outcome: &mut Buf<u32>,
-        crossings: &mut Buf<u32>,
-        more: &mut Buf<UVec4>,
-    ) {
-        let (leaving, open) = (own.at(LEAVING), own.at(OPEN));
-        let many = open > MOST_OPEN;
-        let marked = if open > 0 { leaving | UNDECIDED } else { leaving };
-        crossings.put(2 * i, if many { TOO_MANY } else { marked });
-        crossings.put(2 * i + 1, own.at(ENTERING));
-        if open > 0 {
-            outcome.or(OUTCOME_LEFT, 1);
-        }
-        if open > 0 && !many {
-            hits.put(i, Self::four(own, 0));
-            more.put(i, Self::four(own, 4));
-        }
-    }
-
-    /// Four references that list undecided triangles, from number `first` on.
-    #[inline(always)]
-    fn four(own: &impl Slots<u32>, first: u32) -> UVec4 {
-        four(own, (REFERENCES, 1), own.at(OPEN), first)
-    }
-}
-
-impl Choice for Tally {
-    #[inline(always)]
-    fn test<I: Intersector>(
-        self,
-        _by: I,
-        ray: &Frame,
-        (id, at): (u32, u32),
-        corners: (Vec4, Vec4, Vec4),
-        best: &mut Best,
-        own: &mut impl Slots<u32>,
-    ) -> bool {
-        let seen = Exact.glance(ray, corners);
-        let passed = seen.later < ray.t_min || seen.near > best.t;
-        if !passed && !Self::has(own, id) {
-            let told = seen.sure & (seen.near > ray.t_min) & (seen.later < best.t);
-            if !Self::keep(own, (id, at), told, seen.leaving) {
-                // Nothing lies before this, so the walk ends.
-                best.t = f32::NEG_INFINITY;
-                best.triangle = id;
-            }
-        }
-        true
-    }
-}
-
 /// Walks the tree, with [`WORDS`] to keep.
 #[inline(always)]
 fn tally(
@@ -156,10 +41,7 @@ fn tally(
     own: &mut impl Slots<u32>,
     steps: &mut Steps,
 ) {
-    own.put(KEPT, 0);
-    own.put(LEAVING, 0);
-    own.put(ENTERING, 0);
-    own.put(OPEN, 0);
+    Tally::clear(own);
     walk_keeping::<Exact, Tally, false>(ray, pairs, corners, Tally, false, aside, own, steps);
 }
 
@@ -222,11 +104,12 @@ fn walked(ray: &mut Frame, (pairs, corners): (&Buf<UVec4>, &Buf<Vec4>), steps: &
 pub(super) fn crossings(ray: &mut Frame, tree: (&Buf<UVec4>, &Buf<Vec4>)) -> Crossings {
     let (own, steps) = (&mut scratch::<u32, WORDS>(), &mut Steps::default());
     tally(ray, tree, &mut [0; ASIDE], own, steps);
-    if own.at(OPEN) > MOST_OPEN {
+    if Tally::open(own) > MOST_OPEN {
         return walked(ray, tree, steps);
     }
+    let sure = Tally::sure(own);
     let (more, _) = decide(ray, tree.1, Listed::new(Tally::four(own, 0), Tally::four(own, 4)));
-    Crossings { leaving: own.at(LEAVING) + more.leaving, entering: own.at(ENTERING) + more.entering }
+    Crossings { leaving: sure.leaving + more.leaving, entering: sure.entering + more.entering }
 }
 
 /// Counts for every ray of a workgroup. Writes how many crossings leave and how many enter; where some are undecided,

@@ -22,4 +22,5 @@ pub mod prepare;
 pub mod single;
 #[cfg(target_arch = "x86_64")]
 mod tallies;
+pub mod tally;
 pub mod traverse;

@@ -20,6 +20,7 @@ use crate::{
     Group,
     eight::{Eight, SIDE_BY_SIDE},
     glam::{UVec4, Vec3, Vec4},
+    kernel::Bits,
     math::{Digits, Sides, abs, div, exp2, high},
     mem::{Buf, Slots, Stack},
 };
@@ -363,10 +364,8 @@ impl<N: Sides, const ANY: bool> Leaves<N> for Hits<N, ANY> {
             if may_hit != 0 {
                 let plain = N::bits(s.is_plain());
                 self.0.test(packet, &s, a.w, may_hit & plain);
-                let mut odd = may_hit & !plain;
-                while odd != 0 {
-                    self.0.test_one(packet, odd.trailing_zeros() as usize, (a, b, c));
-                    odd &= odd - 1;
+                for ray in Bits(may_hit & !plain) {
+                    self.0.test_one(packet, ray as usize, (a, b, c));
                 }
             }
         }
@@ -476,11 +475,9 @@ impl<N: Sides> Bests<N> {
 fn quotients<N: Sides>(a: N, sum: N) -> [f32; 8] {
     let mut found = (a.over(sum) + N::all(0.0)).numbers();
     // Few are so small that their quotients may not be normal.
-    let mut small = N::bits(a.is_small(exp2(-100)));
-    while small != 0 {
-        let ray = small.trailing_zeros() as usize;
+    for ray in Bits(N::bits(a.is_small(exp2(-100)))) {
+        let ray = ray as usize;
         found[ray] = div(a.numbers()[ray], sum.numbers()[ray]) + 0.0;
-        small &= small - 1;
     }
     found
 }
@@ -567,6 +564,14 @@ unsafe fn by_eight<const ANY: bool>(
     0
 }
 
+/// The first and the end of a workgroup's rays, if they lie beside each other and the processor has AVX2.
+#[inline(always)]
+pub(super) fn neighbours(group: &Group, job: &Buf<u32>) -> Option<(u32, u32)> {
+    let first = group.id * group.width;
+    let may = group.usual.has() && job.at(JOB_APART) == 0;
+    may.then(|| (first, job.at(JOB_RAYS).min(first + group.width)))
+}
+
 /// Answers those of a workgroup's rays that go side by side, and returns which are left: a bit a ray.
 #[inline(always)]
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
@@ -580,13 +585,9 @@ pub fn side_by_side<const ANY: bool>(
     hits: &mut Buf<UVec4>,
     outcome: &mut Buf<u32>,
 ) -> u64 {
-    if group.usual.has() && job.at(JOB_APART) == 0 {
-        let first = group.id * group.width;
-        let range = (first, job.at(JOB_RAYS).min(first + group.width));
-        // SAFETY: that it is usual says so.
-        return unsafe { by_eight::<ANY>(range, &header.at(0), pairs, corners, rays, hits, outcome) };
-    }
-    u64::MAX
+    let Some(range) = neighbours(group, job) else { return u64::MAX };
+    // SAFETY: that the group is usual says so.
+    unsafe { by_eight::<ANY>(range, &header.at(0), pairs, corners, rays, hits, outcome) }
 }
 
 #[cfg(test)]

@@ -1,12 +1,16 @@
 //! Crossings of eight rays side by side, on a CPU: they go through the tree together ([`packet`](super::packet)), and
-//! floats tell of most triangles for all at once. What they do not is told of each ray alone, as [`crossings`] does.
+//! floats tell of most triangles for all at once. What they do not is told of each ray alone, as [`crossings`](super::crossings)
+//! does.
 
 use super::{
-    crossings::{Tally, WORDS},
     frame::Frame,
-    intersect::{Best, NORMAL, bounds::Through, exact::Exact, exact::may_hit},
-    job::{JOB_APART, JOB_RAYS},
-    packet::{Leaves, Packet, near},
+    intersect::{
+        Best, NORMAL,
+        bounds::{Edges, Through},
+        exact::Exact,
+    },
+    packet::{Leaves, Packet, near, neighbours},
+    tally::{Tally, WORDS},
     traverse::leaf::Choice,
 };
 use crate::{
@@ -53,11 +57,12 @@ impl<N: Sides> Leaves<N> for Tallies<'_> {
             let triangle = (a.w.to_bits() & !NORMAL, r);
             r += 1;
             let s = packet.sheared((a, b, c));
-            let may = may_hit(&s, packet.pad);
+            let edges = Edges::new(&s, packet.pad);
+            let may = edges.may_hit();
             if N::bits(may) & rays == 0 {
                 continue;
             }
-            let through = Through::new(&s, packet.pad);
+            let through = Through::new(edges, packet.pad);
             let (near, later) = through.range(&s, packet.along, packet.pad);
             let last = N::of(&self.last);
             let passed = through.known & (later.below(packet.t_min) | near.exceeds(last));
@@ -91,9 +96,13 @@ impl<N: Sides> Leaves<N> for Tallies<'_> {
 
 /// Counts for those of the rays from `first` to `end`, at most 64, that go together, and returns which are left, a bit a
 /// ray.
-#[inline(always)]
+///
+/// # Safety
+/// The processor has these instructions.
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+#[inline(never)]
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
-fn answer<N: Sides>(
+unsafe fn answer(
     (first, end): (u32, u32),
     header: &TreeHeader,
     pairs: &Buf<UVec4>,
@@ -108,7 +117,8 @@ fn answer<N: Sides>(
     let Some(near) = near(header) else { return left };
     let mut i = first;
     while i + SIDE_BY_SIDE <= end {
-        if let Some((packet, together)) = Packet::<N>::of(i, rays, header, 4.0 * near) {
+        // Where rays start counts less than for hits: each goes on to the end of the scene.
+        if let Some((packet, together)) = Packet::<Eight>::of(i, rays, header, 4.0 * near) {
             let mut tallies = Tallies {
                 own: [[0; WORDS]; SIDE_BY_SIDE as usize],
                 last: packet.t_max.numbers(),
@@ -127,27 +137,6 @@ fn answer<N: Sides>(
     left
 }
 
-/// [`answer`], compiled for AVX2.
-///
-/// # Safety
-/// The processor has these instructions.
-#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
-#[inline(never)]
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
-unsafe fn by_eight(
-    range: (u32, u32),
-    header: &TreeHeader,
-    pairs: &Buf<UVec4>,
-    corners: &Buf<Vec4>,
-    rays: &Buf<Vec4>,
-    hits: &mut Buf<UVec4>,
-    outcome: &mut Buf<u32>,
-    crossings: &mut Buf<u32>,
-    more: &mut Buf<UVec4>,
-) -> u64 {
-    answer::<Eight>(range, header, pairs, corners, rays, hits, outcome, crossings, more)
-}
-
 /// Counts for those of a workgroup's rays that go side by side, and returns which are left: a bit a ray.
 #[inline(always)]
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
@@ -163,12 +152,7 @@ pub(super) fn side_by_side(
     crossings: &mut Buf<u32>,
     more: &mut Buf<UVec4>,
 ) -> u64 {
-    if group.usual.has() && job.at(JOB_APART) == 0 {
-        let first = group.id * group.width;
-        let range = (first, job.at(JOB_RAYS).min(first + group.width));
-        let header = &header.at(0);
-        // SAFETY: that it is usual says so.
-        return unsafe { by_eight(range, header, pairs, corners, rays, hits, outcome, crossings, more) };
-    }
-    u64::MAX
+    let Some(range) = neighbours(group, job) else { return u64::MAX };
+    // SAFETY: that the group is usual says so.
+    unsafe { answer(range, &header.at(0), pairs, corners, rays, hits, outcome, crossings, more) }
 }

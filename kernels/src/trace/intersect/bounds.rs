@@ -45,9 +45,52 @@ fn level(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> (f32, f32) {
     if abs(x.1) > 0.0 { x } else { found }
 }
 
+/// Edge functions by rounded products, and how far they may be off. Sheared corners are off by at most a quarter of the
+/// pad, rounded products by `2^-24` of themselves: an edge function by less than `pad / 2` times the coordinates in it.
+pub(in crate::trace) struct Edges<N: Digits> {
+    u: N,
+    v: N,
+    w: N,
+    errors: (N, N, N),
+    /// The sum of all coordinates, by size.
+    size: N,
+}
+
+impl<N: Digits> Edges<N> {
+    #[inline(always)]
+    pub(in crate::trace) fn new(s: &Sheared<N>, pad: N) -> Self {
+        let half = N::all(0.5) * pad;
+        let (a, b, c) = (s.ax.abs() + s.ay.abs(), s.bx.abs() + s.by.abs(), s.cx.abs() + s.cy.abs());
+        let u = s.cx * s.by - s.cy * s.bx;
+        let v = s.ax * s.cy - s.ay * s.cx;
+        let w = s.bx * s.ay - s.by * s.ax;
+        let errors = (half * (b + c + half), half * (c + a + half), half * (a + b + half));
+        Self { u, v, w, errors, size: a + b + c }
+    }
+
+    /// Which are surely negative, and which positive: u, v and w.
+    #[inline(always)]
+    fn signs(&self) -> ([N::Mask; 3], [N::Mask; 3]) {
+        let (eu, ev, ew) = self.errors;
+        (
+            [self.u.below(-eu), self.v.below(-ev), self.w.below(-ew)],
+            [self.u.exceeds(eu), self.v.exceeds(ev), self.w.exceeds(ew)],
+        )
+    }
+
+    /// Whether the ray's line may pass through the triangle.
+    #[inline(always)]
+    pub(in crate::trace) fn may_hit(&self) -> N::Mask {
+        let (negative, positive) = self.signs();
+        let negative = negative[0] | negative[1] | negative[2];
+        let positive = positive[0] | positive[1] | positive[2];
+        !(negative & positive)
+    }
+}
+
 /// How a ray's line passes through a triangle's border.
-pub(in crate::trace) struct Through<N: Digits = f32> {
-    edges: (N, N, N),
+pub(in crate::trace) struct Through<N: Digits> {
+    edges: Edges<N>,
     det: N,
     error: N,
     /// Whether anything is known: not where the ray is all but parallel to the plane.
@@ -57,22 +100,16 @@ pub(in crate::trace) struct Through<N: Digits = f32> {
 }
 
 impl<N: Digits> Through<N> {
-    /// A sheared corner is off by at most a quarter of the pad, so edge functions are by an eighth of what their sum is
-    /// compared with.
+    /// Edge functions are off by an eighth of what their sum is compared with.
     #[inline(always)]
-    pub(in crate::trace) fn new(s: &Sheared<N>, pad: N) -> Self {
+    pub(in crate::trace) fn new(edges: Edges<N>, pad: N) -> Self {
         let all = N::all;
-        let half = all(0.5) * pad;
-        let (x, y, z) = (s.ax.abs() + s.ay.abs(), s.bx.abs() + s.by.abs(), s.cx.abs() + s.cy.abs());
-        let error = all(2.0) * pad * (x + y + z + all(1.5) * half);
-        let (u, v, w) = (s.cx * s.by - s.cy * s.bx, s.ax * s.cy - s.ay * s.cx, s.bx * s.ay - s.by * s.ax);
-        let det = u + v + w;
+        let error = all(2.0) * pad * (edges.size + all(0.75) * pad);
+        let det = edges.u + edges.v + edges.w;
         let known = det.abs().exceeds(all(4.0) * error);
-        // As in [`Exact::may_hit`](super::exact::Exact).
-        let (eu, ev, ew) = (half * (y + z + half), half * (z + x + half), half * (x + y + half));
-        let sure =
-            (u.exceeds(eu) & v.exceeds(ev) & w.exceeds(ew)) | (u.below(-eu) & v.below(-ev) & w.below(-ew));
-        Self { edges: (u, v, w), det, error, known, sure }
+        let (negative, positive) = edges.signs();
+        let sure = (positive[0] & positive[1] & positive[2]) | (negative[0] & negative[1] & negative[2]);
+        Self { edges, det, error, known, sure }
     }
 
     /// Whether along the triangle's normal, on a ray whose main component has the reciprocal `along`.
@@ -87,7 +124,7 @@ impl<N: Digits> Through<N> {
     /// apart.
     #[inline(always)]
     pub(in crate::trace) fn range(&self, s: &Sheared<N>, along: N, pad: N) -> (N, N) {
-        let (u, v, w) = self.edges;
+        let Edges { u, v, w, .. } = self.edges;
         let unit = self.det.unit();
         let inverse = N::all(1.0).over(self.det * unit);
         let t = s.depth(along, u * unit, v * unit, w * unit) * inverse;
@@ -101,7 +138,7 @@ impl<N: Digits> Through<N> {
 #[inline(always)]
 pub(super) fn bounds(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> Glance {
     let s = shear(ray, a, b, c);
-    let through = Through::new(&s, ray.pad);
+    let through = Through::new(Edges::new(&s, ray.pad), ray.pad);
     if !through.known {
         return Glance { near: f32::NEG_INFINITY, later: f32::INFINITY, sure: false, leaving: false };
     }

@@ -14,15 +14,15 @@
 
 use super::{
     Best, Glance, Intersector,
-    bounds::{NEAR, bounds},
+    bounds::{Edges, NEAR, bounds},
     integers,
     pair::{Long, Pair},
-    strict::{Sheared, shear},
+    strict::shear,
     triple::Triple,
 };
 use crate::{
     glam::{Vec3, Vec4},
-    math::{Digits, abs, component, cycle, div, exp2, exponent, high, is_small, low},
+    math::{abs, component, cycle, div, exp2, exponent, high, is_small, low},
     trace::frame::{Frame, HEADING},
 };
 
@@ -356,21 +356,6 @@ impl Exact {
     }
 }
 
-/// Whether a ray's line may pass through a triangle. Sheared corners are off by at most a quarter of the pad, rounded
-/// products by `2^-24` of themselves: edge functions by less than `pad / 2` times the coordinates in them.
-#[inline(always)]
-pub(in crate::trace) fn may_hit<N: Digits>(s: &Sheared<N>, pad: N) -> N::Mask {
-    let half = N::all(0.5) * pad;
-    let (a, b, c) = (s.ax.abs() + s.ay.abs(), s.bx.abs() + s.by.abs(), s.cx.abs() + s.cy.abs());
-    let u = s.cx * s.by - s.cy * s.bx;
-    let v = s.ax * s.cy - s.ay * s.cx;
-    let w = s.bx * s.ay - s.by * s.ax;
-    let (eu, ev, ew) = (half * (b + c + half), half * (c + a + half), half * (a + b + half));
-    let negative = u.below(-eu) | v.below(-ev) | w.below(-ew);
-    let positive = u.exceeds(eu) | v.exceeds(ev) | w.exceeds(ew);
-    !(negative & positive)
-}
-
 impl Intersector for Exact {
     const LOOPS: bool = true;
     const WHOLE: bool = true;
@@ -382,7 +367,7 @@ impl Intersector for Exact {
 
     #[inline(always)]
     fn may_hit(self, ray: &Frame, a: Vec4, b: Vec4, c: Vec4) -> bool {
-        may_hit(&shear(ray, a.truncate(), b.truncate(), c.truncate()), ray.pad)
+        Edges::new(&shear(ray, a.truncate(), b.truncate(), c.truncate()), ray.pad).may_hit()
     }
 
     #[inline(always)]
