@@ -18,7 +18,7 @@ pub struct Group {
     pub usual: Usual,
 }
 
-/// Whether a CPU has the usual instructions: AVX2, BMI1, BMI2, LZCNT and POPCNT if it is an x86. Nobody can say so by
+/// Whether a CPU has the usual instructions: AVX2, FMA, BMI1, BMI2, LZCNT and POPCNT if it is an x86. Nobody can say so by
 /// mistake.
 #[cfg(not(target_arch = "spirv"))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -318,7 +318,7 @@ macro_rules! run_twice {
         #[inline(always)]
         unsafe fn run($group: $crate::Group, $buffers: &[$crate::RawBuf]) -> u64 $run
         // A copy for the usual order, in which lanes are counted as in any loop. Each copy knows which it is.
-        #[cfg_attr(target_arch = "x86_64", target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt"))]
+        #[cfg_attr(target_arch = "x86_64", target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt"))]
         unsafe fn usual(group: $crate::Group, buffers: &[$crate::RawBuf]) -> u64 {
             // SAFETY: as for the caller, who says that the processor has these instructions.
             unsafe {

@@ -21,6 +21,8 @@ pub trait Number: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = 
     fn is(self, other: Self) -> Self::Mask;
     /// `a` where the answer is yes, else `b`.
     fn choose(mask: Self::Mask, a: Self, b: Self) -> Self;
+    /// Whether all answers are yes.
+    fn every(mask: Self::Mask) -> bool;
 }
 
 /// Numbers that stand in tables of words.
@@ -43,8 +45,10 @@ pub trait Digits: Number + Neg<Output = Self> {
     fn below(self, other: Self) -> Self::Mask;
     /// [`abs()`].
     fn abs(self) -> Self;
-    /// The upper half of its 24 digits.
-    fn head(self) -> Self;
+    /// Whether its bits are the same.
+    fn same(self, other: Self) -> Self::Mask;
+    /// [`two_product()`].
+    fn two_product(self, other: Self) -> (Self, Self);
     /// [`is_small()`].
     fn is_small(self, floor: f32) -> Self::Mask;
     /// Two to the negative [`exponent()`].
@@ -127,6 +131,10 @@ impl Number for f32 {
     fn choose(mask: bool, a: Self, b: Self) -> Self {
         if mask { a } else { b }
     }
+    #[inline(always)]
+    fn every(mask: bool) -> bool {
+        mask
+    }
 }
 
 impl Listed for f32 {
@@ -159,8 +167,12 @@ impl Digits for f32 {
         abs(self)
     }
     #[inline(always)]
-    fn head(self) -> Self {
-        head(self)
+    fn same(self, other: Self) -> bool {
+        self.to_bits() == other.to_bits()
+    }
+    #[inline(always)]
+    fn two_product(self, other: Self) -> (Self, Self) {
+        two_product(self, other)
     }
     #[inline(always)]
     fn is_small(self, floor: f32) -> bool {
@@ -205,6 +217,10 @@ impl Number for Vec4 {
     #[inline(always)]
     fn choose(mask: Self::Mask, a: Self, b: Self) -> Self {
         Self::select(mask, a, b)
+    }
+    #[inline(always)]
+    fn every(mask: Self::Mask) -> bool {
+        mask.all()
     }
 }
 
@@ -504,9 +520,9 @@ fn head(a: f32) -> f32 {
 /// `a * b`, and exactly what rounding took from it (Dekker 1971, with halves cut instead of rounded), for
 /// products that are 0 by a factor or at least `2^-78` in size.
 #[inline(always)]
-pub fn two_product<N: Digits>(a: N, b: N) -> (N, N) {
+pub fn two_product(a: f32, b: f32) -> (f32, f32) {
     let product = a * b;
-    let (ah, bh) = (a.head(), b.head());
+    let (ah, bh) = (head(a), head(b));
     let (al, bl) = (a - ah, b - bh);
     (product, al * bl - (((product - ah * bh) - al * bh) - ah * bl))
 }
@@ -518,7 +534,7 @@ pub fn two_product<N: Digits>(a: N, b: N) -> (N, N) {
 /// of the two rounding errors, which share a grid of 24 bits; else nothing cancels.
 #[inline(always)]
 pub fn product_difference<N: Digits>(a: N, b: N, c: N, d: N) -> N {
-    let ((p, p_error), (q, q_error)) = (two_product(a, b), two_product(c, d));
+    let ((p, p_error), (q, q_error)) = (a.two_product(b), c.two_product(d));
     (p - q) + (p_error - q_error)
 }
 

@@ -145,10 +145,11 @@ impl Cpu {
 }
 
 /// Whether the processor can run the copies of kernels that are compiled for more than the least of its kind. Only
-/// the instructions differ: nothing is fused.
+/// the instructions differ: what is fused finds the rounding error of a product, the same number.
 pub(crate) fn usual() -> Usual {
     #[cfg(target_arch = "x86_64")]
     let has = is_x86_feature_detected!("avx2")
+        && is_x86_feature_detected!("fma")
         && is_x86_feature_detected!("bmi1")
         && is_x86_feature_detected!("bmi2")
         && is_x86_feature_detected!("lzcnt")

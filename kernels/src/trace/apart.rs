@@ -24,6 +24,47 @@ const KEEP: u32 = 5;
 
 const SIDES: usize = SIDE_BY_SIDE as usize;
 
+/// What is made of the leaves that rays visit, each alone.
+pub(super) trait Visits {
+    /// Whether rays are as [`Frame::whole`] makes them.
+    const WHOLE: bool;
+    /// A lane begins with a ray.
+    fn begin(&mut self, lane: usize);
+    /// Tests the triangles of a leaf. True if the ray has enough.
+    fn visit(&mut self, lane: usize, ray: &Frame, leaf: Node, corners: &Buf<Vec4>, best: &mut Best) -> bool;
+    /// Answers ray `i`, which is done. False if it is left to others.
+    fn end(&mut self, lane: usize, i: u32, ray: &Frame, best: &Best) -> bool;
+    /// Answers a ray that meets nothing.
+    fn miss(&mut self, i: u32);
+}
+
+/// Hits by the default test.
+pub(super) struct Hits<'a, const ANY: bool>(pub &'a mut Buf<UVec4>);
+
+impl<const ANY: bool> Visits for Hits<'_, ANY> {
+    const WHOLE: bool = false;
+
+    #[inline(always)]
+    fn begin(&mut self, _lane: usize) {}
+
+    #[inline(always)]
+    fn visit(&mut self, _lane: usize, ray: &Frame, leaf: Node, corners: &Buf<Vec4>, best: &mut Best) -> bool {
+        leaf::visit(Strict, ray, leaf, corners, &mut Every, best);
+        ANY && best.triangle != MISS
+    }
+
+    #[inline(always)]
+    fn end(&mut self, _lane: usize, i: u32, ray: &Frame, best: &Best) -> bool {
+        self.0.put(i, record(ray, best));
+        true
+    }
+
+    #[inline(always)]
+    fn miss(&mut self, i: u32) {
+        self.0.put(i, UVec4::new(MISS, 0, 0, 0));
+    }
+}
+
 /// Eight rays; what their steps need lies side by side.
 struct Lanes {
     origins: [[f32; SIDES]; 3],
@@ -115,14 +156,19 @@ impl Lanes {
 
     /// Visits the leaf of a lane and goes to its next node. False if its ray is done.
     #[inline(always)]
-    fn visit<const ANY: bool>(&mut self, lane: usize, pairs: &Buf<UVec4>, corners: &Buf<Vec4>) -> bool {
+    fn visit(
+        &mut self,
+        lane: usize,
+        pairs: &Buf<UVec4>,
+        corners: &Buf<Vec4>,
+        visits: &mut impl Visits,
+    ) -> bool {
         let leaf = Node::from_words(self.words[0][lane].to_bits(), self.words[1][lane].to_bits());
         let best = &mut self.bests[lane];
         let mut behind = self.pushed >> lane & 1 != 0;
         self.pushed &= !(1 << lane);
         if !leaf.is_empty() {
-            leaf::visit(Strict, &self.frames[lane], leaf, corners, &mut Every, best);
-            if ANY && best.triangle != MISS {
+            if visits.visit(lane, &self.frames[lane], leaf, corners, best) {
                 return false;
             }
             behind = false;
@@ -152,19 +198,21 @@ impl Lanes {
     }
 }
 
-/// Answers those of 64 rays from `first` on whose bits are in `left`.
+/// Answers those of 64 rays from `first` on whose bits are in `left`, and returns which are left still.
 #[inline(always)]
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
-pub(super) fn answer<N: Sides, const ANY: bool>(
+pub(super) fn answer<N: Sides, V: Visits>(
     first: u32,
     mut left: u64,
     header: &TreeHeader,
     pairs: &Buf<UVec4>,
     corners: &Buf<Vec4>,
     rays: &Buf<Vec4>,
-    hits: &mut Buf<UVec4>,
     outcome: &mut Buf<u32>,
-) {
+    mut visits: V,
+) -> u64 {
+    // Which have no answer.
+    let mut back = 0u64;
     let (tag, root) = (f32::from_bits(Node::PADDING.words().1), pairs.at(0));
     let mut lanes = Lanes {
         origins: [[0.0; SIDES]; 3],
@@ -192,15 +240,20 @@ pub(super) fn answer<N: Sides, const ANY: bool>(
             while left != 0 && !begun {
                 let ray = first + left.trailing_zeros();
                 left &= left - 1;
-                let frame = load(ray, rays, header, outcome);
+                let mut frame = load(ray, rays, header, outcome);
+                if V::WHOLE {
+                    frame = frame.whole();
+                }
                 begun = lanes.begin(lane, ray, &frame, Node::from_words(root.x, root.y));
-                if !begun {
-                    hits.put(ray, UVec4::new(MISS, 0, 0, 0));
+                if begun {
+                    visits.begin(lane);
+                } else {
+                    visits.miss(ray);
                 }
             }
         }
         if lanes.live == 0 {
-            return;
+            return back;
         }
         let mut arrived = !lanes.down::<N>(pairs) & lanes.live;
         let mut soon = arrived;
@@ -212,8 +265,11 @@ pub(super) fn answer<N: Sides, const ANY: bool>(
         while arrived != 0 {
             let lane = arrived.trailing_zeros() as usize;
             arrived &= arrived - 1;
-            if !lanes.visit::<ANY>(lane, pairs, corners) {
-                hits.put(lanes.rays[lane], record(&lanes.frames[lane], &lanes.bests[lane]));
+            if !lanes.visit(lane, pairs, corners, &mut visits) {
+                let ray = lanes.rays[lane];
+                if !visits.end(lane, ray, &lanes.frames[lane], &lanes.bests[lane]) {
+                    back |= 1 << (ray - first);
+                }
                 free |= 1 << lane;
             }
         }

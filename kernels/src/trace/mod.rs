@@ -10,6 +10,8 @@ pub mod queries;
 pub mod left;
 #[cfg(target_arch = "x86_64")]
 mod apart;
+#[cfg(target_arch = "x86_64")]
+mod candidates;
 pub mod crossings;
 pub mod frame;
 pub mod intersect;

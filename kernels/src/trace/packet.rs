@@ -11,6 +11,8 @@ use super::{
     frame::{DUST, FARTHEST, FARTHEST_SCENE, Frame, NO_SHEAR, PAD, flush, reciprocal, slab},
     intersect::{
         Best, NORMAL,
+        bounds::Starts,
+        filter::{Line, Turned},
         strict::{self, Sheared, sheared, weights},
     },
     job::{JOB_APART, JOB_RAYS},
@@ -34,7 +36,7 @@ const ENOUGH: u32 = 6;
 /// 0.4, rays to all sides an eighth.
 const ALONG: f32 = 0.3;
 /// Fewer rays are not worth a walk of their own.
-const FEW: u32 = 3;
+pub(super) const FEW: u32 = 3;
 /// Of rays that do not go together fewer go one by one.
 const MANY: u32 = 16;
 
@@ -60,7 +62,7 @@ struct Bests<N> {
 }
 
 /// Rays scaled, as [`Frame`] does it, where that is a multiplication.
-struct Scaled<N> {
+pub(super) struct Scaled<N> {
     origin: [N; 3],
     /// The largest component is of size 1 to 2.
     direction: [N; 3],
@@ -68,13 +70,46 @@ struct Scaled<N> {
     t_max: N,
     stretch: N,
     /// Which rays are ordinary: numbers, none so small or large that digits are lost.
-    rays: u32,
+    pub rays: u32,
+}
+
+/// Whether numbers are 0, or normal and when scaled not below a floor.
+#[inline(always)]
+fn all_there<N: Digits>(a: N, scaled: N, floor: N) -> N::Mask {
+    a.is(N::all(0.0)) | !(a.abs().below(N::all(f32::MIN_POSITIVE)) | scaled.abs().below(floor))
+}
+
+/// Which axis is the main one of each ray.
+pub(super) struct Mains<N: Sides> {
+    second: N::Mask,
+    third: N::Mask,
+}
+
+impl<N: Sides> Mains<N> {
+    /// Of three numbers, one an axis, that of the main one.
+    #[inline(always)]
+    fn of(&self, x: N, y: N, z: N) -> N {
+        N::choose(self.third, z, N::choose(self.second, y, x))
+    }
+
+    /// A point with the main axis last.
+    #[inline(always)]
+    fn cycled(&self, [x, y, z]: [N; 3]) -> Turned<N> {
+        Turned { x: self.of(y, z, x), y: self.of(z, x, y), z: self.of(x, y, z) }
+    }
+
+    /// A point each.
+    #[inline(always)]
+    pub(super) fn turned(&self, points: &[Vec4; 8]) -> Turned<N> {
+        let [x, y, z, _] = N::columns(points);
+        self.cycled([x, y, z])
+    }
 }
 
 impl<N: Sides> Scaled<N> {
-    /// Of rays as buffers hold them.
+    /// Of rays as buffers hold them; if `WHOLE`, as [`Frame::whole`], with directions of which nothing is left out.
     #[inline(always)]
-    fn new(starts: &[Vec4; 8], ways: &[Vec4; 8], scale: f32) -> Self {
+    pub(super) fn new<const WHOLE: bool>(starts: &[Vec4; 8], ways: &[Vec4; 8], scale: f32) -> Self {
         let [ox, oy, oz, dx] = N::columns(starts);
         let [dy, dz, from, to] = N::columns(ways);
         let (scale, zero) = (N::all(scale), N::all(0.0));
@@ -90,14 +125,64 @@ impl<N: Sides> Scaled<N> {
         let placed = place[0].abs().below(close) & place[1].abs().below(close) & place[2].abs().below(close);
         let begun = from.is(zero) | !(from.abs().below(normal) | t_min.abs().below(normal));
         let ended = to.is(zero) | !(to.abs().below(normal) | t_max.abs().below(normal));
-        Self {
-            origin: [flush(place[0], DUST), flush(place[1], DUST), flush(place[2], DUST)],
-            direction: [dx * unit, dy * unit, dz * unit],
-            t_min,
-            t_max,
-            stretch,
-            rays: N::bits(sized & placed & begun & ended & from.is(from) & to.is(to)),
+        let mut rays = sized & placed & begun & ended & from.is(from) & to.is(to);
+        let direction = [dx * unit, dy * unit, dz * unit];
+        let mut origin = place;
+        if WHOLE {
+            let least = N::all(exp2(-64));
+            rays = rays
+                & all_there(ox, place[0], normal)
+                & all_there(oy, place[1], normal)
+                & all_there(oz, place[2], normal)
+                & all_there(dx, direction[0], least)
+                & all_there(dy, direction[1], least)
+                & all_there(dz, direction[2], least);
+        } else {
+            origin = [flush(place[0], DUST), flush(place[1], DUST), flush(place[2], DUST)];
         }
+        Self { origin, direction, t_min, t_max, stretch, rays: N::bits(rays) }
+    }
+
+    /// The main axes: of equal components the first is the main one.
+    #[inline(always)]
+    pub(super) fn mains(&self) -> Mains<N> {
+        let [x, y, z] = self.direction;
+        let (x, y) = (x.abs(), y.abs());
+        Mains { second: y.exceeds(x), third: z.abs().exceeds(x.high(y)) }
+    }
+
+    /// How far away the scene's corners are at most, along an axis.
+    #[inline(always)]
+    fn far(&self, header: &TreeHeader) -> N {
+        let mut far = N::all(exp2(-40));
+        let mut axis = 0;
+        while axis < 3 {
+            far = far.high((N::all(header.lo[axis]) - self.origin[axis]).abs());
+            far = far.high((N::all(header.hi[axis]) - self.origin[axis]).abs());
+            axis += 1;
+        }
+        far
+    }
+
+    /// For more digits; of rays made `WHOLE`.
+    #[inline(always)]
+    pub(super) fn line(&self, mains: &Mains<N>, header: &TreeHeader) -> Line<N> {
+        let (from, way) = (mains.cycled(self.origin), mains.cycled(self.direction));
+        Line {
+            from,
+            way,
+            whole: self.t_min.is(self.t_min),
+            along: reciprocal(way.z),
+            far: self.far(header),
+            t_min: self.t_min,
+            t_max: self.t_max,
+        }
+    }
+
+    /// What makes of a scaled `t` one of the ray's own.
+    #[inline(always)]
+    pub(super) fn unstretch(&self) -> N {
+        self.stretch.unit()
     }
 
     /// Whether directions do not cancel out.
@@ -165,7 +250,12 @@ pub(super) struct Packet<N: Sides> {
 impl<N: Sides> Packet<N> {
     /// The eight rays from `i` on, and which of them go together, if enough do.
     #[inline(always)]
-    pub(super) fn of(i: u32, rays: &Buf<Vec4>, header: &TreeHeader, near: f32) -> Option<(Self, u32)> {
+    pub(super) fn of<const WHOLE: bool>(
+        i: u32,
+        rays: &Buf<Vec4>,
+        header: &TreeHeader,
+        near: f32,
+    ) -> Option<(Self, u32)> {
         let (mut starts, mut ways) = ([Vec4::ZERO; 8], [Vec4::ZERO; 8]);
         let mut ray = 0;
         while ray < SIDE_BY_SIDE {
@@ -177,7 +267,7 @@ impl<N: Sides> Packet<N> {
         if together.count_ones() < ENOUGH {
             return None;
         }
-        let scaled = Scaled::<N>::new(&starts, &ways, header.scale);
+        let scaled = Scaled::<N>::new::<WHOLE>(&starts, &ways, header.scale);
         together &= scaled.rays;
         let go = together.count_ones() >= ENOUGH && scaled.agree();
         go.then(|| (Self::new(&scaled, header), together))
@@ -188,14 +278,7 @@ impl<N: Sides> Packet<N> {
         let (all, zero) = (N::all, N::all(0.0));
         let ([ox, oy, oz], [dx, dy, dz]) = (of.origin, of.direction);
         let inverse = [reciprocal(dx), reciprocal(dy), reciprocal(dz)];
-        let mut far = all(exp2(-40));
-        let mut axis = 0;
-        while axis < 3 {
-            far = far.high((all(header.lo[axis]) - of.origin[axis]).abs());
-            far = far.high((all(header.hi[axis]) - of.origin[axis]).abs());
-            axis += 1;
-        }
-        let pad = all(PAD) * far;
+        let pad = all(PAD) * of.far(header);
         let (mut enter, mut exit) = (of.t_min, of.t_max);
         let mut axis = 0;
         while axis < 3 {
@@ -203,10 +286,8 @@ impl<N: Sides> Packet<N> {
             (enter, exit) = slab(lo, hi, of.origin[axis], inverse[axis], pad, enter, exit);
             axis += 1;
         }
-        // Of equal components the first is the main one.
-        let (sx, sy) = (dx.abs(), dy.abs());
-        let (second, third) = (sy.exceeds(sx), dz.abs().exceeds(sx.high(sy)));
-        let by_main = |a, b, c| N::choose(third, c, N::choose(second, b, a));
+        let mains = of.mains();
+        let by_main = |a, b, c| mains.of(a, b, c);
         let along = by_main(inverse[0], inverse[1], inverse[2]);
         let (one, two) = (all(1.0), all(2.0));
         let back = |axis: usize| N::bits(inverse[axis].below(zero));
@@ -229,13 +310,13 @@ impl<N: Sides> Packet<N> {
             exit,
             t_min: of.t_min,
             t_max: of.t_max,
-            unstretch: of.stretch.unit(),
+            unstretch: of.unstretch(),
         }
     }
 
     /// Those of some rays whose directions have the signs of the first one's.
     #[inline(always)]
-    fn alike(&self, rays: u32) -> u32 {
+    pub(super) fn alike(&self, rays: u32) -> u32 {
         let first = rays & rays.wrapping_neg();
         let like = |back: u32| if back & first == 0 { !back } else { back };
         rays & like(self.back[0]) & like(self.back[1]) & like(self.back[2])
@@ -327,6 +408,13 @@ impl<N: Sides> Packet<N> {
                 rays = entry.rays & running & !N::bits(enter.exceeds(last));
             }
         }
+    }
+
+    /// By axis.
+    #[inline(always)]
+    pub(super) fn starts(&self) -> Starts<N> {
+        let ([ox, oy, oz, _], [ix, iy, iz, _]) = (self.origins, self.inverses);
+        Starts { origin: [ox, oy, oz], inverse: [ix, iy, iz] }
     }
 
     /// A triangle seen along the rays.
@@ -504,7 +592,7 @@ fn answer<N: Sides, const ANY: bool>(
     let Some(near) = near(header) else { return left };
     let mut i = first;
     while i + SIDE_BY_SIDE <= end {
-        if let Some((packet, mut waiting)) = Packet::<N>::of(i, rays, header, near) {
+        if let Some((packet, mut waiting)) = Packet::<N>::of::<false>(i, rays, header, near) {
             let mut found = Hits::<N, ANY>(Bests::new(&packet));
             let mut answered = 0;
             while waiting != 0 {
@@ -542,7 +630,7 @@ pub(super) fn near(header: &TreeHeader) -> Option<f32> {
 ///
 /// # Safety
 /// The processor has these instructions.
-#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 #[inline(never)]
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 unsafe fn by_eight<const ANY: bool>(
@@ -555,13 +643,16 @@ unsafe fn by_eight<const ANY: bool>(
     outcome: &mut Buf<u32>,
 ) -> u64 {
     let left = answer::<Eight, ANY>((first, end), header, pairs, corners, rays, hits);
+    let Some(left) = many(left, (first, end)) else { return left };
+    apart::answer::<Eight, _>(first, left, header, pairs, corners, rays, outcome, apart::Hits::<ANY>(hits))
+}
+
+/// Those of the rays from `first` to `end` that are left, if they are enough to go each at a node of its own.
+#[inline(always)]
+pub(super) fn many(left: u64, (first, end): (u32, u32)) -> Option<u64> {
     let left = left & u64::MAX.checked_shr(64 + first - end).unwrap_or(0);
     // What is gathered is not counted.
-    if cfg!(feature = "traffic") || left.count_ones() < MANY {
-        return left;
-    }
-    apart::answer::<Eight, ANY>(first, left, header, pairs, corners, rays, hits, outcome);
-    0
+    (!cfg!(feature = "traffic") && left.count_ones() >= MANY).then_some(left)
 }
 
 /// The first and the end of a workgroup's rays, if they lie beside each other and the processor has AVX2.
@@ -596,9 +687,13 @@ mod tests {
     use super::*;
     use crate::{math::Number, mem::view};
 
+    fn has_usual() -> bool {
+        std::is_x86_feature_detected!("avx2") && std::is_x86_feature_detected!("fma")
+    }
+
     #[test]
     fn quotients_of_any_size_are_those_of_single_numbers() {
-        if !std::is_x86_feature_detected!("avx2") {
+        if !has_usual() {
             return;
         }
         for e in -126..=1 {
@@ -615,7 +710,7 @@ mod tests {
     /// A triangle, and the rays of a small picture: all go side by side but those of a group that is cut off.
     #[test]
     fn rays_that_start_together_go_side_by_side() {
-        if !std::is_x86_feature_detected!("avx2") {
+        if !has_usual() {
             return;
         }
         let corner = |x: f32, y: f32| Vec4::new(x, y, 0.0, f32::from_bits(NORMAL));

@@ -2,7 +2,7 @@
 //! other ways through the tree and triangle tests have theirs beside them.
 
 #[cfg(target_arch = "x86_64")]
-use super::packet::side_by_side;
+pub(super) use super::{candidates::side_by_side as exact_side_by_side, packet::side_by_side};
 use super::{
     intersect::{Intersector, exact::Exact, strict::Strict},
     job::{JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, THREADS, load, ray_of, record},
@@ -62,6 +62,22 @@ pub const SHARED: usize = ASIDE * THREADS as usize;
 #[cfg(not(any(target_arch = "spirv", target_arch = "x86_64")))]
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 fn side_by_side<const ANY: bool>(
+    _group: &crate::Group,
+    _job: &Buf<u32>,
+    _header: &Buf<TreeHeader>,
+    _pairs: &Buf<UVec4>,
+    _corners: &Buf<Vec4>,
+    _rays: &Buf<Vec4>,
+    _hits: &mut Buf<UVec4>,
+    _outcome: &mut Buf<u32>,
+) -> u64 {
+    u64::MAX
+}
+
+/// As [`side_by_side`].
+#[cfg(not(any(target_arch = "spirv", target_arch = "x86_64")))]
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+pub(super) fn exact_side_by_side(
     _group: &crate::Group,
     _job: &Buf<u32>,
     _header: &Buf<TreeHeader>,
@@ -153,10 +169,10 @@ macro_rules! query {
 /// Declares both kernels of a triangle test: the one with a stack, if it is not the default's, and the one that tests
 /// every triangle.
 macro_rules! test {
-    ($name:ident, $brute_file:ident::$brute_name:ident = $test:ident) => {
+    ($name:ident $(($beside:path))?, $brute_file:ident::$brute_name:ident = $test:ident) => {
         query! {
             #[doc = concat!("The closest or any hit by [`", stringify!($test), "`].")]
-            $name = |_, ray, pairs, corners, any, aside, steps|
+            $name $(($beside))? = |_, ray, pairs, corners, any, aside, steps|
                 $crate::trace::traverse::stack::walk::<$test, $crate::trace::traverse::leaf::Every, false>(
                     ray, pairs, corners, $crate::trace::traverse::leaf::Every, any, aside, steps,
                 )

@@ -1,17 +1,13 @@
 //! Crossings of eight rays side by side, on a CPU: they go through the tree together ([`packet`](super::packet)), and
-//! floats tell of most triangles for all at once. What they do not is told of each ray alone, as [`crossings`](super::crossings)
-//! does.
+//! floats tell of most triangles for all at once. What they leave open is decided as [`crossings`](super::crossings) does.
 
 use super::{
-    frame::Frame,
     intersect::{
-        Best, NORMAL,
-        bounds::{Edges, Through},
-        exact::Exact,
+        NORMAL,
+        bounds::{Edges, glance},
     },
     packet::{Leaves, Packet, near, neighbours},
     tally::{Tally, WORDS},
-    traverse::leaf::Choice,
 };
 use crate::{
     Group,
@@ -24,37 +20,20 @@ use crate::{
 use raykd_shared::{Node, TreeHeader};
 
 /// What is kept of each ray.
-pub(super) struct Tallies<'a> {
+struct Tallies {
     own: [[u32; WORDS]; SIDE_BY_SIDE as usize],
     /// The last `t` that counts.
     last: [f32; SIDE_BY_SIDE as usize],
-    /// The number of the first ray.
-    first: u32,
-    rays: &'a Buf<Vec4>,
-    header: &'a TreeHeader,
 }
 
-impl Tallies<'_> {
-    /// Tells of a triangle and one ray.
-    #[cold]
-    #[inline(never)]
-    fn tell(&mut self, lane: usize, triangle: (u32, u32), corners: (Vec4, Vec4, Vec4)) {
-        let i = 2 * (self.first + lane as u32);
-        let ray = Frame::new(self.rays.at(i), self.rays.at(i + 1), self.header).whole();
-        let mut best = Best { t: self.last[lane], ..Best::NOTHING };
-        Tally.test(Exact, &ray, triangle, corners, &mut best, &mut self.own[lane]);
-        self.last[lane] = best.t;
-    }
-}
-
-impl<N: Sides> Leaves<N> for Tallies<'_> {
+impl<N: Sides> Leaves<N> for Tallies {
     #[inline(always)]
     fn visit(&mut self, packet: &Packet<N>, leaf: Node, rays: u32, corners: &Buf<Vec4>) {
         let end = leaf.first() + leaf.count();
         let mut r = leaf.first();
         while r < end {
             let (a, b, c) = corners.three(3 * r);
-            let triangle = (a.w.to_bits() & !NORMAL, r);
+            let (id, at) = (a.w.to_bits() & !NORMAL, r);
             r += 1;
             let s = packet.sheared((a, b, c));
             let edges = Edges::new(&s, packet.pad);
@@ -62,23 +41,18 @@ impl<N: Sides> Leaves<N> for Tallies<'_> {
             if N::bits(may) & rays == 0 {
                 continue;
             }
-            let through = Through::new(edges, packet.pad);
-            let (near, later) = through.range(&s, packet.along, packet.pad);
-            let last = N::of(&self.last);
-            let passed = through.known & (later.below(packet.t_min) | near.exceeds(last));
-            let told = through.known & through.sure & near.exceeds(packet.t_min) & later.below(last);
-            let leaving = N::bits(through.leaves(packet.along));
-            let left = N::bits(may & !passed) & rays;
-            let told = N::bits(told) & left;
-            for lane in Bits(told) {
-                let own = &mut self.own[lane as usize];
-                if !Tally::has(own, triangle.0) && !Tally::keep(own, triangle, true, leaving >> lane & 1 != 0)
-                {
+            let triangle = (a.truncate(), b.truncate(), c.truncate());
+            let seen = glance(&s, edges, &packet.starts(), packet.along, packet.pad, triangle);
+            let (near, later, last) = (seen.near, seen.later, N::of(&self.last));
+            let left = may & !(later.below(packet.t_min) | near.exceeds(last));
+            let told = N::bits(seen.sure & near.exceeds(packet.t_min) & later.below(last));
+            let leaving = N::bits(seen.leaving);
+            for lane in Bits(N::bits(left) & rays) {
+                let (own, bit) = (&mut self.own[lane as usize], 1 << lane);
+                let (told, leaving) = (told & bit != 0, leaving & bit != 0);
+                if !Tally::has(own, id) && !Tally::keep(own, (id, at), told, leaving) {
                     self.last[lane as usize] = f32::NEG_INFINITY;
                 }
-            }
-            for lane in Bits(left & !told) {
-                self.tell(lane as usize, triangle, (a, b, c));
             }
         }
     }
@@ -99,7 +73,7 @@ impl<N: Sides> Leaves<N> for Tallies<'_> {
 ///
 /// # Safety
 /// The processor has these instructions.
-#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 #[inline(never)]
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 unsafe fn answer(
@@ -118,14 +92,9 @@ unsafe fn answer(
     let mut i = first;
     while i + SIDE_BY_SIDE <= end {
         // Where rays start counts less than for hits: each goes on to the end of the scene.
-        if let Some((packet, together)) = Packet::<Eight>::of(i, rays, header, 4.0 * near) {
-            let mut tallies = Tallies {
-                own: [[0; WORDS]; SIDE_BY_SIDE as usize],
-                last: packet.t_max.numbers(),
-                first: i,
-                rays,
-                header,
-            };
+        if let Some((packet, together)) = Packet::<Eight>::of::<true>(i, rays, header, 4.0 * near) {
+            let own = [[0; WORDS]; SIDE_BY_SIDE as usize];
+            let mut tallies = Tallies { own, last: packet.t_max.numbers() };
             packet.walk(together, pairs, corners, &mut tallies);
             for lane in Bits(together) {
                 Tally::put(&tallies.own[lane as usize], i + lane, hits, outcome, crossings, more);

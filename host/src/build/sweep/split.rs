@@ -240,7 +240,7 @@ pub(super) fn face(references: &[Reference], sah: &Sah) -> Option<Split> {
 ///
 /// # Safety
 /// The processor has them.
-#[cfg_attr(target_arch = "x86_64", target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt"))]
+#[cfg_attr(target_arch = "x86_64", target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt"))]
 pub(super) unsafe fn face_usually(usual: Usual, references: &[Reference], sah: &Sah) -> Option<Split> {
     weighed(usual, references, sah)
 }

@@ -7,42 +7,68 @@ use super::{
 };
 use crate::{
     glam::Vec3,
-    math::{Digits, abs, component, exp2},
+    math::{Digits, component, exp2},
     trace::frame::Frame,
 };
-
-/// Where the ray's origin lies, seen from the triangle's plane: 1 on its normal's side, -1 behind it, 0 if floats do
-/// not tell. Six products of three differences each, off by at most `2^-21` of their sizes; far from 0, so that `t` is,
-/// too.
-#[inline(always)]
-fn side(origin: Vec3, far: f32, (a, b, c): (Vec3, Vec3, Vec3)) -> i32 {
-    let (p, q, r) = (a - origin, b - origin, c - origin);
-    let (x, y) = (q.y * r.z, q.z * r.y);
-    let (z, w) = (q.z * r.x, q.x * r.z);
-    let (s, t) = (q.x * r.y, q.y * r.x);
-    let volume = p.x * (x - y) + p.y * (z - w) + p.z * (s - t);
-    let sizes = abs(p.x) * (abs(x) + abs(y)) + abs(p.y) * (abs(z) + abs(w)) + abs(p.z) * (abs(s) + abs(t));
-    let told = (abs(volume) > exp2(-20) * sizes + exp2(-60)) & (far < exp2(30));
-    told as i32 * ((volume < 0.0) as i32 - (volume > 0.0) as i32)
-}
 
 /// Smaller distances may be rounded in other ways than by their digits.
 pub(super) const NEAR: f32 = exp2(-60);
 
-/// If all corners are as far away along an axis, how far, and the direction's reciprocal there; else that is 0.
-#[inline(always)]
-fn level(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> (f32, f32) {
-    let along = |x: f32, y: f32, z: f32, from: f32, inverse: f32| {
-        let distance = x - from;
-        let is = (x == y) & (y == z) & (abs(inverse) < exp2(40)) & (abs(distance) > NEAR);
-        (distance, if is { inverse } else { 0.0 })
-    };
-    let (from, inverse) = (ray.origin, ray.inverse);
-    let x = along(a.x, b.x, c.x, from.x, inverse.x);
-    let y = along(a.y, b.y, c.y, from.y, inverse.y);
-    let z = along(a.z, b.z, c.z, from.z, inverse.z);
-    let found = if abs(y.1) > 0.0 { y } else { z };
-    if abs(x.1) > 0.0 { x } else { found }
+/// Where rays start, and the reciprocals of their directions, by axis.
+pub(in crate::trace) struct Starts<N> {
+    pub origin: [N; 3],
+    pub inverse: [N; 3],
+}
+
+impl<N: Digits> Starts<N> {
+    /// On which sides of a triangle's plane they lie: on its normal's, behind it, neither if floats do not tell. Six
+    /// products of three differences each, off by at most `2^-21` of their sizes; far from 0, so that `t` is, too.
+    #[inline(always)]
+    fn sides(&self, pad: N, (a, b, c): (Vec3, Vec3, Vec3)) -> (N::Mask, N::Mask) {
+        let all = N::all;
+        let (p, q, r) = (self.to(a), self.to(b), self.to(c));
+        let (x, y) = (q.1 * r.2, q.2 * r.1);
+        let (z, w) = (q.2 * r.0, q.0 * r.2);
+        let (s, t) = (q.0 * r.1, q.1 * r.0);
+        let volume = p.0 * (x - y) + p.1 * (z - w) + p.2 * (s - t);
+        let sizes = p.0.abs() * (x.abs() + y.abs())
+            + p.1.abs() * (z.abs() + w.abs())
+            + p.2.abs() * (s.abs() + t.abs());
+        let enough = all(exp2(-20)) * sizes + all(exp2(-60));
+        let told = volume.abs().exceeds(enough) & pad.below(all(exp2(11)));
+        let zero = all(0.0);
+        (told & volume.below(zero), told & volume.exceeds(zero))
+    }
+
+    #[inline(always)]
+    fn to(&self, p: Vec3) -> (N, N, N) {
+        let [x, y, z] = self.origin;
+        (N::all(p.x) - x, N::all(p.y) - y, N::all(p.z) - z)
+    }
+
+    /// Along an axis on which all corners are the same: how far that is, and the direction's reciprocal; else that is 0.
+    #[inline(always)]
+    fn along(&self, a: f32, b: f32, c: f32, axis: usize) -> (N, N) {
+        let all = N::all;
+        let inverse = self.inverse[axis];
+        let distance = all(a) - self.origin[axis];
+        let is = all(a).is(all(b))
+            & all(b).is(all(c))
+            & inverse.abs().below(all(exp2(40)))
+            & distance.abs().exceeds(all(NEAR));
+        (distance, N::choose(is, inverse, all(0.0)))
+    }
+
+    /// If all corners are as far away along an axis, how far, and the direction's reciprocal there; else that is 0.
+    #[inline(always)]
+    fn level(&self, (a, b, c): (Vec3, Vec3, Vec3)) -> (N, N) {
+        let zero = N::all(0.0);
+        let x = self.along(a.x, b.x, c.x, 0);
+        let y = self.along(a.y, b.y, c.y, 1);
+        let z = self.along(a.z, b.z, c.z, 2);
+        let (by_x, by_y) = (!x.1.is(zero), !y.1.is(zero));
+        (N::choose(by_x, x.0, N::choose(by_y, y.0, z.0)), N::choose(by_x, x.1, N::choose(by_y, y.1, z.1)))
+    }
 }
 
 /// Edge functions by rounded products, and how far they may be off. Sheared corners are off by at most a quarter of the
@@ -136,28 +162,54 @@ impl<N: Digits> Through<N> {
 
 /// What floats tell of `t`, as it is rounded, if the ray's line may pass through the triangle.
 #[inline(always)]
-pub(super) fn bounds(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> Glance {
-    let s = shear(ray, a, b, c);
-    let through = Through::new(Edges::new(&s, ray.pad), ray.pad);
-    if !through.known {
-        return Glance { near: f32::NEG_INFINITY, later: f32::INFINITY, sure: false, leaving: false };
+pub(super) fn bounds(ray: &Frame, corners: (Vec3, Vec3, Vec3)) -> Glance {
+    let s = shear(ray, corners.0, corners.1, corners.2);
+    let starts = Starts {
+        origin: [ray.origin.x, ray.origin.y, ray.origin.z],
+        inverse: [ray.inverse.x, ray.inverse.y, ray.inverse.z],
+    };
+    glance(&s, Edges::new(&s, ray.pad), &starts, component(ray.inverse, ray.main), ray.pad, corners)
+}
+
+/// The same for one ray or several side by side.
+#[inline(always)]
+pub(in crate::trace) fn glance<N: Digits>(
+    s: &Sheared<N>,
+    edges: Edges<N>,
+    starts: &Starts<N>,
+    along: N,
+    pad: N,
+    corners: (Vec3, Vec3, Vec3),
+) -> Glance<N> {
+    let all = N::all;
+    let zero = all(0.0);
+    let through = Through::new(edges, pad);
+    let (known, sure) = (through.known, through.known & through.sure);
+    let (none, any) = (all(f32::NEG_INFINITY), all(f32::INFINITY));
+    if N::every(!known) {
+        return Glance { near: none, later: any, sure, leaving: sure };
     }
-    let sure = through.sure;
-    let along = component(ray.inverse, ray.main);
     let leaving = through.leaves(along);
     // Across an axis it is met where that says.
-    let (distance, way) = level(ray, (a, b, c));
-    if abs(way) > 0.0 {
-        let (t, wide) = (distance * way, abs(distance * way) * exp2(-20));
-        return Glance { near: t - wide, later: t + wide, sure, leaving };
-    }
-    let (near, later) = through.range(&s, along, ray.pad);
-    if (near < 0.0) & (later > 0.0) {
-        // The direction's sign along the normal, and with it that of `t`.
-        let ahead = side(ray.origin, ray.pad * exp2(19), (a, b, c)) * if leaving { -1 } else { 1 };
-        let least = exp2(-126);
-        let (near, later) = (if ahead > 0 { least } else { near }, if ahead < 0 { -least } else { later });
+    let (distance, way) = starts.level(corners);
+    let is_level = known & !way.is(zero);
+    let t = distance * way;
+    let wide = t.abs() * all(exp2(-20));
+    let (mut near, mut later) = (t - wide, t + wide);
+    if N::every(is_level) {
         return Glance { near, later, sure, leaving };
     }
-    Glance { near, later, sure, leaving }
+    let (from, to) = through.range(s, along, pad);
+    near = N::choose(is_level, near, from);
+    later = N::choose(is_level, later, to);
+    let close = known & !is_level & near.below(zero) & later.exceeds(zero);
+    if !N::every(!close) {
+        // The direction's sign along the normal, and with it that of `t`.
+        let (front, back) = starts.sides(pad, corners);
+        let ahead = close & ((front & !leaving) | (back & leaving));
+        let behind = close & ((front & leaving) | (back & !leaving));
+        near = N::choose(ahead, all(exp2(-126)), near);
+        later = N::choose(behind, all(-exp2(-126)), later);
+    }
+    Glance { near: N::choose(known, near, none), later: N::choose(known, later, any), sure, leaving }
 }

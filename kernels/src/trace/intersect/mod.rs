@@ -7,7 +7,10 @@
 
 pub mod baldwin;
 pub(super) mod bounds;
+#[cfg(not(target_arch = "spirv"))]
+mod double;
 pub mod exact;
+pub(in crate::trace) mod filter;
 pub mod integers;
 pub mod moeller;
 pub mod pair;
@@ -35,7 +38,10 @@ pub const KERNELS: &[&crate::Kernel] = &[
 ];
 
 use super::frame::Frame;
-use crate::glam::{Vec3, Vec4};
+use crate::{
+    glam::{Vec3, Vec4},
+    math::Number,
+};
 use raykd_shared::MISS;
 
 /// Added to a triangle's number where it stands among floats: alone its bits are those of a subnormal, and
@@ -81,15 +87,15 @@ impl Best {
 
 /// What floats tell of a triangle that the ray's line may pass through.
 #[derive(Clone, Copy, Debug)]
-pub struct Glance {
+pub struct Glance<N: Number = f32> {
     /// The lowest number that `t` may be, as it is rounded.
-    pub near: f32,
+    pub near: N,
     /// The highest.
-    pub later: f32,
+    pub later: N,
     /// Whether the line surely passes through it.
-    pub sure: bool,
+    pub sure: N::Mask,
     /// Whether then along its normal.
-    pub leaving: bool,
+    pub leaving: N::Mask,
 }
 
 /// A triangle test. Triangles come as leaves keep them: what [`Intersector::lay_out`] made of them, `w` of

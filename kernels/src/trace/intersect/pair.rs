@@ -1,10 +1,17 @@
 //! Numbers as sums of two floats, about 48 digits (Dekker 1971; Knuth 1969).
 
-use crate::math::{exp2, two_product};
+use crate::math::{Digits, Number, exp2};
 
-/// Numbers of more digits than a float. What bounds the errors that [`exact`](super::exact) makes stands with each
+/// What a [`Long`] consists of.
+pub(super) type One<L> = <L as Long>::One;
+/// Answers of those.
+pub(super) type Mask<L> = <One<L> as Number>::Mask;
+
+/// Numbers of more digits than a float. What bounds the errors that `filter.rs` makes stands with each
 /// kind.
-pub trait Long: Copy + Default {
+pub trait Long: Copy {
+    /// The floats of which it is the sum, or as many side by side.
+    type One: Digits;
     /// Twice what corners across the ray may be off by: a part of their size, and one of the scene's.
     const CORNER: f32;
     /// See [`Long::CORNER`].
@@ -24,52 +31,93 @@ pub trait Long: Copy + Default {
     const FIRST: bool;
 
     /// The same number.
-    fn of(pair: Pair) -> Self;
+    fn of(pair: Pair<Self::One>) -> Self;
     /// Rounded to a pair, within `2^-24` of its lower part.
-    fn pair(self) -> Pair;
+    fn pair(self) -> Pair<Self::One>;
     /// Rounded to a float, nearly: 0 only if the number is.
-    fn hi(self) -> f32;
+    fn hi(self) -> Self::One;
     /// With another sign.
     fn negative(self) -> Self;
     /// Times a power of two.
-    fn by_power(self, power: f32) -> Self;
+    fn by_power(self, power: Self::One) -> Self;
     /// The sum.
     fn plus(self, other: Self) -> Self;
     /// The product.
     fn times(self, other: Self) -> Self;
     /// The quotient, by the divisor's reciprocal to within some ULP.
-    fn over(self, divisor: Self, reciprocal: f32) -> Self;
-    /// `p - q + r - s`, where the first two are larger than the others and may cancel.
-    fn across(p: Pair, q: Pair, r: Pair, s: Pair) -> Self;
+    fn over(self, divisor: Self, reciprocal: Self::One) -> Self;
+    /// `x * main - side * z`, where the lower parts are far smaller than the others, which may cancel; and whether it is
+    /// a float, exactly, as far as that is asked.
+    fn across(x: Pair<Self::One>, z: Pair<Self::One>, main: Self::One, side: Self::One)
+    -> (Self, Mask<Self>);
+    /// `a` where the answer is yes, else `b`.
+    fn choose(mask: Mask<Self>, a: Self, b: Self) -> Self;
 }
 
 /// `hi + lo`, `hi` being that rounded.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Pair {
+#[derive(Clone, Copy, Debug)]
+pub struct Pair<N = f32> {
     /// The number, rounded.
-    pub hi: f32,
+    pub hi: N,
     /// What rounding took.
-    pub lo: f32,
+    pub lo: N,
 }
 
-impl Pair {
+impl<N: Digits> Pair<N> {
+    /// A float.
+    #[inline(always)]
+    pub fn float(hi: N) -> Self {
+        Self { hi, lo: N::all(0.0) }
+    }
+
     /// `a + b`, exactly.
     #[inline(always)]
-    pub fn sum(a: f32, b: f32) -> Self {
+    pub fn sum(a: N, b: N) -> Self {
         let hi = a + b;
         let from_b = hi - a;
         Self { hi, lo: (a - (hi - from_b)) + (b - from_b) }
     }
 
-    /// `a * b`, exactly where [`two_product`] is.
+    /// `a * b`, exactly where [`two_product()`](crate::math::two_product) is.
     #[inline(always)]
-    pub fn product(a: f32, b: f32) -> Self {
-        let (hi, lo) = two_product(a, b);
+    pub fn product(a: N, b: N) -> Self {
+        let (hi, lo) = a.two_product(b);
         Self { hi, lo }
     }
 }
 
-impl Long for Pair {
+/// Products of smaller numbers may lose digits below the range of `f32`.
+pub(super) const PAIR_FLOOR: f32 = exp2(-36);
+
+/// `p - q + r - s` is `x * main - side * z`.
+pub(super) struct Across<N> {
+    pub p: Pair<N>,
+    pub q: Pair<N>,
+    pub r: Pair<N>,
+    pub s: Pair<N>,
+}
+
+impl<N: Digits> Across<N> {
+    /// And whether it is a float, exactly.
+    #[inline(always)]
+    pub(super) fn new(x: Pair<N>, z: Pair<N>, main: N, side: N) -> (Self, N::Mask) {
+        let (p, q) = (Pair::product(x.hi, main), Pair::product(side, z.hi));
+        let (r, s) = (Pair::product(x.lo, main), Pair::product(side, z.lo));
+        let first = Pair::sum(p.hi, -q.hi);
+        let second = Pair::sum(p.lo, -q.lo);
+        let zero = N::all(0.0);
+        let simple = x.lo.is(zero)
+            & z.lo.is(zero)
+            & !x.hi.is_small(PAIR_FLOOR)
+            & !z.hi.is_small(PAIR_FLOOR)
+            & !side.is_small(PAIR_FLOOR);
+        let known = simple & first.lo.is(zero) & second.hi.is(zero) & second.lo.is(zero);
+        (Self { p, q, r, s }, known)
+    }
+}
+
+impl<N: Digits> Long for Pair<N> {
+    type One = N;
     const CORNER: f32 = exp2(-44);
     const CORNER_FAR: f32 = exp2(-61);
     const EDGE: f32 = exp2(-44);
@@ -80,36 +128,37 @@ impl Long for Pair {
     const FIRST: bool = true;
 
     #[inline(always)]
-    fn of(pair: Pair) -> Self {
+    fn of(pair: Self) -> Self {
         pair
     }
 
     #[inline(always)]
-    fn pair(self) -> Pair {
+    fn pair(self) -> Self {
         self
     }
 
     #[inline(always)]
-    fn hi(self) -> f32 {
+    fn hi(self) -> N {
         self.hi
     }
 
     #[inline(always)]
-    fn by_power(self, power: f32) -> Self {
+    fn by_power(self, power: N) -> Self {
         Self { hi: self.hi * power, lo: self.lo * power }
     }
 
     /// Within `2^-48` of its size and `2^-65` of the largest product.
     #[inline(always)]
-    fn across(p: Pair, q: Pair, r: Pair, s: Pair) -> Self {
-        let first = Pair::sum(p.hi, -q.hi);
-        let second = Pair::sum(p.lo, -q.lo);
-        let third = Pair::sum(r.hi, -s.hi);
-        let fourth = Pair::sum(second.hi, third.hi);
-        let fifth = Pair::sum(first.lo, fourth.hi);
+    fn across(x: Self, z: Self, main: N, side: N) -> (Self, N::Mask) {
+        let (Across { p, q, r, s }, known) = Across::new(x, z, main, side);
+        let first = Self::sum(p.hi, -q.hi);
+        let second = Self::sum(p.lo, -q.lo);
+        let third = Self::sum(r.hi, -s.hi);
+        let fourth = Self::sum(second.hi, third.hi);
+        let fifth = Self::sum(first.lo, fourth.hi);
         let rest = ((second.lo + third.lo) + (r.lo - s.lo)) + (fourth.lo + fifth.lo);
-        let whole = Pair::sum(first.hi, fifth.hi);
-        Pair::sum(whole.hi, whole.lo + rest)
+        let whole = Self::sum(first.hi, fifth.hi);
+        (Self::sum(whole.hi, whole.lo + rest), known)
     }
 
     #[inline(always)]
@@ -134,10 +183,15 @@ impl Long for Pair {
 
     /// The quotient, within `2^-42` of its size, by the divisor's reciprocal to within some ULP.
     #[inline(always)]
-    fn over(self, divisor: Self, reciprocal: f32) -> Self {
+    fn over(self, divisor: Self, reciprocal: N) -> Self {
         let first = self.hi * reciprocal;
         let taken = Self::product(first, divisor.hi);
         let left = ((self.hi - taken.hi) - taken.lo) + (self.lo - first * divisor.lo);
         Self::sum(first, left * reciprocal)
+    }
+
+    #[inline(always)]
+    fn choose(mask: N::Mask, a: Self, b: Self) -> Self {
+        Self { hi: N::choose(mask, a.hi, b.hi), lo: N::choose(mask, a.lo, b.lo) }
     }
 }

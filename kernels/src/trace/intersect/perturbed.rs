@@ -18,12 +18,14 @@
 //! signed crossings, leaving less entering, are the winding number of `o + s`: a number of the point, not of the
 //! direction, since `s` does not depend on `d`.
 //!
-//! Signs are exact, and `t` is rounded correctly: by pairs of floats and, where those do not tell, by integers, as in
-//! [`exact`]. Where `t` is 0, or rounds to it, it is [`AT_ORIGIN`] or the negative of that, by the second rule.
+//! Signs are exact, and `t` is rounded correctly: by pairs of floats or doubles and, where those do not tell, by integers,
+//! as in [`exact`](super::exact). Where `t` is 0, or rounds to it, it is [`AT_ORIGIN`] or the negative of that, by the
+//! second rule.
 
 use super::{
     Best, Intersector,
-    exact::{self, Edge, Exact},
+    exact::Exact,
+    filter::{Edge, First, Line, all_turned, look},
     integers,
     pair::Pair,
 };
@@ -113,18 +115,19 @@ fn by_pairs<const ORDERED: bool>(
     best: &Best,
 ) -> Verdict {
     let nothing = Verdict { certain: true, crossed: false, leaving: false, t: 0.0 };
-    let looked = exact::look::<Pair>(ray, (a, b, c));
+    let line = Line::of(ray);
+    let looked = look::<First>(&line, &all_turned((a, b, c), ray.main));
     if looked.missed {
         return nothing;
     }
-    let turned = looked.dz < 0.0;
+    let turned = line.way.z < 0.0;
     let (u, v, w) = looked.edges;
     let d = ray.heading;
     let (u, v, w) = (sign(u, turned, b, c, d), sign(v, turned, c, a, d), sign(w, turned, a, b, d));
     if u * v < 0 || v * w < 0 || w * u < 0 {
         return nothing;
     }
-    let met = looked.meet(ray);
+    let met = looked.meet(&line);
     if u * v * w == 0 || !met.told {
         return Verdict { certain: false, ..nothing };
     }

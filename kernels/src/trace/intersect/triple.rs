@@ -1,20 +1,20 @@
 //! Numbers as sums of three floats, about 70 digits (after Fabiano, Muller & Picot 2019, "Algorithms for triple-word
 //! arithmetic", with simpler sums).
 
-use super::pair::{Long, Pair};
-use crate::math::exp2;
+use super::pair::{Across, Long, Pair};
+use crate::math::{Digits, exp2};
 
 /// `a + b + c`, each far smaller than the one before.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Triple {
-    a: f32,
-    b: f32,
-    c: f32,
+#[derive(Clone, Copy, Debug)]
+pub struct Triple<N = f32> {
+    a: N,
+    b: N,
+    c: N,
 }
 
 /// `a + b + c` with its digits in order, exactly.
 #[inline(always)]
-fn sorted(a: f32, b: f32, c: f32) -> Triple {
+fn sorted<N: Digits>(a: N, b: N, c: N) -> Triple<N> {
     let low = Pair::sum(b, c);
     let top = Pair::sum(a, low.hi);
     let low = Pair::sum(top.lo, low.lo);
@@ -26,7 +26,7 @@ fn sorted(a: f32, b: f32, c: f32) -> Triple {
 
 /// `a + b`, and what rounding took.
 #[inline(always)]
-fn two(a: f32, b: f32) -> (f32, f32) {
+fn two<N: Digits>(a: N, b: N) -> (N, N) {
     let sum = Pair::sum(a, b);
     (sum.hi, sum.lo)
 }
@@ -34,7 +34,7 @@ fn two(a: f32, b: f32) -> (f32, f32) {
 /// The same sum with the larger part in front: each term takes what it can of the one behind it, exactly. Written out,
 /// since llvmpipe counts the rounds of loops.
 #[inline(always)]
-fn settle7([b, c, d, e, f, g, h]: [f32; 7]) -> [f32; 7] {
+fn settle7<N: Digits>([b, c, d, e, f, g, h]: [N; 7]) -> [N; 7] {
     let (g, h) = two(g, h);
     let (f, g) = two(f, g);
     let (e, f) = two(e, f);
@@ -46,21 +46,22 @@ fn settle7([b, c, d, e, f, g, h]: [f32; 7]) -> [f32; 7] {
 
 /// The same of eight.
 #[inline(always)]
-fn settle8([a, b, c, d, e, f, g, h]: [f32; 8]) -> [f32; 8] {
+fn settle8<N: Digits>([a, b, c, d, e, f, g, h]: [N; 8]) -> [N; 8] {
     let [b, c, d, e, f, g, h] = settle7([b, c, d, e, f, g, h]);
     let (a, b) = two(a, b);
     [a, b, c, d, e, f, g, h]
 }
 
-impl Triple {
+impl<N: Digits> Triple<N> {
     /// Less the product of another and a float, within `2^-67` of the larger of both.
     #[inline(always)]
-    fn less(self, other: Self, by: f32) -> Self {
-        self.plus(other.times(Self::of(Pair { hi: -by, lo: 0.0 })))
+    fn less(self, other: Self, by: N) -> Self {
+        self.plus(other.times(Self::of(Pair::float(-by))))
     }
 }
 
-impl Long for Triple {
+impl<N: Digits> Long for Triple<N> {
+    type One = N;
     const CORNER: f32 = exp2(-60);
     const CORNER_FAR: f32 = exp2(-77);
     const EDGE: f32 = exp2(-59);
@@ -71,17 +72,17 @@ impl Long for Triple {
     const FIRST: bool = false;
 
     #[inline(always)]
-    fn of(pair: Pair) -> Self {
-        Self { a: pair.hi, b: pair.lo, c: 0.0 }
+    fn of(pair: Pair<N>) -> Self {
+        Self { a: pair.hi, b: pair.lo, c: N::all(0.0) }
     }
 
     #[inline(always)]
-    fn pair(self) -> Pair {
+    fn pair(self) -> Pair<N> {
         Pair { hi: self.a, lo: self.b + self.c }
     }
 
     #[inline(always)]
-    fn hi(self) -> f32 {
+    fn hi(self) -> N {
         self.a
     }
 
@@ -91,7 +92,7 @@ impl Long for Triple {
     }
 
     #[inline(always)]
-    fn by_power(self, power: f32) -> Self {
+    fn by_power(self, power: N) -> Self {
         Self { a: self.a * power, b: self.b * power, c: self.c * power }
     }
 
@@ -113,7 +114,7 @@ impl Long for Triple {
     }
 
     #[inline(always)]
-    fn over(self, divisor: Self, reciprocal: f32) -> Self {
+    fn over(self, divisor: Self, reciprocal: N) -> Self {
         let first = self.a * reciprocal;
         let left = self.less(divisor, first);
         let second = left.a * reciprocal;
@@ -124,10 +125,17 @@ impl Long for Triple {
     /// Within `2^-62` of its size and `2^-79` of the largest product: passes over all terms leave the first float and,
     /// in the others, all that it lacks (Ogita, Rump & Oishi 2005, "Accurate sum and dot product", section 4).
     #[inline(always)]
-    fn across(p: Pair, q: Pair, r: Pair, s: Pair) -> Self {
+    fn across(x: Pair<N>, z: Pair<N>, main: N, side: N) -> (Self, N::Mask) {
+        let (Across { p, q, r, s }, known) = Across::new(x, z, main, side);
         let all = [p.hi, -q.hi, p.lo, -q.lo, r.hi, -s.hi, r.lo, -s.lo];
         let [first, b, c, d, e, f, g, h] = settle8(settle8(settle8(all)));
         let [second, c, d, e, f, g, h] = settle7(settle7([b, c, d, e, f, g, h]));
-        sorted(first, second, c + (d + (e + (f + (g + h)))))
+        (sorted(first, second, c + (d + (e + (f + (g + h))))), known)
+    }
+
+    #[inline(always)]
+    fn choose(mask: N::Mask, a: Self, b: Self) -> Self {
+        let each = |a, b| N::choose(mask, a, b);
+        Self { a: each(a.a, b.a), b: each(a.b, b.b), c: each(a.c, b.c) }
     }
 }

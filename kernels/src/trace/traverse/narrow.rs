@@ -26,14 +26,15 @@ use crate::{
 use raykd_shared::{TreeHeader, status};
 
 /// How many triangles are kept of a ray.
-const MOST: u32 = 8;
+pub(in crate::trace) const MOST: u32 = 8;
 /// How many there are, [`MOST`] and one if there were more.
 const COUNT: u32 = 0;
 /// Of each its number, the reference that lists it, and the lowest number that `t` may be.
 const FIRST: u32 = 1;
 /// Words of a triangle.
 const EACH: u32 = 3;
-const WORDS: usize = (FIRST + MOST * EACH) as usize;
+/// Words for all that.
+pub(in crate::trace) const WORDS: usize = (FIRST + MOST * EACH) as usize;
 
 /// Stands beside the fourth of a ray's references, in place of a hit's `v`, which has neither this bit nor the next.
 pub(super) const LISTED: u32 = 0x4000_0000;
@@ -45,9 +46,28 @@ pub(super) const TOO_MANY: u32 = u32::MAX;
 /// Keeps the triangles of which one may be the closest hit. `t` of the best is the highest that the closest hit's may
 /// be.
 #[derive(Clone, Copy, Debug)]
-struct Narrow;
+pub(in crate::trace) struct Narrow;
 
 impl Narrow {
+    /// Nothing is kept yet.
+    #[inline(always)]
+    pub(in crate::trace) fn clear(own: &mut impl Slots<u32>) {
+        own.put(COUNT, 0);
+    }
+
+    /// How many triangles are kept, more than [`MOST`] if there was no room.
+    #[inline(always)]
+    pub(in crate::trace) fn count(own: &impl Slots<u32>) -> u32 {
+        own.at(COUNT)
+    }
+
+    /// The reference that lists the one with this number.
+    #[cfg(target_arch = "x86_64")]
+    #[inline(always)]
+    pub(in crate::trace) fn reference(own: &impl Slots<u32>, i: u32) -> u32 {
+        own.at(FIRST + EACH * i + 1)
+    }
+
     #[inline(always)]
     fn put(own: &mut impl Slots<u32>, i: u32, (id, at, near): (u32, u32, f32)) {
         own.put(FIRST + EACH * i, id);
@@ -63,7 +83,7 @@ impl Narrow {
 
     /// Forgets the triangles that are surely behind `t`, and adds one if it is not there.
     #[inline(always)]
-    fn add(own: &mut impl Slots<u32>, triangle: (u32, u32, f32), t: f32) {
+    pub(in crate::trace) fn add(own: &mut impl Slots<u32>, triangle: (u32, u32, f32), t: f32) {
         let count = own.at(COUNT);
         let mut kept = 0;
         let mut there = false;
@@ -132,9 +152,9 @@ pub fn narrow(
             let ray = &mut load(i, rays, &header.at(0), outcome);
             let (aside, own) = (&mut aside::<ASIDE, SHARED>(shared, lane), &mut scratch::<u32, WORDS>());
             let steps = &mut Steps::default();
-            own.put(COUNT, 0);
+            Narrow::clear(own);
             walk_keeping::<Exact, Narrow, false>(ray, pairs, corners, Narrow, false, aside, own, steps);
-            let count = own.at(COUNT);
+            let count = Narrow::count(own);
             if count == 0 {
                 hits.put(i, record(ray, &Best::NOTHING));
             } else if count <= MOST {

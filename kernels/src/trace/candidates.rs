@@ -1,0 +1,437 @@
+//! Hits of the exact test of eight rays side by side, on a CPU. On their way through the tree
+//! ([`packet`](super::packet), [`apart`](super::apart)) floats tell which triangles may be a ray's hit: mostly one. Those
+//! are then tested by doubles, eight rays at once; where a ray has several, or doubles do not tell, alone. What
+//! [`narrow`](super::traverse::narrow) and [`settle`](super::traverse::settle) do on a GPU, and the same answers as those
+//! of the test in the walk.
+
+use super::{
+    apart::{self, Visits},
+    frame::{Frame, flush},
+    intersect::{
+        Best, Glance, Intersector, NORMAL,
+        bounds::{Edges, glance},
+        exact::Exact,
+        filter::by,
+        pair::Long,
+    },
+    job::{JOB_ANY, record},
+    packet::{FEW, Leaves, Packet, Scaled, many, near, neighbours},
+    traverse::{
+        leaf::{self, Choice, Filter},
+        narrow::{MOST, Narrow, WORDS},
+    },
+};
+use crate::{
+    Group,
+    eight::{Doubles, Eight, SIDE_BY_SIDE},
+    glam::{UVec4, Vec4},
+    kernel::Bits,
+    math::Sides,
+    mem::{Buf, Slots},
+};
+use raykd_shared::{MISS, Node, TreeHeader};
+
+const SIDES: usize = SIDE_BY_SIDE as usize;
+
+/// What all of it reads.
+#[derive(Clone, Copy)]
+struct Scene<'a> {
+    header: &'a TreeHeader,
+    pairs: &'a Buf<UVec4>,
+    corners: &'a Buf<Vec4>,
+    rays: &'a Buf<Vec4>,
+}
+
+/// The triangles that may be the hit of one ray.
+type List = [u32; WORDS];
+
+impl Scene<'_> {
+    /// The best of a ray's candidates.
+    fn best(&self, ray: &Frame, list: &List) -> Best {
+        let mut best = Best::NOTHING;
+        for i in 0..Narrow::count(list) {
+            let corners = self.corners.three(3 * Narrow::reference(list, i));
+            Exact.settle(ray, corners.0.w.to_bits() & !NORMAL, corners, &mut best);
+        }
+        best
+    }
+
+    /// What a ray hits of one triangle.
+    #[cold]
+    #[inline(never)]
+    fn alone(&self, i: u32, at: u32) -> UVec4 {
+        let mut list = [0; WORDS];
+        Narrow::add(&mut list, (0, at, f32::NEG_INFINITY), 0.0);
+        let (ray, best) = self.best_of(i, &list);
+        record(&ray, &best)
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn best_of(&self, i: u32, list: &List) -> (Frame, Best) {
+        let ray = Frame::new(self.rays.at(2 * i), self.rays.at(2 * i + 1), self.header).whole();
+        (ray, self.best(&ray, list))
+    }
+}
+
+/// Where answers go, and what has none yet.
+struct Answers<'a> {
+    scene: Scene<'a>,
+    hits: &'a mut Buf<UVec4>,
+    /// Rays that have one candidate each, and the references that list those.
+    waiting: [(u32, u32); 64],
+    count: usize,
+}
+
+impl Answers<'_> {
+    /// Answers a ray by its candidates, or later. False if there was no room for all.
+    fn take(&mut self, i: u32, list: &List) -> bool {
+        match Narrow::count(list) {
+            0 => self.hits.put(i, NOTHING),
+            1 => self.wait(i, Narrow::reference(list, 0)),
+            2..=MOST => {
+                let (ray, best) = self.scene.best_of(i, list);
+                self.hits.put(i, record(&ray, &best));
+            }
+            _ => return false,
+        }
+        true
+    }
+
+    #[inline(always)]
+    fn wait(&mut self, ray: u32, at: u32) {
+        self.waiting[self.count] = (ray, at);
+        self.count += 1;
+    }
+
+    /// Answers those that wait, eight at a time.
+    #[inline(always)]
+    fn settle<D: Long<One: Sides>>(&mut self) {
+        let (waiting, mut first) = (self.waiting, 0);
+        while first < self.count {
+            let some = self.count.min(first + SIDES) - first;
+            let mut eight = [waiting[first]; SIDES];
+            eight[..some].copy_from_slice(&waiting[first..first + some]);
+            self.settle_eight::<D, D::One>(&eight);
+            first += SIDES;
+        }
+    }
+
+    #[inline(always)]
+    fn settle_eight<D: Long<One = N>, N: Sides>(&mut self, waiting: &[(u32, u32); SIDES]) {
+        let Scene { header, corners, rays, .. } = self.scene;
+        let mut rows = [[Vec4::ZERO; SIDES]; 5];
+        let mut lane = 0;
+        while lane < SIDES {
+            let (ray, at) = waiting[lane];
+            (rows[0][lane], rows[1][lane]) = (rays.at(2 * ray), rays.at(2 * ray + 1));
+            (rows[2][lane], rows[3][lane], rows[4][lane]) = corners.three(3 * at);
+            lane += 1;
+        }
+        let scaled = Scaled::<N>::new::<true>(&rows[0], &rows[1], header.scale);
+        let mains = scaled.mains();
+        let line = scaled.line(&mains, header);
+        let corners = [mains.turned(&rows[2]), mains.turned(&rows[3]), mains.turned(&rows[4])];
+        let none = N::all(f32::INFINITY);
+        let found = by::<D>(&line, &corners, (&line.from, &corners), none, none.below(none));
+        let (certain, hit) = (N::bits(found.certain) & scaled.rays, N::bits(found.hit));
+        // What is subnormal is 0, and so is a negative zero.
+        let zero = N::all(0.0);
+        let t = (flush(found.t * scaled.unstretch(), f32::MIN_POSITIVE) + zero).numbers();
+        let u = (flush(found.u, f32::MIN_POSITIVE) + zero).numbers();
+        let v = (flush(found.v, f32::MIN_POSITIVE) + zero).numbers();
+        let mut lane = 0;
+        while lane < SIDES {
+            let (ray, at) = waiting[lane];
+            let answer = if certain >> lane & 1 == 0 {
+                self.scene.alone(ray, at)
+            } else if hit >> lane & 1 != 0 {
+                let triangle = rows[2][lane].w.to_bits() & !NORMAL;
+                UVec4::new(triangle, t[lane].to_bits(), u[lane].to_bits(), v[lane].to_bits())
+            } else {
+                NOTHING
+            };
+            self.hits.put(ray, answer);
+            lane += 1;
+        }
+    }
+}
+
+/// No hit.
+const NOTHING: UVec4 = UVec4::new(MISS, 0, 0, 0);
+
+/// Candidates of eight rays that go together.
+struct Together<'a, N, const ANY: bool> {
+    scene: Scene<'a>,
+    /// The number of the first ray.
+    first: u32,
+    /// The last `t` that counts.
+    last: N,
+    /// The triangle that is surely hit there or before, as corners have it.
+    best: N,
+    /// The lowest number that `t` of a candidate may be.
+    least: N,
+    /// Of rays with one candidate, which floats are sure of, the reference that lists it.
+    one: N,
+    /// The other rays that have any: theirs are in lists.
+    listed: u32,
+    lists: [List; SIDES],
+    /// Which rays are done.
+    done: u32,
+}
+
+impl<'a, N: Sides, const ANY: bool> Together<'a, N, ANY> {
+    #[inline(always)]
+    fn new(scene: Scene<'a>, packet: &Packet<N>, first: u32) -> Self {
+        let none = N::all(f32::INFINITY);
+        let lists = [[0; WORDS]; SIDES];
+        Self {
+            scene,
+            first,
+            last: packet.t_max,
+            best: none,
+            least: none,
+            one: none,
+            listed: 0,
+            lists,
+            done: 0,
+        }
+    }
+
+    /// Hands over what is found of some rays, and returns which are left.
+    #[inline(always)]
+    fn end(&self, rays: u32, answers: &mut Answers<'_>) -> u32 {
+        let (one, least) = (self.one.numbers(), self.least.numbers());
+        let mut left = 0;
+        for lane in Bits(rays) {
+            let (i, lane) = (self.first + lane, lane as usize);
+            if self.listed >> lane & 1 != 0 {
+                left |= u32::from(!answers.take(i, &self.lists[lane])) << lane;
+            } else if least[lane] < f32::INFINITY {
+                answers.wait(i, one[lane].to_bits());
+            } else {
+                answers.hits.put(i, NOTHING);
+            }
+        }
+        left
+    }
+
+    /// Of a leaf's candidates any hit is the best: done are those rays that surely have one, and those that do on a closer
+    /// look.
+    #[inline(always)]
+    fn look(&mut self, rays: u32, sure: u32) {
+        self.done |= sure;
+        for lane in Bits(self.listed & rays & !sure) {
+            let list = &mut self.lists[lane as usize];
+            // Where there is no room for all nothing is known.
+            if Narrow::count(list) > MOST || self.scene.best_of(self.first + lane, list).1.triangle != MISS {
+                self.done |= 1 << lane;
+            } else {
+                Narrow::clear(list);
+            }
+        }
+    }
+}
+
+/// Adds a candidate to those of a ray, whose `t` is not above `last`.
+#[cold]
+#[inline(never)]
+fn add(list: &mut List, triangle: (u32, u32, f32), last: f32) {
+    if Narrow::count(list) <= MOST {
+        Narrow::add(list, triangle, last);
+    }
+}
+
+impl<N: Sides, const ANY: bool> Leaves<N> for Together<'_, N, ANY> {
+    #[inline(always)]
+    fn visit(&mut self, packet: &Packet<N>, leaf: Node, rays: u32, corners: &Buf<Vec4>) {
+        let end = leaf.first() + leaf.count();
+        let (mut r, mut found) = (leaf.first(), 0);
+        while r < end {
+            let (a, b, c) = corners.three(3 * r);
+            let at = r;
+            r += 1;
+            let s = packet.sheared((a, b, c));
+            let edges = Edges::new(&s, packet.pad);
+            let may = edges.may_hit();
+            if N::bits(may) & rays == 0 {
+                continue;
+            }
+            let triangle = (a.truncate(), b.truncate(), c.truncate());
+            let Glance { near, later, sure, .. } =
+                glance(&s, edges, &packet.starts(), packet.along, packet.pad, triangle);
+            let passed = later.below(packet.t_min) | near.exceeds(self.last) | N::all(a.w).is(self.best);
+            let new = may & !passed & N::mask(rays);
+            let hit = new & sure & !near.below(packet.t_min) & later.below(self.last);
+            // Before all others.
+            let alone = hit & later.below(self.least);
+            let beside = N::bits(new & !alone);
+            let (least, one) = (self.least, self.one);
+            self.last = N::choose(hit, later, self.last);
+            self.best = N::choose(hit, N::all(a.w), self.best);
+            self.least = N::choose(alone, near, N::choose(new, least.low(near), least));
+            self.one = N::choose(alone, N::all(f32::from_bits(at)), one);
+            self.listed &= !N::bits(alone);
+            found |= N::bits(hit);
+            if beside != 0 {
+                let (least, one) = (least.numbers(), one.numbers());
+                let (near, last) = (near.numbers(), self.last.numbers());
+                for lane in Bits(beside) {
+                    let (bit, lane) = (1 << lane, lane as usize);
+                    let list = &mut self.lists[lane];
+                    if self.listed & bit == 0 {
+                        self.listed |= bit;
+                        Narrow::clear(list);
+                        if least[lane] < f32::INFINITY {
+                            let one = one[lane].to_bits();
+                            let id = corners.at(3 * one).w.to_bits() & !NORMAL;
+                            add(list, (id, one, least[lane]), last[lane]);
+                        }
+                    }
+                    add(list, (a.w.to_bits() & !NORMAL, at, near[lane]), last[lane]);
+                }
+            }
+        }
+        if ANY {
+            self.look(rays, found);
+        }
+    }
+
+    #[inline(always)]
+    fn last(&self) -> N {
+        self.last
+    }
+
+    #[inline(always)]
+    fn done(&self) -> u32 {
+        self.done
+    }
+}
+
+/// Candidates of rays that go each on its own.
+struct Apart<'a, 'b, const ANY: bool> {
+    answers: &'a mut Answers<'b>,
+    lists: [List; SIDES],
+}
+
+/// Adds to a list what may be hit.
+struct Keeping<'a>(&'a mut List);
+
+impl Filter for Keeping<'_> {
+    #[inline(always)]
+    fn test<I: Intersector>(
+        &mut self,
+        by: I,
+        ray: &Frame,
+        triangle: (u32, u32),
+        corners: (Vec4, Vec4, Vec4),
+        best: &mut Best,
+    ) -> bool {
+        Narrow.test(by, ray, triangle, corners, best, self.0)
+    }
+}
+
+impl<const ANY: bool> Visits for Apart<'_, '_, ANY> {
+    const WHOLE: bool = true;
+
+    #[inline(always)]
+    fn begin(&mut self, lane: usize) {
+        Narrow::clear(&mut self.lists[lane]);
+    }
+
+    #[inline(always)]
+    fn visit(&mut self, lane: usize, ray: &Frame, leaf: Node, corners: &Buf<Vec4>, best: &mut Best) -> bool {
+        let list = &mut self.lists[lane];
+        leaf::visit(Exact, ray, leaf, corners, &mut Keeping(list), best);
+        let count = Narrow::count(list);
+        if !ANY || count == 0 || count > MOST {
+            return count > MOST;
+        }
+        // While there is no hit, its `t` is the last that counts.
+        let within = Frame { t_max: best.t, ..*ray };
+        let enough = best.triangle != MISS || self.answers.scene.best(&within, list).triangle != MISS;
+        if !enough {
+            Narrow::clear(list);
+        }
+        enough
+    }
+
+    #[inline(always)]
+    fn end(&mut self, lane: usize, i: u32, _ray: &Frame, _best: &Best) -> bool {
+        self.answers.take(i, &self.lists[lane])
+    }
+
+    #[inline(always)]
+    fn miss(&mut self, i: u32) {
+        self.answers.hits.put(i, NOTHING);
+    }
+}
+
+/// Answers those of the rays from `first` to `end`, at most 64, that may go side by side, and returns which are left, a
+/// bit a ray.
+///
+/// # Safety
+/// The processor has these instructions.
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+#[inline(never)]
+unsafe fn by_eight<const ANY: bool>(
+    (first, end): (u32, u32),
+    scene: Scene<'_>,
+    hits: &mut Buf<UVec4>,
+    outcome: &mut Buf<u32>,
+) -> u64 {
+    let mut left = u64::MAX;
+    let Some(near) = near(scene.header) else { return left };
+    let answers = &mut Answers { scene, hits, waiting: [(0, 0); 64], count: 0 };
+    let mut i = first;
+    while i + SIDE_BY_SIDE <= end {
+        if let Some((packet, mut waiting)) = Packet::<Eight>::of::<true>(i, scene.rays, scene.header, near) {
+            let mut found = Together::<Eight, ANY>::new(scene, &packet, i);
+            let mut answered = 0;
+            while waiting != 0 {
+                let some = if ANY { packet.alike(waiting) } else { waiting };
+                if some.count_ones() >= FEW {
+                    packet.walk(some, scene.pairs, scene.corners, &mut found);
+                    answered |= some;
+                }
+                waiting &= !some;
+            }
+            answered &= !found.end(answered, answers);
+            left &= !(u64::from(answered) << (i - first));
+        }
+        i += SIDE_BY_SIDE;
+    }
+    if let Some(some) = many(left, (first, end)) {
+        let Scene { header, pairs, corners, rays } = scene;
+        let visits = Apart::<ANY> { answers, lists: [[0; WORDS]; SIDES] };
+        left = apart::answer::<Eight, _>(first, some, header, pairs, corners, rays, outcome, visits);
+    }
+    answers.settle::<Doubles>();
+    left
+}
+
+/// Answers those of a workgroup's rays that go side by side, and returns which are left: a bit a ray.
+#[inline(always)]
+#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
+pub(super) fn side_by_side(
+    group: &Group,
+    job: &Buf<u32>,
+    header: &Buf<TreeHeader>,
+    pairs: &Buf<UVec4>,
+    corners: &Buf<Vec4>,
+    rays: &Buf<Vec4>,
+    hits: &mut Buf<UVec4>,
+    outcome: &mut Buf<u32>,
+) -> u64 {
+    let Some(range) = neighbours(group, job) else { return u64::MAX };
+    let header = &header.at(0);
+    let scene = Scene { header, pairs, corners, rays };
+    // SAFETY: that the group is usual says so.
+    unsafe {
+        if job.at(JOB_ANY) != 0 {
+            by_eight::<true>(range, scene, hits, outcome)
+        } else {
+            by_eight::<false>(range, scene, hits, outcome)
+        }
+    }
+}
