@@ -452,10 +452,19 @@ impl Sides for Eight {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     extern crate std;
     use super::*;
     use crate::math::exp2;
+
+    /// Whether this processor has the instructions; says so if not.
+    pub(crate) fn has_usual() -> bool {
+        let has = std::is_x86_feature_detected!("avx2") && std::is_x86_feature_detected!("fma");
+        if !has {
+            std::eprintln!("not tested: this processor has no AVX2 or no FMA");
+        }
+        has
+    }
 
     /// Numbers of many sizes, by Marsaglia's xorshift.
     fn numbers(seed: &mut u64) -> [f32; 8] {
@@ -470,7 +479,7 @@ mod tests {
 
     #[test]
     fn eight_doubles_are_what_each_is() {
-        if !std::is_x86_feature_detected!("avx2") || !std::is_x86_feature_detected!("fma") {
+        if !has_usual() {
             return;
         }
         let mut seed = 0x5EED;

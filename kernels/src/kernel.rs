@@ -18,8 +18,8 @@ pub struct Group {
     pub usual: Usual,
 }
 
-/// Whether a CPU has the usual instructions: AVX2, FMA, BMI1, BMI2, LZCNT and POPCNT if it is an x86. Nobody can say so by
-/// mistake.
+/// Whether a CPU has the usual instructions: AVX2, FMA, BMI1, BMI2, LZCNT and POPCNT if it is an x86. Nobody can say so
+/// by mistake.
 #[cfg(not(target_arch = "spirv"))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Usual(bool);

@@ -1,21 +1,15 @@
 //! Hits of the exact test of eight rays side by side, on a CPU. On their way through the tree
-//! ([`packet`](super::packet), [`apart`](super::apart)) floats tell which triangles may be a ray's hit: mostly one. Those
-//! are then tested by doubles, eight rays at once; where a ray has several, or doubles do not tell, alone. What
-//! [`narrow`](super::traverse::narrow) and [`settle`](super::traverse::settle) do on a GPU, and the same answers as those
+//! ([`packet`](super::packet), [`apart`](super::apart)) floats tell which triangles may be a ray's hit: mostly one.
+//! Those are then tested by doubles, eight rays at once; where a ray has several, or doubles do not tell, alone.
+//! [`narrow`](super::traverse::narrow) and [`settle`](super::traverse::settle) do this on a GPU. The answers are those
 //! of the test in the walk.
 
 use super::{
     apart::{self, Visits},
     frame::{Frame, flush},
-    intersect::{
-        Best, Glance, Intersector, NORMAL,
-        bounds::{Edges, glance},
-        exact::Exact,
-        filter::by,
-        pair::Long,
-    },
+    intersect::{Best, Glance, Intersector, NORMAL, exact::Exact, filter::by, pair::Long},
     job::{JOB_ANY, record},
-    packet::{FEW, Leaves, Packet, Scaled, many, near, neighbours},
+    packet::{Leaves, Packet, Scaled, many, near, neighbours},
     traverse::{
         leaf::{self, Choice, Filter},
         narrow::{MOST, Narrow, WORDS},
@@ -46,31 +40,40 @@ struct Scene<'a> {
 type List = [u32; WORDS];
 
 impl Scene<'_> {
+    fn frame(&self, i: u32) -> Frame {
+        Frame::new(self.rays.at(2 * i), self.rays.at(2 * i + 1), self.header).whole()
+    }
+
+    /// Tests the triangle that a reference lists.
+    fn test(&self, ray: &Frame, at: u32, best: &mut Best) {
+        let corners = self.corners.three(3 * at);
+        Exact.settle(ray, corners.0.w.to_bits() & !NORMAL, corners, best);
+    }
+
+    /// What ray `i` hits of one triangle.
+    #[cold]
+    #[inline(never)]
+    fn alone(&self, i: u32, at: u32) -> UVec4 {
+        let (ray, mut best) = (self.frame(i), Best::NOTHING);
+        self.test(&ray, at, &mut best);
+        record(&ray, &best)
+    }
+
     /// The best of a ray's candidates.
     fn best(&self, ray: &Frame, list: &List) -> Best {
         let mut best = Best::NOTHING;
         for i in 0..Narrow::count(list) {
-            let corners = self.corners.three(3 * Narrow::reference(list, i));
-            Exact.settle(ray, corners.0.w.to_bits() & !NORMAL, corners, &mut best);
+            self.test(ray, Narrow::reference(list, i), &mut best);
         }
         best
     }
 
-    /// What a ray hits of one triangle.
+    /// What ray `i` hits of its candidates.
     #[cold]
     #[inline(never)]
-    fn alone(&self, i: u32, at: u32) -> UVec4 {
-        let mut list = [0; WORDS];
-        Narrow::add(&mut list, (0, at, f32::NEG_INFINITY), 0.0);
-        let (ray, best) = self.best_of(i, &list);
-        record(&ray, &best)
-    }
-
-    #[cold]
-    #[inline(never)]
-    fn best_of(&self, i: u32, list: &List) -> (Frame, Best) {
-        let ray = Frame::new(self.rays.at(2 * i), self.rays.at(2 * i + 1), self.header).whole();
-        (ray, self.best(&ray, list))
+    fn best_of(&self, i: u32, list: &List) -> UVec4 {
+        let ray = self.frame(i);
+        record(&ray, &self.best(&ray, list))
     }
 }
 
@@ -89,10 +92,7 @@ impl Answers<'_> {
         match Narrow::count(list) {
             0 => self.hits.put(i, NOTHING),
             1 => self.wait(i, Narrow::reference(list, 0)),
-            2..=MOST => {
-                let (ray, best) = self.scene.best_of(i, list);
-                self.hits.put(i, record(&ray, &best));
-            }
+            2..=MOST => self.hits.put(i, self.scene.best_of(i, list)),
             _ => return false,
         }
         true
@@ -216,15 +216,15 @@ impl<'a, N: Sides, const ANY: bool> Together<'a, N, ANY> {
         left
     }
 
-    /// Of a leaf's candidates any hit is the best: done are those rays that surely have one, and those that do on a closer
-    /// look.
+    /// Of a leaf's candidates any hit is the best: done are those rays that surely have one, and those that do on a
+    /// closer look.
     #[inline(always)]
     fn look(&mut self, rays: u32, sure: u32) {
         self.done |= sure;
         for lane in Bits(self.listed & rays & !sure) {
             let list = &mut self.lists[lane as usize];
             // Where there is no room for all nothing is known.
-            if Narrow::count(list) > MOST || self.scene.best_of(self.first + lane, list).1.triangle != MISS {
+            if Narrow::count(list) > MOST || self.scene.best_of(self.first + lane, list).x != MISS {
                 self.done |= 1 << lane;
             } else {
                 Narrow::clear(list);
@@ -251,15 +251,8 @@ impl<N: Sides, const ANY: bool> Leaves<N> for Together<'_, N, ANY> {
             let (a, b, c) = corners.three(3 * r);
             let at = r;
             r += 1;
-            let s = packet.sheared((a, b, c));
-            let edges = Edges::new(&s, packet.pad);
-            let may = edges.may_hit();
-            if N::bits(may) & rays == 0 {
-                continue;
-            }
-            let triangle = (a.truncate(), b.truncate(), c.truncate());
-            let Glance { near, later, sure, .. } =
-                glance(&s, edges, &packet.starts(), packet.along, packet.pad, triangle);
+            let Some((may, seen)) = packet.glance((a, b, c), rays) else { continue };
+            let Glance { near, later, sure, .. } = seen;
             let passed = later.below(packet.t_min) | near.exceeds(self.last) | N::all(a.w).is(self.best);
             let new = may & !passed & N::mask(rays);
             let hit = new & sure & !near.below(packet.t_min) & later.below(self.last);
@@ -385,18 +378,10 @@ unsafe fn by_eight<const ANY: bool>(
     let answers = &mut Answers { scene, hits, waiting: [(0, 0); 64], count: 0 };
     let mut i = first;
     while i + SIDE_BY_SIDE <= end {
-        if let Some((packet, mut waiting)) = Packet::<Eight>::of::<true>(i, scene.rays, scene.header, near) {
+        if let Some((packet, together)) = Packet::<Eight>::of::<true>(i, scene.rays, scene.header, near) {
             let mut found = Together::<Eight, ANY>::new(scene, &packet, i);
-            let mut answered = 0;
-            while waiting != 0 {
-                let some = if ANY { packet.alike(waiting) } else { waiting };
-                if some.count_ones() >= FEW {
-                    packet.walk(some, scene.pairs, scene.corners, &mut found);
-                    answered |= some;
-                }
-                waiting &= !some;
-            }
-            answered &= !found.end(answered, answers);
+            let gone = packet.walk_together::<ANY>(together, scene.pairs, scene.corners, &mut found);
+            let answered = gone & !found.end(gone, answers);
             left &= !(u64::from(answered) << (i - first));
         }
         i += SIDE_BY_SIDE;

@@ -10,8 +10,8 @@ use super::{
     apart,
     frame::{DUST, FARTHEST, FARTHEST_SCENE, Frame, NO_SHEAR, PAD, flush, reciprocal, slab},
     intersect::{
-        Best, NORMAL,
-        bounds::Starts,
+        Best, Glance, NORMAL,
+        bounds::{Edges, Starts, glance},
         filter::{Line, Turned},
         strict::{self, Sheared, sheared, weights},
     },
@@ -36,7 +36,7 @@ const ENOUGH: u32 = 6;
 /// 0.4, rays to all sides an eighth.
 const ALONG: f32 = 0.3;
 /// Fewer rays are not worth a walk of their own.
-pub(super) const FEW: u32 = 3;
+const FEW: u32 = 3;
 /// Of rays that do not go together fewer go one by one.
 const MANY: u32 = 16;
 
@@ -102,7 +102,7 @@ impl<N: Sides> Mains<N> {
 
 impl<N: Sides> Scaled<N> {
     /// Of rays as buffers hold them; if `WHOLE`, as [`Frame::whole`]. Of subnormal numbers more is left than there: less
-    /// than any error that is reckoned with.
+    /// than any error that counts.
     #[inline(always)]
     pub(super) fn new<const WHOLE: bool>(starts: &[Vec4; 8], ways: &[Vec4; 8], scale: f32) -> Self {
         let [ox, oy, oz, dx] = N::columns(starts);
@@ -157,6 +157,7 @@ impl<N: Sides> Scaled<N> {
         Line {
             from,
             way,
+            // Nothing is left out of ordinary rays.
             whole: self.t_min.is(self.t_min),
             along: reciprocal(way.z),
             far: self.far(header),
@@ -215,7 +216,7 @@ pub(super) struct Packet<N: Sides> {
     inverses: [N; 4],
     /// Which rays go down on an axis.
     back: [u32; 4],
-    pub pad: N,
+    pad: N,
     /// What turns a corner so that a ray's main axis is the last.
     turns: [N::Turn; 3],
     /// The origins, turned.
@@ -223,7 +224,7 @@ pub(super) struct Packet<N: Sides> {
     shear_x: N,
     shear_y: N,
     /// Reciprocals of the main components.
-    pub along: N,
+    along: N,
     main: N,
     enter: N,
     exit: N,
@@ -302,7 +303,7 @@ impl<N: Sides> Packet<N> {
 
     /// Those of some rays whose directions have the signs of the first one's.
     #[inline(always)]
-    pub(super) fn alike(&self, rays: u32) -> u32 {
+    fn alike(&self, rays: u32) -> u32 {
         let first = rays & rays.wrapping_neg();
         let like = |back: u32| if back & first == 0 { !back } else { back };
         rays & like(self.back[0]) & like(self.back[1]) & like(self.back[2])
@@ -396,16 +397,46 @@ impl<N: Sides> Packet<N> {
         }
     }
 
-    /// By axis.
+    /// Takes rays to their leaves that go together, for any hit those whose directions have the same signs, and returns
+    /// which they are.
     #[inline(always)]
-    pub(super) fn starts(&self) -> Starts<N> {
+    pub(super) fn walk_together<const ANY: bool>(
+        &self,
+        mut waiting: u32,
+        pairs: &Buf<UVec4>,
+        corners: &Buf<Vec4>,
+        leaves: &mut impl Leaves<N>,
+    ) -> u32 {
+        let mut gone = 0;
+        while waiting != 0 {
+            let some = if ANY { self.alike(waiting) } else { waiting };
+            if some.count_ones() >= FEW {
+                self.walk(some, pairs, corners, leaves);
+                gone |= some;
+            }
+            waiting &= !some;
+        }
+        gone
+    }
+
+    /// What floats tell of a triangle, and for which rays it may be hit; nothing if for none of some.
+    #[inline(always)]
+    pub(super) fn glance(&self, (a, b, c): (Vec4, Vec4, Vec4), some: u32) -> Option<(N::Mask, Glance<N>)> {
+        let s = self.sheared((a, b, c));
+        let edges = Edges::new(&s, self.pad);
+        let may = edges.may_hit();
+        if N::bits(may) & some == 0 {
+            return None;
+        }
         let ([ox, oy, oz, _], [ix, iy, iz, _]) = (self.origins, self.inverses);
-        Starts { origin: [ox, oy, oz], inverse: [ix, iy, iz] }
+        let starts = Starts { origin: [ox, oy, oz], inverse: [ix, iy, iz] };
+        let corners = (a.truncate(), b.truncate(), c.truncate());
+        Some((may, glance(&s, edges, &starts, self.along, self.pad, corners)))
     }
 
     /// A triangle seen along the rays.
     #[inline(always)]
-    pub(super) fn sheared(&self, (a, b, c): (Vec4, Vec4, Vec4)) -> Sheared<N> {
+    fn sheared(&self, (a, b, c): (Vec4, Vec4, Vec4)) -> Sheared<N> {
         let seen = |v: Vec4, k: usize| N::turned(v, self.turns[k]) - self.seats[k];
         let (az, bz, cz) = (seen(a, 2), seen(b, 2), seen(c, 2));
         Sheared {
@@ -578,17 +609,9 @@ fn answer<N: Sides, const ANY: bool>(
     let Some(near) = near(header) else { return left };
     let mut i = first;
     while i + SIDE_BY_SIDE <= end {
-        if let Some((packet, mut waiting)) = Packet::<N>::of::<false>(i, rays, header, near) {
+        if let Some((packet, together)) = Packet::<N>::of::<false>(i, rays, header, near) {
             let mut found = Hits::<N, ANY>(Bests::new(&packet));
-            let mut answered = 0;
-            while waiting != 0 {
-                let some = if ANY { packet.alike(waiting) } else { waiting };
-                if some.count_ones() >= FEW {
-                    packet.walk(some, pairs, corners, &mut found);
-                    answered |= some;
-                }
-                waiting &= !some;
-            }
+            let answered = packet.walk_together::<ANY>(together, pairs, corners, &mut found);
             found.0.record(&packet, answered, i, hits);
             left &= !(u64::from(answered) << (i - first));
         }
@@ -669,13 +692,8 @@ pub fn side_by_side<const ANY: bool>(
 
 #[cfg(test)]
 mod tests {
-    extern crate std;
     use super::*;
-    use crate::{math::Number, mem::view};
-
-    fn has_usual() -> bool {
-        std::is_x86_feature_detected!("avx2") && std::is_x86_feature_detected!("fma")
-    }
+    use crate::{eight::tests::has_usual, math::Number, mem::view};
 
     #[test]
     fn quotients_of_any_size_are_those_of_single_numbers() {

@@ -2,7 +2,7 @@
 //! other ways through the tree and triangle tests have theirs beside them.
 
 #[cfg(target_arch = "x86_64")]
-pub(super) use super::{candidates::side_by_side as exact_side_by_side, packet::side_by_side};
+use super::packet::side_by_side;
 use super::{
     intersect::{Intersector, exact::Exact, strict::Strict},
     job::{JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, THREADS, load, ray_of, record},
@@ -62,22 +62,6 @@ pub const SHARED: usize = ASIDE * THREADS as usize;
 #[cfg(not(any(target_arch = "spirv", target_arch = "x86_64")))]
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 fn side_by_side<const ANY: bool>(
-    _group: &crate::Group,
-    _job: &Buf<u32>,
-    _header: &Buf<TreeHeader>,
-    _pairs: &Buf<UVec4>,
-    _corners: &Buf<Vec4>,
-    _rays: &Buf<Vec4>,
-    _hits: &mut Buf<UVec4>,
-    _outcome: &mut Buf<u32>,
-) -> u64 {
-    u64::MAX
-}
-
-/// As [`side_by_side`].
-#[cfg(not(any(target_arch = "spirv", target_arch = "x86_64")))]
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
-pub(super) fn exact_side_by_side(
     _group: &crate::Group,
     _job: &Buf<u32>,
     _header: &Buf<TreeHeader>,

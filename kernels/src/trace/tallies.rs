@@ -1,11 +1,9 @@
 //! Crossings of eight rays side by side, on a CPU: they go through the tree together ([`packet`](super::packet)), and
-//! floats tell of most triangles for all at once. What they leave open is decided as [`crossings`](super::crossings) does.
+//! floats tell of most triangles for all at once. What they leave open is decided as [`crossings`](super::crossings)
+//! does.
 
 use super::{
-    intersect::{
-        NORMAL,
-        bounds::{Edges, glance},
-    },
+    intersect::NORMAL,
     packet::{Leaves, Packet, near, neighbours},
     tally::{Tally, WORDS},
 };
@@ -35,14 +33,7 @@ impl<N: Sides> Leaves<N> for Tallies {
             let (a, b, c) = corners.three(3 * r);
             let (id, at) = (a.w.to_bits() & !NORMAL, r);
             r += 1;
-            let s = packet.sheared((a, b, c));
-            let edges = Edges::new(&s, packet.pad);
-            let may = edges.may_hit();
-            if N::bits(may) & rays == 0 {
-                continue;
-            }
-            let triangle = (a.truncate(), b.truncate(), c.truncate());
-            let seen = glance(&s, edges, &packet.starts(), packet.along, packet.pad, triangle);
+            let Some((may, seen)) = packet.glance((a, b, c), rays) else { continue };
             let (near, later, last) = (seen.near, seen.later, N::of(&self.last));
             let left = may & !(later.below(packet.t_min) | near.exceeds(last));
             let told = N::bits(seen.sure & near.exceeds(packet.t_min) & later.below(last));

@@ -46,7 +46,7 @@ impl<N: Digits> Starts<N> {
         (N::all(p.x) - x, N::all(p.y) - y, N::all(p.z) - z)
     }
 
-    /// Along an axis on which all corners are the same: how far that is, and the direction's reciprocal; else that is 0.
+    /// If all corners are the same on an axis, how far that is, and the direction's reciprocal; else that is 0.
     #[inline(always)]
     fn along(&self, a: f32, b: f32, c: f32, axis: usize) -> (N, N) {
         let all = N::all;

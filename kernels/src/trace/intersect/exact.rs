@@ -2,11 +2,10 @@
 //! border, on the numbers as they are; `t`, `u` and `v` are correctly rounded.
 //!
 //! Stages, each for what the one before leaves open: floats turn away triangles that the ray passes at more than they
-//! round, or that surely lie behind it or a hit that it has (`bounds.rs`); pairs of floats
-//! ([`pair`](super::pair)), on a CPU doubles, find signs and quotients with bounds of their errors, but for a `t` next to
-//! 0, which the volume of triangle and origin gives (`filter.rs`); what those do not decide, one triangle of
-//! some hundreds, triples do ([`triple`](super::triple)); and what is left after those, hardly any, integers do
-//! ([`integers`]). The filters follow Shewchuk 1997, the sheared edge functions Woop, Benthin & Wald 2013.
+//! round, or that surely lie behind it or a hit that it has (`bounds.rs`); pairs of floats ([`pair`](super::pair)), on a
+//! CPU doubles, find signs and quotients with bounds of their errors, but for a `t` next to 0, which the volume of
+//! triangle and origin gives (`filter.rs`); what those do not decide, one triangle of some hundreds, triples do
+//! ([`triple`](super::triple)); and what is left after those, hardly any, integers do ([`integers`]). The filters follow Shewchuk 1997, the sheared edge functions Woop, Benthin & Wald 2013.
 //!
 //! Since answers are exact, neighbours need not agree about anything, and what was decided in which stage
 //! does not show. Numbers of any size count, but origins' that would be subnormal in the scaled scene, and
@@ -80,10 +79,12 @@ impl Intersector for Exact {
     }
 }
 
-#[cfg(not(target_arch = "spirv"))]
-use crate::trace::queries::exact_side_by_side;
-
-test!(EXACT(exact_side_by_side), brute_exact::BRUTE_EXACT = Exact);
+#[cfg(target_arch = "x86_64")]
+use crate::trace::candidates::side_by_side;
+#[cfg(target_arch = "x86_64")]
+test!(EXACT(side_by_side), brute_exact::BRUTE_EXACT = Exact);
+#[cfg(not(target_arch = "x86_64"))]
+test!(EXACT, brute_exact::BRUTE_EXACT = Exact);
 
 #[cfg(test)]
 mod tests {

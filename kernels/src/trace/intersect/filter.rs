@@ -1,5 +1,5 @@
-//! Signs and quotients by numbers of more digits than a float, with bounds of their errors: the second and third stage of
-//! the [exact test](super::exact), for one ray or several side by side.
+//! Signs and quotients by numbers of more digits than a float, with bounds of their errors: the second and third stage
+//! of the [exact test](super::exact), for one ray or several side by side.
 
 use super::{
     bounds::NEAR,
@@ -30,9 +30,9 @@ pub(in crate::trace) struct Turned<N> {
 /// A ray for this.
 pub(in crate::trace) struct Line<N: Digits> {
     pub from: Turned<N>,
-    /// Its direction, the main component of size 1 to 2, those smaller than `2^-64` left out.
+    /// Its direction, the main component of size 1 to 2; those smaller than `2^-64` may be left out.
     pub way: Turned<N>,
-    /// Whether there were none.
+    /// Whether none is.
     pub whole: N::Mask,
     /// The main component's reciprocal.
     pub along: N,
@@ -194,11 +194,11 @@ pub(super) struct Looked<L: Long> {
     level: (Pair<One<L>>, One<L>),
 }
 
-/// The second stage, and the third. With `M` the scene's size as seen from the origin, pairs have coordinates `x` within
-/// `2^-48 |x| + 2^-64 M`, and an edge function `x y' - y x'` therefore, see [`Long::times`] and [`Long::plus`], within
-/// `2^-44.2 (|x y'| + |y x'|) + 2^-64 M (|x| + |y| + |x'| + |y'| + 2^-63 M)`. Triples have `2^-62 |x| + 2^-79 M`, and
-/// `2^-59` and `2^-77` in the latter, doubles `2^-53 |x| + 2^-50 M`, and `2^-51` and `2^-50`. Weights and `t` follow from
-/// that.
+/// The second stage, and the third. With `M` the scene's size as seen from the origin, pairs have coordinates `x`
+/// within `2^-48 |x| + 2^-64 M`, and an edge function `x y' - y x'` therefore, see [`Long::times`] and [`Long::plus`],
+/// within `2^-44.2 (|x y'| + |y x'|) + 2^-64 M (|x| + |y| + |x'| + |y'| + 2^-63 M)`. Triples have `2^-62 |x| + 2^-79 M`,
+/// and `2^-59` and `2^-77` in the latter; doubles have `2^-53 |x| + 2^-50 M`, and `2^-51` and `2^-50`. Weights and `t`
+/// follow from that.
 #[inline(always)]
 pub(super) fn look<L: Long>(line: &Line<One<L>>, corners: &[Turned<One<L>>; 3]) -> Looked<L> {
     let all = One::<L>::all;
@@ -321,8 +321,8 @@ fn volume<N: Digits>(from: &Turned<N>, [a, b, c]: &[Turned<N>; 3]) -> (Triple<N>
 }
 
 impl<L: Long> Met<L> {
-    /// Finds those `t` that are not sure by the volume of the triangle and the ray's origin. Where that lies all but in the
-    /// triangle's plane, the mean of depths has lost its digits, and the volume has enough of them.
+    /// Finds those `t` that are not sure by the volume of the triangle and the ray's origin. Where that lies all but in
+    /// the triangle's plane, the mean of depths has lost its digits, and the volume has enough of them.
     #[inline(always)]
     fn near_plane(&mut self, line: &Line<One<L>>, (from, corners): Place<'_, One<L>>) {
         let all = One::<L>::all;
@@ -345,12 +345,12 @@ impl<L: Long> Met<L> {
     }
 }
 
-/// Origin and corners in any cyclic order of axes. In their own on a GPU: nobody then keeps differences for long that are
-/// used seldom.
+/// Origin and corners in any cyclic order of axes. A GPU gets them in another one than the line's: else its compiler keeps
+/// differences in registers that are needed seldom.
 type Place<'a, N> = (&'a Turned<N>, &'a [Turned<N>; 3]);
 
-/// The answer by pairs or triples, given the best `t` so far, and whether at the same `t` the triangle comes after it. A
-/// page loads every byte of each copy, so there it has one.
+/// The answer by doubles, pairs or triples, given the best `t` so far, and whether at the same `t` the triangle comes
+/// after it. A page loads every byte of each copy, so there it has one.
 #[cfg_attr(target_arch = "wasm32", inline(never))]
 #[cfg_attr(not(target_arch = "wasm32"), inline(always))]
 pub(in crate::trace) fn by<L: Long>(

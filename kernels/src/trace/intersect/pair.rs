@@ -46,8 +46,8 @@ pub trait Long: Copy {
     fn times(self, other: Self) -> Self;
     /// The quotient, by the divisor's reciprocal to within some ULP.
     fn over(self, divisor: Self, reciprocal: Self::One) -> Self;
-    /// `x * main - side * z`, where the lower parts are far smaller than the others, which may cancel; and whether it is
-    /// a float, exactly, as far as that is asked.
+    /// `x * main - side * z`, where the lower parts are far smaller than the others, which may cancel; and where it is
+    /// surely a float, exactly.
     fn across(x: Pair<Self::One>, z: Pair<Self::One>, main: Self::One, side: Self::One)
     -> (Self, Mask<Self>);
     /// `a` where the answer is yes, else `b`.
