@@ -260,6 +260,10 @@ impl Digits for Eight {
     fn over(self, divisor: Self) -> Self {
         Self(avx2!(_mm256_div_ps(self.0, divisor.0)))
     }
+    #[inline(always)]
+    fn inverse(self) -> Self {
+        Self::all(1.0).over(self)
+    }
 }
 
 /// Eight doubles, four and four.
@@ -294,7 +298,7 @@ impl Long for Doubles {
     const WEIGHT: f32 = f64::WEIGHT;
     const WHOLE: bool = f64::WHOLE;
     // What they do not tell is told of each ray alone.
-    const FIRST: bool = false;
+    const VOLUME: bool = false;
 
     #[inline(always)]
     fn of(pair: Pair<Eight>) -> Self {

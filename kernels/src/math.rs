@@ -61,6 +61,9 @@ pub trait Digits: Number + Neg<Output = Self> {
     fn signed(self, sign: Self) -> Self;
     /// [`div()`], of several numbers only where operands and result are 0 or normal.
     fn over(self, divisor: Self) -> Self;
+    /// The reciprocal of a number of size 1 to 2, within `2^-22`: for quotients that have bounds of their errors. Which
+    /// of the numbers it is depends on the machine.
+    fn inverse(self) -> Self;
 }
 
 /// Eight numbers, one of each of eight rays.
@@ -197,6 +200,10 @@ impl Digits for f32 {
     #[inline(always)]
     fn over(self, divisor: Self) -> Self {
         div(self, divisor)
+    }
+    #[inline(always)]
+    fn inverse(self) -> Self {
+        if ON_GPU { near_inverse(abs(self)).signed(self) } else { 1.0 / self }
     }
 }
 
@@ -439,6 +446,15 @@ pub fn div(a: f32, b: f32) -> f32 {
     quotient(a, b)
 }
 
+/// The reciprocal of a number from 1 to 2, within `2^-22`: by a chord, then three Newton steps.
+#[inline(always)]
+fn near_inverse(x: f32) -> f32 {
+    let mut r = 1.411_764_7 - 0.470_588_24 * x;
+    r = r * (2.0 - x * r);
+    r = r * (2.0 - x * r);
+    r * (2.0 - x * r)
+}
+
 /// [`div`] without a division: Vulkan's may be off by 2.5 ULP. The quotient is estimated by `+ - *` and made
 /// exact in integers: the remainder of a quotient that is off by a few units fits 32 bits although the
 /// product does not.
@@ -449,13 +465,9 @@ pub fn quotient(a: f32, b: f32) -> f32 {
     let (exp_a, exp_b) = ((bits_a >> 23) & 0xFF, (bits_b >> 23) & 0xFF);
     let mant_a = (bits_a & 0x007F_FFFF) | 0x0080_0000;
     let mant_b = (bits_b & 0x007F_FFFF) | 0x0080_0000;
-    // Reciprocal of b's mantissa, x in [1, 2): a chord, then three Newton steps; within 2^-22.
     let x = f32::from_bits(0x3F80_0000 | (bits_b & 0x007F_FFFF));
     let y = f32::from_bits(0x3F80_0000 | (bits_a & 0x007F_FFFF));
-    let mut r = 1.411_764_7 - 0.470_588_24 * x;
-    r = r * (2.0 - x * r);
-    r = r * (2.0 - x * r);
-    r = r * (2.0 - x * r);
+    let r = near_inverse(x);
     // q = floor(mant_a * 2^shift / mant_b) has 25 bits: 24 and one to round by.
     let smaller = (mant_a < mant_b) as u32;
     let shift = 24 + smaller;
@@ -564,4 +576,18 @@ pub fn product_difference_wide(a: f32, b: f32, c: f32, d: f32) -> (f32, i32) {
 #[inline(always)]
 fn power(e: i32) -> f32 {
     if e < -60 { 0.0 } else { exp2(e) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn near_inverses_are_near() {
+        for bits in (0..=1 << 23).step_by(5) {
+            let x = f32::from_bits(exp2(0).to_bits() + bits);
+            let off = f64::from(near_inverse(x)) * f64::from(x) - 1.0;
+            assert!(off.abs() <= f64::from(exp2(-22)), "{x}: {off}");
+        }
+    }
 }

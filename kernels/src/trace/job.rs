@@ -77,14 +77,22 @@ fn positive_zero(a: f32) -> u32 {
 /// The hit record of a finished ray: triangle, `t`, `u`, `v`.
 #[inline(always)]
 pub fn record(ray: &Frame, best: &Best) -> UVec4 {
+    record_with(ray, best, div(best.u, best.det), div(best.v, best.det))
+}
+
+/// The same if `det` is 1.
+#[inline(always)]
+pub fn record_divided(ray: &Frame, best: &Best) -> UVec4 {
+    // Subnormal numbers become 0.
+    record_with(ray, best, ldexp(best.u, 0), ldexp(best.v, 0))
+}
+
+#[inline(always)]
+fn record_with(ray: &Frame, best: &Best, u: f32, v: f32) -> UVec4 {
     if best.triangle == MISS {
         UVec4::new(MISS, 0, 0, 0)
     } else {
-        UVec4::new(
-            best.triangle,
-            positive_zero(ldexp(best.t, -ray.stretch)),
-            positive_zero(div(best.u, best.det)),
-            positive_zero(div(best.v, best.det)),
-        )
+        let t = ldexp(best.t, -ray.stretch);
+        UVec4::new(best.triangle, positive_zero(t), positive_zero(u), positive_zero(v))
     }
 }

@@ -159,7 +159,7 @@ impl<N: Sides> Scaled<N> {
             way,
             // Nothing is left out of ordinary rays.
             whole: self.t_min.is(self.t_min),
-            along: reciprocal(way.z),
+            along: way.z.inverse(),
             far: self.far(header),
             t_min: self.t_min,
             t_max: self.t_max,

@@ -147,12 +147,12 @@ impl<N: Digits> Through<N> {
     }
 
     /// Between which numbers `t` lies, as it is rounded: it hangs on edge functions by how far the corners' depths are
-    /// apart.
+    /// apart. What rounding and the reciprocal add is less than half of the pad.
     #[inline(always)]
     pub(in crate::trace) fn range(&self, s: &Sheared<N>, along: N, pad: N) -> (N, N) {
         let Edges { u, v, w, .. } = self.edges;
         let unit = self.det.unit();
-        let inverse = N::all(1.0).over(self.det * unit);
+        let inverse = (self.det * unit).inverse();
         let t = s.depth(along, u * unit, v * unit, w * unit) * inverse;
         let spread = along.abs() * (s.az.high(s.bz.high(s.cz)) - s.az.low(s.bz.low(s.cz)));
         let off = N::all(4.0) * self.error * unit * inverse.abs() * spread + N::all(2.0) * pad;

@@ -16,7 +16,7 @@ impl Long for f64 {
     const DEPTH: f32 = exp2(-47);
     const WEIGHT: f32 = exp2(-48);
     const WHOLE: bool = false;
-    const FIRST: bool = true;
+    const VOLUME: bool = true;
 
     #[inline(always)]
     fn of(pair: Pair) -> Self {

@@ -4,8 +4,9 @@
 //! Stages, each for what the one before leaves open: floats turn away triangles that the ray passes at more than they
 //! round, or that surely lie behind it or a hit that it has (`bounds.rs`); pairs of floats ([`pair`](super::pair)), on a
 //! CPU doubles, find signs and quotients with bounds of their errors, but for a `t` next to 0, which the volume of
-//! triangle and origin gives (`filter.rs`); what those do not decide, one triangle of some hundreds, triples do
-//! ([`triple`](super::triple)); and what is left after those, hardly any, integers do ([`integers`]). The filters follow Shewchuk 1997, the sheared edge functions Woop, Benthin & Wald 2013.
+//! triangle and origin gives (`filter.rs`); what those do not decide, one triangle of some thousands, triples do
+//! ([`triple`](super::triple)); and what is left after those, rays exactly through edges most of all, integers do
+//! ([`integers`]). The filters follow Shewchuk 1997, the sheared edge functions Woop, Benthin & Wald 2013.
 //!
 //! Since answers are exact, neighbours need not agree about anything, and what was decided in which stage
 //! does not show. Numbers of any size count, but origins' that would be subnormal in the scaled scene, and
@@ -16,6 +17,7 @@ use super::{
     bounds::{Edges, bounds},
     filter::{First, Line, Verdict, all_turned, by, turned},
     integers,
+    pair::Long,
     strict::shear,
     triple::Triple,
 };
@@ -35,17 +37,13 @@ impl Exact {
     /// [`Exact::test`] without that look.
     #[inline(always)]
     pub fn settle(self, ray: &Frame, id: u32, (a, b, c): (Vec4, Vec4, Vec4), best: &mut Best) -> bool {
-        let (a, b, c) = (a.truncate(), b.truncate(), c.truncate());
-        let (line, corners) = (Line::of(ray), all_turned((a, b, c), ray.main));
-        let (from, own) = (turned(ray.origin, 2), all_turned((a, b, c), 2));
-        let after = id > best.triangle;
-        let mut found = by::<First>(&line, &corners, (&from, &own), best.t, after);
         let mut whole = true;
+        let mut found = self.stage::<First>(ray, id, (a, b, c), best);
         if !found.certain {
-            found = by::<Triple>(&line, &corners, (&from, &own), best.t, after);
+            found = self.stage::<Triple>(ray, id, (a, b, c), best);
         }
         if !found.certain {
-            let answer = integers::cross(ray.origin, ray.heading, a, b, c);
+            let answer = integers::cross(ray.origin, ray.heading, a.truncate(), b.truncate(), c.truncate());
             found = Verdict { certain: true, hit: answer.hit, t: answer.t, u: answer.u, v: answer.v };
             whole = answer.whole;
         }
@@ -53,6 +51,21 @@ impl Exact {
             best.offer(ray, Best { t: found.t, triangle: id, u: found.u, v: found.v, det: 1.0 });
         }
         whole
+    }
+
+    /// What numbers of this kind tell of the triangle.
+    #[inline(always)]
+    fn stage<L: Long<One = f32>>(
+        self,
+        ray: &Frame,
+        id: u32,
+        (a, b, c): (Vec4, Vec4, Vec4),
+        best: &Best,
+    ) -> Verdict {
+        let (a, b, c) = (a.truncate(), b.truncate(), c.truncate());
+        let (line, corners) = (Line::of(ray), all_turned((a, b, c), ray.main));
+        let (from, own) = (turned(ray.origin, 2), all_turned((a, b, c), 2));
+        by::<L>(&line, &corners, (&from, &own), best.t, id > best.triangle)
     }
 }
 

@@ -8,7 +8,7 @@ use super::{
 };
 use crate::{
     glam::Vec3,
-    math::{Digits, Number, component, cycle, exp2, exponent},
+    math::{Digits, Number, cycle, exp2, exponent},
     trace::frame::{Frame, HEADING},
 };
 
@@ -34,7 +34,7 @@ pub(in crate::trace) struct Line<N: Digits> {
     pub way: Turned<N>,
     /// Whether none is.
     pub whole: N::Mask,
-    /// The main component's reciprocal.
+    /// The main component's reciprocal, within `2^-22`.
     pub along: N,
     /// The scene's size as seen from the origin.
     pub far: N,
@@ -56,7 +56,7 @@ impl Line<f32> {
             from: turned(ray.origin, ray.main),
             way,
             whole: ((way.x != 0.0) | (long.x == 0.0)) & ((way.y != 0.0) | (long.y == 0.0)),
-            along: component(ray.inverse, ray.main),
+            along: way.z.inverse(),
             far: ray.pad * exp2(19),
             t_min: ray.t_min,
             t_max: ray.t_max,
@@ -159,14 +159,6 @@ pub(in crate::trace) struct Verdict<N: Digits = f32> {
     pub t: N,
     pub u: N,
     pub v: N,
-}
-
-/// Between which numbers one lies when rounded, if it may be off by `error` and by what a device that flushes
-/// subnormal numbers may take on the way.
-#[inline(always)]
-fn rounded<N: Digits>(a: Pair<N>, error: N) -> (N, N) {
-    let wide = error + a.lo.abs() * N::all(exp2(-20)) + N::all(exp2(-100));
-    (a.hi + (a.lo - wide), a.hi + (a.lo + wide))
 }
 
 /// The largest of three.
@@ -278,23 +270,24 @@ impl<L: Long> Looked<L> {
         let det = L::choose(told, det, L::of(Pair::float(one)));
         let unit = det.hi().unit();
         let (det, u, v, w) = (det.by_power(unit), u.by_power(unit), v.by_power(unit), w.by_power(unit));
-        let inverse = one.over(det.hi());
+        let inverse = det.hi().inverse();
         // The quotient of a weight and the sum, both off, the latter by a 32nd at most: 32 / 31, and room for rounding.
         let part = all(1.25) * (unit * inverse).abs();
         let off = (part * ev, part * ew, part * error);
         let [a, b, c] = self.depths;
         let depth = u.times(L::of(a)).plus(v.times(L::of(b))).plus(w.times(L::of(c)));
-        let t = depth.over(det, inverse).over(L::of(Pair::float(line.way.z)), line.along).pair();
+        let t = depth.over(det, inverse).over(L::of(Pair::float(line.way.z)), line.along);
         let deep = most(a.hi.abs(), b.hi.abs(), c.hi.abs());
         // `t` hangs on weights by how far the corners' depths are apart.
         let spread = most(a.hi, b.hi, c.hi) - least(a.hi, b.hi, c.hi) + all(exp2(-22)) * deep;
-        let (mut near, mut later) = rounded(t, off.2 * spread + all(L::DEPTH) * deep);
+        let (mut near, mut later) = t.rounded(off.2 * spread + all(L::DEPTH) * deep);
         // A triangle across an axis is met where that says.
         let (distance, way) = self.level;
         let none = way.is(zero);
         if !One::<L>::every(none) {
-            let t = distance.over(Pair::float(way), one.over(way));
-            let (one, two) = rounded(t, t.hi.abs() * all(exp2(-40)));
+            let unit = way.unit();
+            let t = L::of(distance).over(L::of(Pair::float(way)), (way * unit).inverse() * unit);
+            let (one, two) = t.rounded(t.hi().abs() * all(L::WEIGHT));
             near = One::<L>::choose(none, near, one);
             later = One::<L>::choose(none, later, two);
         }
@@ -307,9 +300,8 @@ impl<L: Long> Looked<L> {
 /// `a * (b * c - d * e)`, and the size of its products.
 #[inline(always)]
 fn part<N: Digits>(a: Pair<N>, b: Pair<N>, c: Pair<N>, d: Pair<N>, e: Pair<N>) -> (Triple<N>, N) {
-    let (p, q) = (Triple::of(b).times(Triple::of(c)), Triple::of(d).times(Triple::of(e)));
     let size = a.hi.abs() * ((b.hi * c.hi).abs() + (d.hi * e.hi).abs());
-    (p.plus(q.negative()).times(Triple::of(a)), size)
+    (Triple::product_difference(b, c, d, e).times_pair(a), size)
 }
 
 /// Six times the volume of a triangle and the ray's origin, and what it may be off by.
@@ -327,12 +319,12 @@ impl<L: Long> Met<L> {
     fn near_plane(&mut self, line: &Line<One<L>>, (from, corners): Place<'_, One<L>>) {
         let all = One::<L>::all;
         let (six, error) = volume(from, corners);
-        let along = six.by_power(self.unit).pair().times(Pair::float(-line.way.z));
-        let t = along.over(self.det.pair(), self.inverse);
+        let along = L::of_triple(six).by_power(self.unit).times(L::of(Pair::float(-line.way.z)));
+        let t = along.over(self.det, self.inverse);
         // The direction along the main axis is less than 2, and there is room for rounding.
-        let off =
-            t.hi.abs() * (self.off.2 + all(exp2(-38))) + all(2.5) * error * (self.unit * self.inverse).abs();
-        let (near, later) = rounded(t, off);
+        let off = t.hi().abs() * (self.off.2 + all(4.0 * L::WEIGHT))
+            + all(2.5) * error * (self.unit * self.inverse).abs();
+        let (near, later) = t.rounded(off);
         let sure = self.sure();
         self.near = One::<L>::choose(sure, self.near, near);
         self.later = One::<L>::choose(sure, self.later, later);
@@ -372,7 +364,7 @@ pub(in crate::trace) fn by<L: Long>(
     if every(!told) {
         return Verdict { certain: missed, hit: told, t: zero, u: zero, v: zero };
     }
-    if L::FIRST && !every(met.sure() | !told) {
+    if L::VOLUME && !every(met.sure() | !told) {
         met.near_plane(line, place);
     }
     // Rounding keeps order, so this is certain too, and where the plane is met does not hang on signs of
@@ -386,11 +378,11 @@ pub(in crate::trace) fn by<L: Long>(
         return Verdict { certain: passed, hit, t: zero, u: zero, v: zero };
     }
     let (weight_v, weight_w) = met.weights;
-    let u = weight_v.over(met.det, met.inverse).pair();
-    let v = weight_w.over(met.det, met.inverse).pair();
+    let u = weight_v.over(met.det, met.inverse);
+    let v = weight_w.over(met.det, met.inverse);
     let rounding = met.off.2 + all(L::WEIGHT);
-    let (u_near, u_later) = rounded(u, met.off.0 + rounding * u.hi);
-    let (v_near, v_later) = rounded(v, met.off.1 + rounding * v.hi);
+    let (u_near, u_later) = u.rounded(met.off.0 + rounding * u.hi());
+    let (v_near, v_later) = v.rounded(met.off.1 + rounding * v.hi());
     // An exact 0 has no digits to be uncertain of.
     let (u_zero, v_zero) = (weight_v.hi().is(zero), weight_w.hi().is(zero));
     let (u_edge, v_edge, w_edge) = looked.edges;

@@ -1,5 +1,6 @@
 //! Numbers as sums of two floats, about 48 digits (Dekker 1971; Knuth 1969).
 
+use super::triple::Triple;
 use crate::math::{Digits, Number, exp2};
 
 /// What a [`Long`] consists of.
@@ -27,11 +28,16 @@ pub trait Long: Copy {
     const WEIGHT: f32;
     /// Whether directions must have all their digits.
     const WHOLE: bool;
-    /// Whether there are others to turn to where these do not tell.
-    const FIRST: bool;
+    /// Whether a `t` next to 0 is found by the volume of triangle and origin.
+    const VOLUME: bool;
 
     /// The same number.
     fn of(pair: Pair<Self::One>) -> Self;
+    /// The same number, within `2^-47`; of triples exactly.
+    #[inline(always)]
+    fn of_triple(triple: Triple<Self::One>) -> Self {
+        Self::of(triple.pair())
+    }
     /// Rounded to a pair, within `2^-24` of its lower part.
     fn pair(self) -> Pair<Self::One>;
     /// Rounded to a float, nearly: 0 only if the number is.
@@ -44,7 +50,12 @@ pub trait Long: Copy {
     fn plus(self, other: Self) -> Self;
     /// The product.
     fn times(self, other: Self) -> Self;
-    /// The quotient, by the divisor's reciprocal to within some ULP.
+    /// Between which numbers it lies when rounded, if it may be off by `error`.
+    #[inline(always)]
+    fn rounded(self, error: Self::One) -> (Self::One, Self::One) {
+        self.pair().rounded(error)
+    }
+    /// The quotient, by the divisor's reciprocal to within `2^-22`.
     fn over(self, divisor: Self, reciprocal: Self::One) -> Self;
     /// `x * main - side * z`, where the lower parts are far smaller than the others, which may cancel; and where it is
     /// surely a float, exactly.
@@ -76,6 +87,21 @@ impl<N: Digits> Pair<N> {
         let hi = a + b;
         let from_b = hi - a;
         Self { hi, lo: (a - (hi - from_b)) + (b - from_b) }
+    }
+
+    /// The same where `b` is no larger in size, or `a` is 0.
+    #[inline(always)]
+    pub fn quick_sum(a: N, b: N) -> Self {
+        let hi = a + b;
+        Self { hi, lo: b - (hi - a) }
+    }
+
+    /// Between which numbers it lies when rounded, if it may be off by `error`, and by what a device that flushes
+    /// subnormal numbers may take on the way.
+    #[inline(always)]
+    pub fn rounded(self, error: N) -> (N, N) {
+        let wide = error + self.lo.abs() * N::all(exp2(-20)) + N::all(exp2(-100));
+        (self.hi + (self.lo - wide), self.hi + (self.lo + wide))
     }
 
     /// `a * b`, exactly where [`two_product()`](crate::math::two_product) is.
@@ -125,7 +151,7 @@ impl<N: Digits> Long for Pair<N> {
     const DEPTH: f32 = exp2(-39);
     const WEIGHT: f32 = exp2(-41);
     const WHOLE: bool = false;
-    const FIRST: bool = true;
+    const VOLUME: bool = true;
 
     #[inline(always)]
     fn of(pair: Self) -> Self {
@@ -166,28 +192,29 @@ impl<N: Digits> Long for Pair<N> {
         Self { hi: -self.hi, lo: -self.lo }
     }
 
-    /// The sum, within `2^-46.4` of both numbers' sizes.
+    /// The sum, within `2^-46.4` of it (Joldes, Muller & Popescu 2017, "Tight and rigorous error bounds for basic
+    /// building blocks of double-word arithmetic", algorithm 6).
     #[inline(always)]
     fn plus(self, other: Self) -> Self {
         let (s, t) = (Self::sum(self.hi, other.hi), Self::sum(self.lo, other.lo));
-        let first = Self::sum(s.hi, s.lo + t.hi);
-        Self::sum(first.hi, first.lo + t.lo)
+        let first = Self::quick_sum(s.hi, s.lo + t.hi);
+        Self::quick_sum(first.hi, first.lo + t.lo)
     }
 
     /// The product, within `2^-44.9` of its size.
     #[inline(always)]
     fn times(self, other: Self) -> Self {
         let p = Self::product(self.hi, other.hi);
-        Self::sum(p.hi, p.lo + (self.hi * other.lo + self.lo * other.hi))
+        Self::quick_sum(p.hi, p.lo + (self.hi * other.lo + self.lo * other.hi))
     }
 
-    /// The quotient, within `2^-42` of its size, by the divisor's reciprocal to within some ULP.
+    /// Within `2^-42` of its size.
     #[inline(always)]
     fn over(self, divisor: Self, reciprocal: N) -> Self {
         let first = self.hi * reciprocal;
         let taken = Self::product(first, divisor.hi);
         let left = ((self.hi - taken.hi) - taken.lo) + (self.lo - first * divisor.lo);
-        Self::sum(first, left * reciprocal)
+        Self::quick_sum(first, left * reciprocal)
     }
 
     #[inline(always)]

@@ -53,6 +53,49 @@ fn settle8<N: Digits>([a, b, c, d, e, f, g, h]: [N; 8]) -> [N; 8] {
 }
 
 impl<N: Digits> Triple<N> {
+    /// `a * b - c * d`, within `2^-64` of its products.
+    #[inline(always)]
+    pub(super) fn product_difference(a: Pair<N>, b: Pair<N>, c: Pair<N>, d: Pair<N>) -> Self {
+        let (p, q) = (Pair::product(a.hi, b.hi), Pair::product(c.hi, d.hi));
+        let (r, s) = (Pair::product(a.hi, b.lo), Pair::product(a.lo, b.hi));
+        let (t, u) = (Pair::product(c.hi, d.lo), Pair::product(c.lo, d.hi));
+        let top = Pair::sum(p.hi, -q.hi);
+        // All of the second float's size, and what is left of that.
+        let one = Pair::sum(p.lo, -q.lo);
+        let two = Pair::sum(r.hi, -t.hi);
+        let three = Pair::sum(s.hi, -u.hi);
+        let four = Pair::sum(two.hi, three.hi);
+        let five = Pair::sum(one.hi, four.hi);
+        let six = Pair::sum(top.lo, five.hi);
+        let low = (a.lo * b.lo - c.lo * d.lo) + ((r.lo - t.lo) + (s.lo - u.lo));
+        let rest = ((one.lo + two.lo) + (three.lo + four.lo)) + (five.lo + six.lo);
+        sorted(top.hi, six.hi, low + rest)
+    }
+
+    /// The product, within `2^-64` of its size.
+    #[inline(always)]
+    pub(super) fn times_pair(self, other: Pair<N>) -> Self {
+        let p = Pair::product(self.a, other.hi);
+        let (q, r) = (Pair::product(self.a, other.lo), Pair::product(self.b, other.hi));
+        let both = Pair::sum(q.hi, r.hi);
+        let middle = Pair::sum(p.lo, both.hi);
+        let low = self.c * other.hi + (self.b * other.lo + (q.lo + r.lo));
+        sorted(p.hi, middle.hi, low + (both.lo + middle.lo))
+    }
+
+    /// The sum with a small number, rounded; a little more to that side where half of the last digit is left, since what
+    /// is smaller still decides then.
+    #[inline(always)]
+    fn beside(self, by: N) -> N {
+        let rest = Pair::sum(self.b, self.c + by);
+        let sum = Pair::sum(self.a, rest.hi);
+        let (left, half) = (sum.lo.abs(), sum.hi.unit().unit() * N::all(exp2(-24)));
+        // Below a power of two numbers are half as far apart.
+        let tie = left.is(half) | left.is(half * N::all(0.5));
+        let more = (rest.hi.abs() * N::all(exp2(-20))).signed(by);
+        N::choose(tie, self.a + (rest.hi + more), sum.hi)
+    }
+
     /// Less the product of another and a float, within `2^-67` of the larger of both.
     #[inline(always)]
     fn less(self, other: Self, by: N) -> Self {
@@ -69,11 +112,16 @@ impl<N: Digits> Long for Triple<N> {
     const DEPTH: f32 = exp2(-58);
     const WEIGHT: f32 = exp2(-60);
     const WHOLE: bool = true;
-    const FIRST: bool = false;
+    const VOLUME: bool = true;
 
     #[inline(always)]
     fn of(pair: Pair<N>) -> Self {
         Self { a: pair.hi, b: pair.lo, c: N::all(0.0) }
+    }
+
+    #[inline(always)]
+    fn of_triple(triple: Self) -> Self {
+        triple
     }
 
     #[inline(always)]
@@ -84,6 +132,13 @@ impl<N: Digits> Long for Triple<N> {
     #[inline(always)]
     fn hi(self) -> N {
         self.a
+    }
+
+    /// All digits count: by pairs one in `2^20` would be too near the middle between two floats.
+    #[inline(always)]
+    fn rounded(self, error: N) -> (N, N) {
+        let wide = error + N::all(exp2(-100));
+        (self.beside(-wide), self.beside(wide))
     }
 
     #[inline(always)]
@@ -137,5 +192,61 @@ impl<N: Digits> Long for Triple<N> {
     fn choose(mask: N::Mask, a: Self, b: Self) -> Self {
         let each = |a, b| N::choose(mask, a, b);
         Self { a: each(a.a, b.a), b: each(a.b, b.b), c: each(a.c, b.c) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What the unit of the numbers below is: a power of two.
+    const UNIT: i32 = -90;
+
+    /// A whole number of units, rounded to nearest even.
+    fn nearest(value: i128) -> f32 {
+        let size = value.unsigned_abs();
+        let shift = 128 - size.leading_zeros() - 24;
+        let (kept, left, half) = (size >> shift, size & ((1 << shift) - 1), 1 << (shift - 1));
+        let up = left > half || (left == half && kept & 1 == 1);
+        let rounded = (kept as u32 + u32::from(up)) as f32 * exp2(shift as i32 + UNIT);
+        if value < 0 { -rounded } else { rounded }
+    }
+
+    /// Numbers near the middle between two floats, and what lies between the ends that are found.
+    #[test]
+    fn ends_are_rounded_by_all_digits() {
+        let mut bits = 0x5EED_u64;
+        let mut below = |n: u64| {
+            bits ^= bits << 13;
+            bits ^= bits >> 7;
+            bits ^= bits << 17;
+            (bits >> 16) % n
+        };
+        let (mut sure, mut ties) = (0, 0);
+        for _ in 0..200_000 {
+            let a = 1 << 23 | if below(4) == 0 { 0 } else { below(1 << 23) };
+            // Parts of the last digit, in units of `2^-49`: halves and quarters of it, and what is one beside those.
+            let b = match below(4) {
+                0 => below(1 << 24) << 24,
+                1 => 1 << 48,
+                2 => 1 << 47,
+                _ => (1 << 48) - (1 << 24),
+            };
+            let (c, error) = (below(1 << 10), [0, 1, 2, below(1 << 10)][below(4) as usize]);
+            let signed = |x: u64, bit: u64| if bit == 0 { x as i128 } else { -(x as i128) };
+            let (b, c) = (signed(b, below(2)), signed(c, below(2)));
+            let triple = Triple { a: a as f32, b: b as f32 * exp2(-49), c: c as f32 * exp2(-80) };
+            let (near, later) = triple.rounded(error as f32 * exp2(-80));
+            let (value, off) = ((a as i128) << 90, (error as i128) << 10);
+            let value = value + (b << 41) + (c << 10);
+            let (least, most) = (nearest(value - off), nearest(value + off));
+            assert!(
+                near <= least && most <= later,
+                "{triple:?} {error}: {near} to {later}, {least} to {most}"
+            );
+            sure += u32::from(near == later);
+            ties += u32::from(least == most && near != later);
+        }
+        assert!(sure > 100_000 && ties > 10_000, "{sure} {ties}");
     }
 }

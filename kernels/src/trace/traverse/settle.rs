@@ -9,7 +9,7 @@ use crate::{
     trace::{
         frame::Frame,
         intersect::{Best, NORMAL, exact::Exact},
-        job::{JOB_RAYS, OUTCOME_STATUS, record},
+        job::{JOB_RAYS, OUTCOME_STATUS, record_divided},
         listed::{Listed, NONE},
     },
 };
@@ -50,7 +50,7 @@ pub fn settle(
                     open = 0;
                 }
             }
-            hits.put(i, record(&ray, &best));
+            hits.put(i, record_divided(&ray, &best));
             if open != 0 {
                 outcome.or(OUTCOME_STATUS, status::CUT_SHORT);
             }
