@@ -19,6 +19,9 @@ use std::{
     process::ExitCode,
 };
 
+/// How many times longer the slowest round of a measurement takes where other work disturbs it.
+const DISTURBED: f64 = 1.5;
+
 const EXAMPLES: &str = "\
 Examples:
   raykd calibrate                               all devices, into the cache
@@ -89,17 +92,31 @@ fn run(args: &CalibrateArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
     }
     for (calibration, path) in &all {
         writeln!(out, "{}  {}", calibration.device().to_uppercase(), calibration.name())?;
-        let mut table =
-            Table::new(["Choice", "triangles", "upload ms", "build ms", "launch ms", "ns/ray", "bytes"]);
+        let mut table = Table::new([
+            "Choice",
+            "triangles",
+            "upload ms",
+            "build ms",
+            "launch ms",
+            "ns/ray",
+            "bytes",
+            "spread",
+        ]);
         for &choice in CHOICES {
             for cost in calibration.costs().iter().filter(|cost| cost.choice == choice.name) {
                 let triangles = count(cost.triangles.into());
                 let numbers = [cost.upload_ms, cost.build_ms, cost.launch_ms, cost.ray_ns].map(three);
                 let cells = [cost.choice.clone(), triangles].into_iter().chain(numbers);
-                table.row(cells.chain([count(cost.bytes)]));
+                table.row(cells.chain([count(cost.bytes), three(cost.spread)]));
             }
         }
         writeln!(out, "{table}\nkept in {}\n", path.display())?;
+        let disturbed = calibration.costs().iter().filter(|cost| cost.spread > DISTURBED).count();
+        if 2 * disturbed > calibration.costs().len() {
+            notes.note(
+                "most costs varied between rounds: if the machine did other work, calibrate again without it",
+            );
+        }
     }
     Ok(())
 }

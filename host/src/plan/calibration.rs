@@ -2,7 +2,7 @@
 
 use super::{
     choice::{CHOICES, Choice},
-    cost::{self, Cost, Moving},
+    cost::{self, Cost, Moving, Round},
     look::{LOOKS, Looking, Seen},
 };
 use crate::{
@@ -18,6 +18,8 @@ use std::{
 
 /// Sizes of the meshes: leaning teapots, cut finer and finer.
 const SIZES: [u32; 5] = [200, 1_000, 8_000, 64_000, 512_000];
+/// How often all choices are measured in turn on each mesh.
+const ROUNDS: u32 = 3;
 /// A mesh is the last one if the default builder takes so long, in milliseconds.
 const SLOW: f64 = 300.0;
 /// A calibration file is not larger.
@@ -74,7 +76,7 @@ impl Calibration {
     pub(super) fn over(device: &Device, sizes: &[u32], told: impl Fn(f64)) -> Result<Self, Error> {
         let (mut costs, mut looks): (Vec<Cost>, Vec<_>) = (Vec::new(), Vec::new());
         let mut movings = Vec::new();
-        let all = (sizes.len() * CHOICES.len()) as f64;
+        let all = (sizes.len() * CHOICES.len()) as f64 * f64::from(ROUNDS);
         for (at, &size) in sizes.iter().enumerate() {
             let mesh = leaning(teapot_level_for(size));
             let usual = Scene::build(device, &mesh, &BuildOptions::default())?;
@@ -85,13 +87,27 @@ impl Calibration {
             let looking = Looking::at(&mesh);
             let [glance, closer] = LOOKS.each_ref().map(|look| looking.seen(look));
             looks.push((mesh.kept().len() as u32, [glance?, closer?]));
-            for (number, choice) in CHOICES.iter().enumerate() {
-                told((at * CHOICES.len() + number) as f64 / all);
-                let (mut cost, mut scene) = cost::measure(device, &mesh, choice, &rays, &moving)?;
+            let mut rounds: Vec<(Vec<Round>, f64)> = vec![(Vec::new(), f64::INFINITY); CHOICES.len()];
+            for round in 0..ROUNDS {
+                for (number, (choice, (done, worst))) in CHOICES.iter().zip(&mut rounds).enumerate() {
+                    let before = (at * ROUNDS as usize + round as usize) * CHOICES.len();
+                    told((before + number) as f64 / all);
+                    if done.last().is_some_and(Round::is_long) {
+                        continue;
+                    }
+                    let (times, mut scene) = Round::run(device, &mesh, choice, &rays, ROUNDS)?;
+                    done.push(times);
+                    if !choice.has_tree() {
+                        // Brute force tests every triangle in full.
+                        scene.traverse_by(Traversal::Brute)?;
+                        *worst = worst.min(1e3 / cost::speed_in(&scene, &rays, ROUNDS)?);
+                    }
+                }
+            }
+            for (choice, (done, worst)) in CHOICES.iter().zip(&rounds) {
+                let mut cost = Round::cost(done, choice, &moving);
                 if !choice.has_tree() {
-                    // Brute force tests every triangle in full.
-                    scene.traverse_by(Traversal::Brute)?;
-                    cost.worst_ns = cost.ray_ns.max(1e3 / cost::speed(&scene, &rays)?);
+                    cost.worst_ns = cost.ray_ns.max(*worst);
                 }
                 costs.push(cost);
                 movings.push(moving);
@@ -155,7 +171,8 @@ impl Calibration {
         if (read.device.as_str(), read.name.as_str()) != (device.kind().name(), device.name()) {
             return Err(wrong(format!("it is of {}, not of {}", quoted(&read.name), device.name())));
         }
-        let numbers = |c: &Cost| [c.upload_ms, c.build_ms, c.launch_ms, c.ray_ns, c.worst_ns, c.transfer_ns];
+        let numbers =
+            |c: &Cost| [c.upload_ms, c.build_ms, c.launch_ms, c.ray_ns, c.worst_ns, c.transfer_ns, c.spread];
         let looks =
             read.looks.iter().flat_map(|&(_, looks)| looks).flat_map(|seen| [seen.whole, seen.halfway]);
         if read.costs.iter().flat_map(numbers).chain(looks).any(|x| !(x.is_finite() && x >= 0.0)) {
@@ -215,6 +232,7 @@ impl Calibration {
             worst_ns: worst_ns * harder,
             transfer_ns: read(|cost| cost.transfer_ns),
             bytes: read(|cost| cost.bytes as f64) as u64,
+            spread: read(|cost| cost.spread),
         })
     }
 }
@@ -299,6 +317,7 @@ mod tests {
             worst_ns: if choice.has_tree() { 1000.0 / quality } else { f64::from(triangles) * 10.0 },
             transfer_ns: 1.0,
             bytes: u64::from(triangles) * 10,
+            spread: 1.0,
         };
         let sizes = [100, 100_000];
         let all = CHOICES.iter().enumerate();
@@ -376,12 +395,13 @@ mod tests {
     fn measured_costs_are_costs() {
         let device = Device::cpu();
         // Testing all triangles costs more a ray, the more there are. Other work on the machine may hide that from one
-        // measurement, not from five.
-        let dearer = (0..5).any(|_| {
+        // measurement, not from three.
+        let dearer = (0..3).any(|_| {
             let calibration = Calibration::over(&device, &[200, 1000], |_| ()).unwrap();
             assert_eq!(calibration.costs.len(), 2 * CHOICES.len());
             for cost in &calibration.costs {
                 assert!(cost.build_ms >= 0.0 && cost.ray_ns > 0.0 && cost.bytes > 0, "{cost:?}");
+                assert!(cost.spread >= 1.0, "{cost:?}");
             }
             let none: Vec<_> = calibration.costs.iter().filter(|cost| cost.choice == "none").collect();
             none[1].ray_ns > 1.5 * none[0].ray_ns

@@ -8,11 +8,11 @@ use crate::{
 };
 use std::time::Duration;
 
-/// Repeated until nothing was faster for so long, at least [`TIMES`] times;
+/// Work is repeated until nothing was faster for so long, at least [`TIMES`] times, or in rounds for parts of both;
 const ENOUGH: Duration = Duration::from_millis(30);
 /// on a graphics card longer, because its clocks rise.
 const AWAKE: Duration = Duration::from_millis(150);
-const TIMES: usize = 3;
+const TIMES: u32 = 3;
 /// Nothing is repeated after this time.
 const LONG: Duration = Duration::from_secs(2);
 /// A card that lay idle works until it has got no faster for so long;
@@ -47,6 +47,9 @@ pub struct Cost {
     pub transfer_ns: f64,
     /// Bytes of nodes and references.
     pub bytes: u64,
+    /// Building and tracing in the slowest round of a measurement, as a multiple of the fastest: far above 1 if the
+    /// machine did other work, too.
+    pub spread: f64,
 }
 
 impl Cost {
@@ -98,7 +101,7 @@ impl Moving {
     pub fn measure(scene: &Scene, rays: &[Ray]) -> Result<Self, Error> {
         wake(scene, rays, RESTED)?;
         let time = |rays: &[Ray]| {
-            least(scene.device(), || {
+            least(scene.device(), 1, || {
                 let start = Instant::now();
                 let mut resident = scene.resident(rays)?;
                 let there = start.elapsed();
@@ -125,40 +128,92 @@ pub fn measure(
     rays: &[Ray],
     moving: &Moving,
 ) -> Result<(Cost, Scene), Error> {
-    let options = choice.options();
-    // The best of each: what else the machine does only ever slows things down.
-    let (mut upload, mut build) = (Duration::MAX, Duration::MAX);
-    let mut scene = Scene::build(device, mesh, &options)?;
-    least(device, || {
-        scene = Scene::build(device, mesh, &options)?;
-        let times = scene.times();
-        upload = upload.min(times.upload);
-        build = build.min(times.build + times.layout);
-        Ok(times.build)
-    })?;
-    let kept = mesh.kept().len();
-    scene.traverse_by(choice.traversal(kept))?;
-    let most = if choice.has_tree() { rays.len() } else { few_enough(kept) };
-    let many = spread(rays, most);
-    let [few_time, time] = [&spread(rays, FEW), &many].map(|rays| traced(&scene, rays));
-    let (few_time, time) = (few_time?, time?);
-    let count = many.len().max(1) as f64;
-    // A launch of few rays takes as long as its longest ray: at most what there is to gain by more of them.
-    let ray_ns = ((ns(time) - ns(few_time)) / (count - FEW as f64).max(1.0)).max(0.2 * ns(time) / count);
-    Ok((
+    let (round, scene) = Round::run(device, mesh, choice, rays, 1)?;
+    Ok((Round::cost(&[round], choice, moving), scene))
+}
+
+/// The best times of one round. Choices take turns in each round, so that what else the machine does for a while seldom
+/// slows a choice in all of its rounds.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Round {
+    upload: Duration,
+    build: Duration,
+    /// Of few rays, and of many.
+    few: Duration,
+    many: Duration,
+    rays: usize,
+    triangles: usize,
+    bytes: u64,
+}
+
+impl Round {
+    /// Builds and traces, for its share of what `rounds` take in all.
+    pub(super) fn run(
+        device: &Device,
+        mesh: &Mesh,
+        choice: &Choice,
+        rays: &[Ray],
+        rounds: u32,
+    ) -> Result<(Self, Scene), Error> {
+        let options = choice.options();
+        // The best of each: what else the machine does only ever slows things down.
+        let (mut upload, mut build) = (Duration::MAX, Duration::MAX);
+        let mut built = None;
+        least(device, rounds, || {
+            let scene = Scene::build(device, mesh, &options)?;
+            let times = scene.times();
+            upload = upload.min(times.upload);
+            build = build.min(times.build + times.layout);
+            let time = times.build;
+            built = Some(scene);
+            Ok(time)
+        })?;
+        let mut scene = built.expect("it was built once at least");
+        let kept = mesh.kept().len();
+        scene.traverse_by(choice.traversal(kept))?;
+        let most = if choice.has_tree() { rays.len() } else { few_enough(kept) };
+        let many = spread(rays, most);
+        let [few, time] = [&spread(rays, FEW), &many].map(|rays| traced(&scene, rays, rounds));
+        let round = Self {
+            upload,
+            build,
+            few: few?,
+            many: time?,
+            rays: many.len().max(1),
+            triangles: kept,
+            bytes: scene.tree_bytes(),
+        };
+        Ok((round, scene))
+    }
+
+    /// Whether one is enough, for what takes so long.
+    pub(super) fn is_long(&self) -> bool {
+        self.build + self.few + self.many > LONG / 2
+    }
+
+    /// What the fastest of each took.
+    pub(super) fn cost(rounds: &[Self], choice: &Choice, moving: &Moving) -> Cost {
+        let least = |of: fn(&Self) -> Duration| rounds.iter().map(of).min().map_or(0.0, ns);
+        let (few, time) = (least(|round| round.few), least(|round| round.many));
+        let own = |round: &Self| round.build + round.many;
+        let slowest = rounds.iter().map(own).max().map_or(0.0, ns);
+        let Self { rays, triangles, bytes, .. } = rounds[0];
+        let count = rays as f64;
+        // A launch of few rays takes as long as its longest ray: at most what there is to gain by more of them.
+        let ray_ns = ((time - few) / (count - FEW as f64).max(1.0)).max(0.2 * time / count);
         Cost {
             choice: choice.name.to_owned(),
-            triangles: kept as u32,
-            upload_ms: ns(upload) * 1e-6,
-            build_ms: ns(build) * 1e-6,
-            launch_ms: (ns(time) - count * ray_ns).max(0.0) * 1e-6 + moving.once_ms,
+            triangles: triangles as u32,
+            upload_ms: least(|round| round.upload) * 1e-6,
+            build_ms: least(|round| round.build) * 1e-6,
+            launch_ms: (time - count * ray_ns).max(0.0) * 1e-6 + moving.once_ms,
             ray_ns,
             worst_ns: ray_ns,
             transfer_ns: moving.ray_ns,
-            bytes: scene.tree_bytes(),
-        },
-        scene,
-    ))
+            bytes,
+            spread: slowest / least(own).max(1.0),
+        }
+    }
 }
 
 /// Millions of rays a second, as the scene is traced; of brute force by few of them.
@@ -166,10 +221,15 @@ pub fn measure(
 /// # Errors
 /// The device failed.
 pub fn speed(scene: &Scene, rays: &[Ray]) -> Result<f64, Error> {
+    speed_in(scene, rays, 1)
+}
+
+/// The same in one of some rounds.
+pub(super) fn speed_in(scene: &Scene, rays: &[Ray], rounds: u32) -> Result<f64, Error> {
     let brute = scene.traversal() == crate::Traversal::Brute;
     let most = if brute { few_enough(scene.header().refs as usize) } else { rays.len() };
     let rays = spread(rays, most);
-    Ok(rays.len() as f64 * 1e3 / ns(traced(scene, &rays)?))
+    Ok(rays.len() as f64 * 1e3 / ns(traced(scene, &rays, rounds)?))
 }
 
 /// Rays for which all triangles can be tested in a reasonable time.
@@ -178,9 +238,9 @@ fn few_enough(triangles: usize) -> usize {
 }
 
 /// Best time of tracing rays.
-fn traced(scene: &Scene, rays: &[Ray]) -> Result<Duration, Error> {
+fn traced(scene: &Scene, rays: &[Ray], rounds: u32) -> Result<Duration, Error> {
     let mut resident = scene.resident(rays)?;
-    let time = least(scene.device(), || resident.trace(Query::Closest))?;
+    let time = least(scene.device(), rounds, || resident.trace(Query::Closest))?;
     resident.hits()?;
     Ok(time)
 }
@@ -193,19 +253,24 @@ fn traced(scene: &Scene, rays: &[Ray]) -> Result<Duration, Error> {
 pub fn wake(scene: &Scene, rays: &[Ray], rested: Duration) -> Result<(), Error> {
     if scene.device().is_card() {
         let mut resident = scene.resident(rays)?;
-        until_steady(rested, DROWSY, || resident.trace(Query::Closest))?;
+        until_steady((rested, TIMES), DROWSY, || resident.trace(Query::Closest))?;
     }
     Ok(())
 }
 
-/// Does work that says how long it took, until it gets no faster.
-fn least(device: &Device, work: impl FnMut() -> Result<Duration, Error>) -> Result<Duration, Error> {
-    until_steady(if device.kind() == DeviceKind::Cpu { ENOUGH } else { AWAKE }, LONG, work)
+/// Does work that says how long it took, until it gets no faster; its share if that goes in rounds.
+fn least(
+    device: &Device,
+    rounds: u32,
+    work: impl FnMut() -> Result<Duration, Error>,
+) -> Result<Duration, Error> {
+    let enough = if device.kind() == DeviceKind::Cpu { ENOUGH } else { AWAKE };
+    until_steady((enough / rounds, TIMES.div_ceil(rounds)), LONG, work)
 }
 
-/// Does work until it has got no faster for `enough` and [`TIMES`], or for `long` in all; its best time.
+/// Does work until it has got no faster for so long and so often, or for `long` in all; its best time.
 fn until_steady(
-    enough: Duration,
+    (enough, often): (Duration, u32),
     long: Duration,
     mut work: impl FnMut() -> Result<Duration, Error>,
 ) -> Result<Duration, Error> {
@@ -217,7 +282,7 @@ fn until_steady(
         if time < slower.mul_f64(0.98) {
             (slower, since) = (time, Instant::now());
         }
-        if start.elapsed() > long || times >= TIMES && since.elapsed() > enough {
+        if start.elapsed() > long || times >= often && since.elapsed() > enough {
             break;
         }
     }
@@ -250,4 +315,31 @@ pub fn usual_rays<E>(
 
 fn ns(time: Duration) -> f64 {
     time.as_nanos() as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::CHOICES;
+
+    #[test]
+    fn the_fastest_of_all_rounds_counts() {
+        let ms = Duration::from_millis;
+        let round = |build: u64, few: u64, many: u64| Round {
+            upload: ms(1),
+            build: ms(build),
+            few: ms(few),
+            many: ms(many),
+            rays: 1064,
+            triangles: 7,
+            bytes: 9,
+        };
+        let moving = Moving { once_ms: 0.5, ray_ns: 3.0 };
+        let cost = Round::cost(&[round(4, 3, 22), round(8, 2, 12), round(6, 9, 50)], &CHOICES[1], &moving);
+        assert_eq!((cost.triangles, cost.bytes, cost.upload_ms, cost.build_ms), (7, 9, 1.0, 4.0));
+        // 12 ms for all rays, 2 for the first 64.
+        assert!((cost.ray_ns - 1e4).abs() < 1e-6, "{cost:?}");
+        assert!((cost.launch_ms - (12.0 - 10.64 + 0.5)).abs() < 1e-9, "{cost:?}");
+        assert!((cost.spread - 56.0 / 20.0).abs() < 1e-12, "{cost:?}");
+    }
 }
