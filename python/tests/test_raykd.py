@@ -216,6 +216,7 @@ def write_costs(path, device):
             ray = triangles * 10 if name == "none" else 1000 / quality
             cost = {"choice": name, "triangles": triangles, "bytes": triangles * 10, "ray_ns": ray, "worst_ns": ray}
             cost |= {"upload_ms": 0, "build_ms": triangles * 1e-3 * quality, "launch_ms": 0.01, "transfer_ns": 1}
+            cost["spread"] = 1
             costs.append(cost)
     looks = [[triangles, [{"whole": 10, "halfway": 20}] * 2] for triangles in (100, 100_000)]
     device = {"version": raykd.__version__, "device": device["kind"], "name": device["name"]}

@@ -30,6 +30,7 @@ fn favouring(name: &str) -> String {
             "worst_ns": 1.0,
             "transfer_ns": 1.0,
             "bytes": 1000,
+            "spread": 1.0,
         })
     };
     let seen = json!({ "whole": 10.0, "halfway": 20.0 });

@@ -103,6 +103,7 @@ mod tests {
             "worst_ns": ray_ns,
             "transfer_ns": 0.0,
             "bytes": 100,
+            "spread": 1.0,
         });
         let cost: Cost = serde_json::from_value(cost).unwrap();
         let choice = Choice::named(choice).unwrap();
