@@ -7,15 +7,27 @@ use raykd::{
 };
 use std::path::Path;
 
-/// Measures it anew.
+/// How many times longer the slowest round of a measurement takes than the fastest where other work disturbs it.
+const DISTURBED: f64 = 1.5;
+
+/// Measures it anew. Says so if most costs varied.
 pub(super) fn measure(device: &Device, notes: &Notes) -> Result<Calibration, Error> {
-    Calibration::measure(device, |done| {
+    let calibration = Calibration::measure(device, |done| {
         notes.stage(format_args!(
             "measuring what trees cost on the {}, {:.0} %",
             device.kind().name().to_uppercase(),
             100.0 * done
         ));
-    })
+    })?;
+    let disturbed = calibration.costs().iter().filter(|cost| cost.spread > DISTURBED).count();
+    if 2 * disturbed > calibration.costs().len() {
+        notes.note(format_args!(
+            "most costs of the {} varied from round to round: if the machine did other work, run `raykd calibrate` \
+             again without it",
+            device.kind().name().to_uppercase()
+        ));
+    }
+    Ok(calibration)
 }
 
 /// The costs of a device: from the file given, or the cache, or measured now and kept there.

@@ -19,9 +19,6 @@ use std::{
     process::ExitCode,
 };
 
-/// How many times longer the slowest round of a measurement takes where other work disturbs it.
-const DISTURBED: f64 = 1.5;
-
 const EXAMPLES: &str = "\
 Examples:
   raykd calibrate                               all devices, into the cache
@@ -111,12 +108,6 @@ fn run(args: &CalibrateArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
             }
         }
         writeln!(out, "{table}\nkept in {}\n", path.display())?;
-        let disturbed = calibration.costs().iter().filter(|cost| cost.spread > DISTURBED).count();
-        if 2 * disturbed > calibration.costs().len() {
-            notes.note(
-                "most costs varied between rounds: if the machine did other work, calibrate again without it",
-            );
-        }
     }
     Ok(())
 }

@@ -76,8 +76,8 @@ impl Calibration {
     pub(super) fn over(device: &Device, sizes: &[u32], told: impl Fn(f64)) -> Result<Self, Error> {
         let (mut costs, mut looks): (Vec<Cost>, Vec<_>) = (Vec::new(), Vec::new());
         let mut movings = Vec::new();
-        let all = (sizes.len() * CHOICES.len()) as f64 * f64::from(ROUNDS);
-        for (at, &size) in sizes.iter().enumerate() {
+        let (all, mut begun) = (sizes.len() * CHOICES.len() * ROUNDS as usize, 0);
+        for &size in sizes {
             let mesh = leaning(teapot_level_for(size));
             let usual = Scene::build(device, &mesh, &BuildOptions::default())?;
             let rays = cost::usual_rays(&mesh, rays_for(device), |rays| usual.closest(rays))?;
@@ -88,10 +88,10 @@ impl Calibration {
             let [glance, closer] = LOOKS.each_ref().map(|look| looking.seen(look));
             looks.push((mesh.kept().len() as u32, [glance?, closer?]));
             let mut rounds: Vec<(Vec<Round>, f64)> = vec![(Vec::new(), f64::INFINITY); CHOICES.len()];
-            for round in 0..ROUNDS {
-                for (number, (choice, (done, worst))) in CHOICES.iter().zip(&mut rounds).enumerate() {
-                    let before = (at * ROUNDS as usize + round as usize) * CHOICES.len();
-                    told((before + number) as f64 / all);
+            for _ in 0..ROUNDS {
+                for (choice, (done, worst)) in CHOICES.iter().zip(&mut rounds) {
+                    told(begun as f64 / all as f64);
+                    begun += 1;
                     if done.last().is_some_and(Round::is_long) {
                         continue;
                     }

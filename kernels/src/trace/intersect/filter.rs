@@ -319,7 +319,7 @@ impl<L: Long> Met<L> {
     fn near_plane(&mut self, line: &Line<One<L>>, (from, corners): Place<'_, One<L>>) {
         let all = One::<L>::all;
         let (six, error) = volume(from, corners);
-        let along = L::of_triple(six).by_power(self.unit).times(L::of(Pair::float(-line.way.z)));
+        let along = six.long::<L>().by_power(self.unit).times(L::of(Pair::float(-line.way.z)));
         let t = along.over(self.det, self.inverse);
         // The direction along the main axis is less than 2, and there is room for rounding.
         let off = t.hi().abs() * (self.off.2 + all(4.0 * L::WEIGHT))

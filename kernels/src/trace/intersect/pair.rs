@@ -1,6 +1,5 @@
 //! Numbers as sums of two floats, about 48 digits (Dekker 1971; Knuth 1969).
 
-use super::triple::Triple;
 use crate::math::{Digits, Number, exp2};
 
 /// What a [`Long`] consists of.
@@ -33,10 +32,10 @@ pub trait Long: Copy {
 
     /// The same number.
     fn of(pair: Pair<Self::One>) -> Self;
-    /// The same number, within `2^-47`; of triples exactly.
+    /// `a + b + c`, each far smaller than the one before: within `2^-47`, of triples exactly.
     #[inline(always)]
-    fn of_triple(triple: Triple<Self::One>) -> Self {
-        Self::of(triple.pair())
+    fn of_sum(a: Self::One, b: Self::One, c: Self::One) -> Self {
+        Self::of(Pair { hi: a, lo: b + c })
     }
     /// Rounded to a pair, within `2^-24` of its lower part.
     fn pair(self) -> Pair<Self::One>;

@@ -19,8 +19,8 @@
 //! direction, since `s` does not depend on `d`.
 //!
 //! Signs are exact, and `t` is rounded correctly: by pairs of floats or doubles and, where those do not tell, by
-//! integers, as in [`exact`](super::exact). Where `t` is 0, or rounds to it, it is [`AT_ORIGIN`] or the negative of that, by the
-//! second rule.
+//! integers, as in [`exact`](super::exact). Where `t` is 0, or rounds to it, it is [`AT_ORIGIN`] or the negative of
+//! that, by the second rule.
 
 use super::{
     Best, Intersector,

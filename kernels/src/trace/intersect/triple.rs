@@ -72,6 +72,12 @@ impl<N: Digits> Triple<N> {
         sorted(top.hi, six.hi, low + rest)
     }
 
+    /// As a number of any kind.
+    #[inline(always)]
+    pub(super) fn long<L: Long<One = N>>(self) -> L {
+        L::of_sum(self.a, self.b, self.c)
+    }
+
     /// The product, within `2^-64` of its size.
     #[inline(always)]
     pub(super) fn times_pair(self, other: Pair<N>) -> Self {
@@ -120,8 +126,8 @@ impl<N: Digits> Long for Triple<N> {
     }
 
     #[inline(always)]
-    fn of_triple(triple: Self) -> Self {
-        triple
+    fn of_sum(a: N, b: N, c: N) -> Self {
+        Self { a, b, c }
     }
 
     #[inline(always)]
