@@ -145,7 +145,7 @@ impl Intersector {
         })
     }
 
-    /// With a full stack, by one kernel.
+    /// With a full stack, by one kernel; by the exact test on a CPU alone.
     pub(crate) fn stack<'a, H: Host>(self, query: queries::Query<'a, H>, asked: Query) -> Bound<'a, H> {
         match self {
             Self::Strict if asked == Query::Any => Bound::of(any::Buffers { query }),
@@ -158,10 +158,10 @@ impl Intersector {
         }
     }
 
-    /// Whether [`exact_closest`] finds the same on a GPU, and sooner.
+    /// Whether a GPU finds hits by [`exact_hits`].
     #[cfg(feature = "gpu")]
-    pub(crate) fn narrows(self, asked: Query) -> bool {
-        self == Self::Exact && asked == Query::Closest
+    pub(crate) fn narrows(self) -> bool {
+        self == Self::Exact
     }
 
     /// Every triangle of a list, for so many rays.
@@ -235,14 +235,18 @@ impl WithTest for Find<'_> {
     }
 }
 
-/// Closest hits by the exact test with a full stack, in three kernels. Both `more` are a buffer of four words a ray.
+/// Hits by the exact test with a full stack, in three kernels. Both `more` are a buffer of four words a ray.
 #[cfg(feature = "gpu")]
-pub(crate) fn exact_closest<'a, H: Host>(
+pub(crate) fn exact_hits<'a, H: Host>(
     query: impl Fn() -> queries::Query<'a, H>,
+    asked: Query,
     more: (H::Write<'a, UVec4>, H::Read<'a, UVec4>),
 ) -> [Bound<'a, H>; 3] {
     [
-        Bound::of(narrow::Buffers { query: query(), more: more.0 }),
+        match asked {
+            Query::Closest => Bound::of(narrow::Buffers { query: query(), more: more.0 }),
+            Query::Any => Bound::of(narrow::any::Buffers { query: query(), more: more.0 }),
+        },
         Bound::of(settle::Buffers { query: query(), more: more.1 }),
         Bound { rays: BLOCK, ..Bound::of(rest::Buffers { query: query() }) },
     ]

@@ -241,8 +241,8 @@ fn speed_of_winding_numbers() {
         let shortest = |p: &Point| {
             let sides = (0..3).flat_map(|a| [(p[a] - lo[a], a, -1.0), (hi[a] - p[a], a, 1.0)]);
             let (_, axis, side) = sides.min_by(|x, y| x.0.total_cmp(&y.0)).unwrap();
-            let mut direction = [0.0; 3];
-            direction[axis] = side;
+            let mut direction = [0.0039, 0.0025, side];
+            direction.rotate_right((axis + 1) % 3);
             Ray::new(*p, direction)
         };
         let rays: Vec<Ray> = points.iter().map(shortest).collect();

@@ -59,7 +59,7 @@ impl Scene {
     /// the surface count as if moved by `(e, e^2, e^3)`, see [`Scene::crossings`].
     ///
     /// Only of closed meshes ([`Edges::are_closed`](crate::mesh::Edges::are_closed)) is that a property of the point;
-    /// of others it is what the ray to the nearest face of the scene's box crosses.
+    /// of others it is what a ray crosses that goes almost straight to the nearest face of the scene's box.
     ///
     /// ```
     /// use raykd::{BuildOptions, Device, Mesh, Scene};
@@ -172,9 +172,15 @@ impl Scene {
 /// Points that a CPU takes at once.
 const AT_ONCE: usize = 1 << 17;
 
-/// Directions along the axes, down and up.
-const WAYS: [[f32; 3]; 6] =
-    [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [0.0, 0.0, 1.0]];
+/// How far a ray goes aside for each unit along an axis. Meshes often have edges and triangles along the axes, and points
+/// lie in line with them: a ray straight along an axis would meet one edge after the other, and floats tell of none.
+const ASIDE: [f32; 2] = [0.0039, 0.0025];
+
+/// Directions almost along the axes, down and up.
+const WAYS: [[f32; 3]; 6] = {
+    let [y, z] = ASIDE;
+    [[-1.0, y, z], [1.0, y, z], [z, -1.0, y], [z, 1.0, y], [y, z, -1.0], [y, z, 1.0]]
+};
 
 /// Makes a part of some points what a mesh's positions are.
 type Fill<'a> = &'a (dyn Fn(Range<usize>, &mut Vec<[f32; 3]>) + Sync);

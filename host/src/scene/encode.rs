@@ -4,7 +4,7 @@ use super::Scene;
 use crate::{
     Error, Query, Traversal,
     exec::{Buffer, Device, Gpu, Size},
-    intersector::{self, Bound, exact_closest},
+    intersector::{self, Bound, exact_hits},
 };
 use raykd_kernels::{
     Bindings as _, Host,
@@ -142,7 +142,7 @@ impl Scene {
     /// gets as many
     /// [`Hit`]s, 16 bytes each, the same bytes as [`Scene::trace`] gives. Both are parts of buffers with
     /// `BufferUsages::STORAGE`, as is the number of rays, if that is in a buffer. Nothing is waited for, and no ray
-    /// or hit is copied. Closest hits by [`Intersector::Exact`](crate::Intersector::Exact) take 16 more bytes a ray
+    /// or hit is copied. Hits by [`Intersector::Exact`](crate::Intersector::Exact) take 16 more bytes a ray
     /// for as long as the commands need them. The example [own_wgpu] is a whole program.
     ///
     /// [own_wgpu]: https://docs.rs/crate/raykd/latest/source/examples/own_wgpu.rs
@@ -168,9 +168,9 @@ impl Scene {
         let job = self.job_in::<Hit>(encoder, ("hits", hits), rays, count.into(), any)?;
         let bound = || self.bound(&job, self.leaf_triangles(), rays, bind(hits));
         let mut more = None;
-        let kernels: Vec<Bound<'_, InEncoder>> = if self.intersector.narrows(query) {
+        let kernels: Vec<Bound<'_, InEncoder>> = if self.intersector.narrows() {
             let more = more.insert(self.device.alloc::<[u32; 4]>("triangles", job.most.into())?).as_wgpu();
-            exact_closest(bound, (more.as_entire_binding(), more.as_entire_binding())).into()
+            exact_hits(bound, query, (more.as_entire_binding(), more.as_entire_binding())).into()
         } else {
             vec![self.intersector.stack(bound(), query)]
         };

@@ -10,7 +10,7 @@ use crate::{
     traversal::Traversal,
 };
 #[cfg(feature = "gpu")]
-use crate::{exec::watch, intersector::exact_closest};
+use crate::{exec::watch, intersector::exact_hits};
 use bytemuck::allocation::zeroed_vec;
 use raykd_kernels::trace::queries;
 use raykd_shared::{Hit, Ray};
@@ -364,9 +364,9 @@ impl Scene {
     fn bound_to<'a>(&'a self, batch: &'a Batch, query: Query) -> Vec<Bound<'a, OnDevice>> {
         // A CPU that is watched does what a GPU does.
         #[cfg(feature = "gpu")]
-        if self.intersector.narrows(query) && (!self.device.is_cpu() || watch::is_on()) {
+        if self.intersector.narrows() && (!self.device.is_cpu() || watch::is_on()) {
             let more = (batch.counts.out(), &batch.counts);
-            return exact_closest(|| batch.query(self), more).into();
+            return exact_hits(|| batch.query(self), query, more).into();
         }
         vec![self.intersector.stack(batch.query(self), query)]
     }

@@ -238,7 +238,7 @@ impl<'a, N: Sides, const ANY: bool> Together<'a, N, ANY> {
 #[inline(never)]
 fn add(list: &mut List, triangle: (u32, u32, f32), last: f32) {
     if Narrow::count(list) <= MOST {
-        Narrow::add(list, triangle, last);
+        Narrow::add(list, 0, triangle, last);
     }
 }
 
@@ -320,7 +320,7 @@ impl Filter for Keeping<'_> {
         corners: (Vec4, Vec4, Vec4),
         best: &mut Best,
     ) -> bool {
-        Narrow.test(by, ray, triangle, corners, best, self.0)
+        Narrow::<false>.test(by, ray, triangle, corners, best, self.0)
     }
 }
 

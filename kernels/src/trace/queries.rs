@@ -150,10 +150,9 @@ macro_rules! query {
     };
 }
 
-/// Declares both kernels of a triangle test: the one with a stack, if it is not the default's, and the one that tests
-/// every triangle.
-macro_rules! test {
-    ($name:ident $(($beside:path))?, $brute_file:ident::$brute_name:ident = $test:ident) => {
+/// Declares the kernel of a triangle test with a stack.
+macro_rules! with_stack {
+    ($name:ident $(($beside:path))? = $test:ident) => {
         query! {
             #[doc = concat!("The closest or any hit by [`", stringify!($test), "`].")]
             $name $(($beside))? = |_, ray, pairs, corners, any, aside, steps|
@@ -161,6 +160,14 @@ macro_rules! test {
                     ray, pairs, corners, $crate::trace::traverse::leaf::Every, any, aside, steps,
                 )
         }
+    };
+}
+
+/// Declares the kernels of a triangle test: the one with a stack, if it has none of its own, and the one that tests every
+/// triangle.
+macro_rules! test {
+    ($name:ident, $brute_file:ident::$brute_name:ident = $test:ident) => {
+        with_stack!($name = $test);
         test!($brute_file::$brute_name = $test);
     };
     ($brute_file:ident::$brute_name:ident = $test:ident) => {

@@ -21,14 +21,13 @@ pub mod triple;
 pub mod unit;
 pub mod woop;
 
-/// The kernels of triangle tests: with a stack, but for the default's, and of every triangle.
+/// The kernels of triangle tests: with a stack, but for those of `strict` and `exact`, and of every triangle.
 #[cfg(not(target_arch = "spirv"))]
 pub const KERNELS: &[&crate::Kernel] = &[
     &moeller::MOELLER,
     &plane::PLANE,
     &baldwin::BALDWIN,
     &woop::WOOP,
-    &exact::EXACT,
     &strict::brute_strict::BRUTE_STRICT,
     &exact::brute_exact::BRUTE_EXACT,
     &moeller::brute_moeller::BRUTE_MOELLER,

@@ -81,11 +81,17 @@ impl<N: Digits> Triple<N> {
     /// The product, within `2^-64` of its size.
     #[inline(always)]
     pub(super) fn times_pair(self, other: Pair<N>) -> Self {
+        self.product(other, self.c * other.hi)
+    }
+
+    /// The product with a number of which `low` is what the third floats add.
+    #[inline(always)]
+    fn product(self, other: Pair<N>, low: N) -> Self {
         let p = Pair::product(self.a, other.hi);
         let (q, r) = (Pair::product(self.a, other.lo), Pair::product(self.b, other.hi));
         let both = Pair::sum(q.hi, r.hi);
         let middle = Pair::sum(p.lo, both.hi);
-        let low = self.c * other.hi + (self.b * other.lo + (q.lo + r.lo));
+        let low = low + (self.b * other.lo + (q.lo + r.lo));
         sorted(p.hi, middle.hi, low + (both.lo + middle.lo))
     }
 
@@ -166,12 +172,7 @@ impl<N: Digits> Long for Triple<N> {
 
     #[inline(always)]
     fn times(self, other: Self) -> Self {
-        let p = Pair::product(self.a, other.a);
-        let (q, r) = (Pair::product(self.a, other.b), Pair::product(self.b, other.a));
-        let both = Pair::sum(q.hi, r.hi);
-        let middle = Pair::sum(p.lo, both.hi);
-        let low = (self.a * other.c + self.c * other.a) + (self.b * other.b + (q.lo + r.lo));
-        sorted(p.hi, middle.hi, low + (both.lo + middle.lo))
+        self.product(Pair { hi: other.a, lo: other.b }, self.a * other.c + self.c * other.a)
     }
 
     #[inline(always)]

@@ -28,6 +28,10 @@ pub trait Filter {
 
 /// Which hits of a query count.
 pub trait Choice: Copy {
+    /// Begins a leaf.
+    #[inline(always)]
+    fn begin(self, _own: &mut impl Slots<u32>) {}
+
     /// As [`Filter::test`], with words in which a choice may keep something.
     fn test<I: Intersector>(
         self,

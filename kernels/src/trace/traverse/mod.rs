@@ -18,7 +18,7 @@ pub mod shortstack;
 pub mod stack;
 pub mod trail;
 
-/// The kernels of ways other than `stack`, and those of exact closest hits.
+/// The kernels of ways other than `stack`, and those of exact hits.
 #[cfg(not(target_arch = "spirv"))]
 pub const KERNELS: &[&crate::Kernel] = &[
     &restart::RESTART,
@@ -32,6 +32,7 @@ pub const KERNELS: &[&crate::Kernel] = &[
     &ropes::optimised_ropes::OPTIMISED_ROPES,
     &sequential::SEQUENTIAL,
     &narrow::NARROW,
+    &narrow::any::NARROW_ANY,
     &settle::SETTLE,
     &rest::REST,
 ];

@@ -1,5 +1,5 @@
-//! Closest hits of the exact test on a GPU, first kernel: it walks the tree and tells by floats which triangles may be
-//! the closest, one mostly, a few where a ray passes an edge or a vertex or starts on a surface. The second,
+//! Hits of the exact test on a GPU, first kernel: it walks the tree and tells by floats which triangles may be the hit,
+//! one mostly, a few where a ray passes an edge or a vertex or starts on a surface. The second,
 //! [`settle`](super::settle), tests those alone; the third, [`rest`](super::rest), walks where there are too many. So
 //! lanes do not wait for each other's exact tests, and the first walk has the registers that it needs. The answer is
 //! that of the exact test in a walk of its own, as on a CPU, since that rounds nothing else.
@@ -35,6 +35,12 @@ const FIRST: u32 = 1;
 const EACH: u32 = 3;
 /// Words for all that.
 pub(in crate::trace) const WORDS: usize = (FIRST + MOST * EACH) as usize;
+/// Of any hits, how many there were when a leaf began.
+const BEFORE: u32 = WORDS as u32;
+/// Marks the references of every other leaf.
+pub(super) const OTHER: u32 = 0x8000_0000;
+/// How many triangles are kept of more than one leaf: the fourth reference has no room for that mark.
+const OF_SEVERAL: u32 = 3;
 
 /// Stands beside the fourth of a ray's references, in place of a hit's `v`, which has neither this bit nor the next.
 pub(super) const LISTED: u32 = 0x4000_0000;
@@ -45,8 +51,11 @@ pub(super) const TOO_MANY: u32 = u32::MAX;
 
 /// Keeps the triangles of which one may be the closest hit. `t` of the best is the highest that the closest hit's may
 /// be.
+///
+/// Of any hits that is the closest in the first leaf that has one. Leaves of which nothing is sure are passed, and their
+/// triangles kept before those of others.
 #[derive(Clone, Copy, Debug)]
-pub(in crate::trace) struct Narrow;
+pub(in crate::trace) struct Narrow<const ANY: bool = false>;
 
 impl Narrow {
     /// Nothing is kept yet.
@@ -81,9 +90,9 @@ impl Narrow {
         four(own, (FIRST + 1, EACH), own.at(COUNT), first)
     }
 
-    /// Forgets the triangles that are surely behind `t`, and adds one if it is not there.
+    /// Forgets the triangles that are surely behind `t`, but the first ones, and adds one if it is not there.
     #[inline(always)]
-    pub(in crate::trace) fn add(own: &mut impl Slots<u32>, triangle: (u32, u32, f32), t: f32) {
+    pub(in crate::trace) fn add(own: &mut impl Slots<u32>, first: u32, triangle: (u32, u32, f32), t: f32) {
         let count = own.at(COUNT);
         let mut kept = 0;
         let mut there = false;
@@ -91,7 +100,7 @@ impl Narrow {
         while i < count {
             let id = own.at(FIRST + EACH * i);
             let near = f32::from_bits(own.at(FIRST + EACH * i + 2));
-            if near <= t {
+            if (i < first) | (near <= t) {
                 let at = own.at(FIRST + EACH * i + 1);
                 Self::put(own, kept, (id, at, near));
                 there |= id == triangle.0;
@@ -106,7 +115,14 @@ impl Narrow {
     }
 }
 
-impl Choice for Narrow {
+impl<const ANY: bool> Choice for Narrow<ANY> {
+    #[inline(always)]
+    fn begin(self, own: &mut impl Slots<u32>) {
+        if ANY {
+            own.put(BEFORE, own.at(COUNT));
+        }
+    }
+
     #[inline(always)]
     fn test<I: Intersector>(
         self,
@@ -125,7 +141,19 @@ impl Choice for Narrow {
                 best.t = seen.later;
                 best.triangle = id;
             }
-            Self::add(own, (id, at, seen.near), best.t);
+            let (mut before, mut mark) = (0, 0);
+            if ANY {
+                before = own.at(BEFORE);
+                if before > 0 {
+                    mark = (own.at(FIRST + EACH * (before - 1) + 1) & OTHER) ^ OTHER;
+                }
+            }
+            Narrow::add(own, before, (id, at | mark, seen.near), best.t);
+            if ANY && own.at(COUNT) > (if before > 0 { OF_SEVERAL } else { MOST }) {
+                own.put(COUNT, MOST + 1);
+                // Ends the walk.
+                best.triangle = id;
+            }
         }
         true
     }
@@ -134,7 +162,7 @@ impl Choice for Narrow {
 /// Writes of every ray of a workgroup which references list the triangles that may be the closest hit: four in place of
 /// the hit, four more apart; a miss where there are none.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
-pub fn narrow(
+pub fn narrow<const ANY: bool>(
     group: Group,
     shared: &mut [u32; SHARED],
     job: &Buf<u32>,
@@ -150,10 +178,11 @@ pub fn narrow(
         let i = ray_of(group.id * group.width + lane, job);
         if i < job.at(JOB_RAYS) {
             let ray = &mut load(i, rays, &header.at(0), outcome);
-            let (aside, own) = (&mut aside::<ASIDE, SHARED>(shared, lane), &mut scratch::<u32, WORDS>());
+            let (aside, own) =
+                (&mut aside::<ASIDE, SHARED>(shared, lane), &mut scratch::<u32, { WORDS + 1 }>());
             let steps = &mut Steps::default();
             Narrow::clear(own);
-            walk_keeping::<Exact, Narrow, false>(ray, pairs, corners, Narrow, false, aside, own, steps);
+            walk_keeping::<Exact, _, false>(ray, pairs, corners, Narrow::<ANY>, ANY, aside, own, steps);
             let count = Narrow::count(own);
             if count == 0 {
                 hits.put(i, record(ray, &Best::NOTHING));
@@ -177,7 +206,19 @@ pub fn narrow(
 
 of_query! {
     kernel {
-        /// [`narrow`] over all rays.
-        group NARROW = narrow, threads 64, shared [shared: SHARED], query:
+        /// [`narrow`] over all rays, for closest hits.
+        group NARROW = narrow::<false>, threads 64, shared [shared: SHARED], query:
     } { , { 7 more: write UVec4 } }
+}
+
+/// For any hits.
+pub mod any {
+    use super::*;
+
+    of_query! {
+        kernel {
+            /// [`narrow`] over all rays.
+            group NARROW_ANY = narrow::<true>, threads 64, shared [shared: SHARED], query:
+        } { , { 7 more: write UVec4 } }
+    }
 }

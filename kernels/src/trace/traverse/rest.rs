@@ -1,5 +1,5 @@
-//! Closest hits of the exact test, third kernel: rays for which [`narrow`](super::narrow) had no room walk the tree once
-//! more. They meet many triangles at a vertex, or as many on top of each other.
+//! Hits of the exact test, third kernel: rays for which [`narrow`](super::narrow) had no room walk the tree once more.
+//! They meet many triangles at a vertex, or as many on top of each other.
 
 use super::{
     Steps,
@@ -16,7 +16,7 @@ use crate::{
     trace::{
         frame::Frame,
         intersect::exact::Exact,
-        job::{OUTCOME_STATUS, record},
+        job::{JOB_ANY, OUTCOME_STATUS, record},
         left::MARKS,
     },
 };
@@ -38,7 +38,8 @@ pub fn rest(
     answer_left!(group, marks, job, outcome, |i| hits.at(i).w == TOO_MANY, |i| {
         let mut ray = Frame::new(rays.at(2 * i), rays.at(2 * i + 1), &header.at(0));
         let (aside, steps) = (&mut scratch::<u32, ASIDE>(), &mut Steps::default());
-        let best = walk::<Exact, Every, false>(&mut ray, pairs, corners, Every, false, aside, steps);
+        let any = job.at(JOB_ANY) != 0;
+        let best = walk::<Exact, Every, false>(&mut ray, pairs, corners, Every, any, aside, steps);
         hits.put(i, record(&ray, &best));
         if steps.status != 0 {
             outcome.or(OUTCOME_STATUS, steps.status);

@@ -1,6 +1,6 @@
-//! Closest hits of the exact test, second kernel: the triangles that [`narrow`](super::narrow) found are tested.
+//! Hits of the exact test, second kernel: the triangles that [`narrow`](super::narrow) found are tested.
 
-use super::narrow::{LISTED, LONG, TOO_MANY};
+use super::narrow::{LISTED, LONG, OTHER, TOO_MANY};
 #[cfg(not(target_arch = "spirv"))]
 use crate::trace::queries::Query;
 use crate::{
@@ -13,9 +13,9 @@ use crate::{
         listed::{Listed, NONE},
     },
 };
-use raykd_shared::{TreeHeader, status};
+use raykd_shared::{MISS, TreeHeader, status};
 
-/// Settles which of its triangles is the closest hit of ray `i`.
+/// Settles which of its triangles is the hit of ray `i`.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn settle(
     i: u32,
@@ -42,10 +42,13 @@ pub fn settle(
             // 1 until there are no more.
             let mut open = 1;
             while running {
-                let (a, b, c) = corners.three(3 * listed.first());
+                let at = listed.first();
+                let (a, b, c) = corners.three(3 * (at & !OTHER));
                 running = Exact.settle(&ray, a.w.to_bits() & !NORMAL, (a, b, c), &mut best);
                 listed.pass();
-                if running && listed.first() == NONE {
+                // Any hits are those of one leaf.
+                let enough = (best.triangle != MISS) & ((listed.first() ^ at) & OTHER != 0);
+                if running && (listed.first() == NONE) | enough {
                     running = false;
                     open = 0;
                 }

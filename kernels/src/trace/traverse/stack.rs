@@ -259,6 +259,7 @@ pub(in crate::trace) fn walk_keeping<I: Intersector, C: Choice, const COUNT: boo
             t_max: f32::INFINITY,
             ..*ray
         };
+        choice.begin(filter.own);
         let whole = leaf::visit(by, &at_leaf, place.node, corners, &mut filter, &mut best);
         // Where a loop was cut short the number of entries stays what it is.
         let enough = any && best.triangle != MISS;
