@@ -80,7 +80,8 @@ fn point(text: &str) -> Result<[f64; 3], String> {
 }
 
 impl Args {
-    /// Rays are made on the GPU in `f32`, so that a mesh which was moved to keep its digits stays where it was moved to.
+    /// Rays are made on the GPU in `f32`, so that a mesh which was moved to keep its digits stays where it was moved
+    /// to.
     fn mesh(&self) -> Result<Mesh> {
         Ok(match &self.mesh {
             None => Mesh::teapot(24),

@@ -1,5 +1,5 @@
-//! A path tracer in waves: all rays of a bounce are traced by raykd, then shaded by `shade.wgsl`, which makes the rays of
-//! the next. They stay on the GPU, and so does how many there are.
+//! A path tracer in waves: all rays of a bounce are traced by raykd, then shaded by `shade.wgsl`, which makes the rays
+//! of the next. They stay on the GPU, and so does how many there are.
 
 use crate::gpu::Gpu;
 use anyhow::{Result, bail};

@@ -1,11 +1,13 @@
 //! Everything that a CPU runs, on several threads: for sanitizers, which slow a program down too much for the tests.
 //!
 //! ```text
-//! RUSTFLAGS="-Zsanitizer=thread -Cunsafe-allow-abi-mismatch=sanitizer" cargo +nightly run --release --target x86_64-unknown-linux-gnu --example everything
+//! export RUSTFLAGS="-Zsanitizer=thread -Cunsafe-allow-abi-mismatch=sanitizer"
+//! cargo +nightly run --release --target x86_64-unknown-linux-gnu --example everything
 //! ```
 //!
-//! The same with `address`. ThreadSanitizer does not see how the standard library and rayon make threads wait, so it reports
-//! what the host frees or reads after a dispatch. A race of kernels is a report both of whose accesses are kernels'.
+//! The same with `address`. ThreadSanitizer does not see how the standard library and rayon make threads wait, so it
+//! reports what the host frees or reads after a dispatch. A race of kernels is a report both of whose accesses are
+//! kernels'.
 
 use raykd::{
     BuildOptions, Builder, Device, Hit, Intersector, Mesh, Query, Scene, Traversal,

@@ -174,8 +174,8 @@ impl Eight {
         (belows, aboves)
     }
 
-    /// What a histogram of a node that begins at `from` needs of a box: the bins of its low faces and its high faces, and
-    /// the words for where those stand; three each, and one of no meaning.
+    /// What a histogram of a node that begins at `from` needs of a box: the bins of its low faces and its high faces,
+    /// and the words for where those stand; three each, and one of no meaning.
     #[inline(always)]
     pub(crate) fn entry(part: &Bounds, from: Vec3, rates: Vec3) -> ([u32; 8], [u32; 8]) {
         let (mut bins, mut words) = ([0; 8], [0; 8]);

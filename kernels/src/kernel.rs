@@ -116,8 +116,8 @@ impl Group {
     }
 }
 
-/// The numbers of the bits that are set, from the lowest up. Of references that may go either way a CPU takes those that
-/// go one way first, and then the others: asked of each in turn, it guesses every second answer wrong.
+/// The numbers of the bits that are set, from the lowest up. Of references that may go either way a CPU takes those
+/// that go one way first, and then the others: asked of each in turn, it guesses every second answer wrong.
 #[cfg(not(target_arch = "spirv"))]
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Bits(pub(crate) u32);
@@ -329,8 +329,8 @@ macro_rules! run_twice {
         }
         // No closure: each crate that names the kernel would compile it again.
         unsafe fn either(group: $crate::Group, buffers: &[$crate::RawBuf]) -> u64 {
-            // SAFETY: as for the caller; a group knows whether the processor has these instructions, and there is one copy
-            // only for processors that need none.
+            // SAFETY: as for the caller; a group knows whether the processor has these instructions, and there is one
+            // copy only for processors that need none.
             unsafe {
                 if group.usual.has() || $crate::kernel::ONE_COPY {
                     usual(group, buffers)

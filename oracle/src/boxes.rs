@@ -78,8 +78,8 @@ fn split(triangles: &[Corners], part: &mut [u32], from: u32, nodes: &mut Vec<Nod
     split(triangles, second, from + middle as u32, nodes);
 }
 
-/// Whether a ray may meet a box: two roundings of each `t` are allowed for, several times over, and that hits count whose
-/// `t` is rounded to an end of the ray.
+/// Whether a ray may meet a box: two roundings of each `t` are allowed for, several times over, and that hits count
+/// whose `t` is rounded to an end of the ray.
 fn meets(node: &Node, ray: &Ray) -> bool {
     const MORE: f64 = 1.0e-14;
     let [mut enter, mut exit] = [(ray.t_min, -1.0), (ray.t_max, 1.0)].map(|(end, out)| {

@@ -16,9 +16,9 @@
 //!
 //! Nothing here is shared with raykd's kernels but the layout of a ray. Triangles are closed; a ray in a triangle's
 //! plane misses it, and so does every ray a triangle without area. Of `t` counts what it is rounded to 24 digits, the
-//! nearest number of an `f32` whose exponent has no bounds: from `t_min` to `t_max`, both inclusive; equal ones are ordered
-//! by triangle number. [`Oracle`] finds hits by a box tree of its own; signs and orders are decided in `f64` where its
-//! rounding cannot change them, else in integers ([`exact`]).
+//! nearest number of an `f32` whose exponent has no bounds: from `t_min` to `t_max`, both inclusive; equal ones are
+//! ordered by triangle number. [`Oracle`] finds hits by a box tree of its own; signs and orders are decided in `f64`
+//! where its rounding cannot change them, else in integers ([`exact`]).
 //!
 //! A kernel computes in `f32`, so its answer may be the exact one of a scene moved by some ULP. [`judge`] says
 //! whether it is, for a given distance.

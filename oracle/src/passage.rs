@@ -4,8 +4,8 @@ use crate::{Corners, exact::Exact, exact::integer};
 use num_bigint::{BigInt, Sign};
 use raykd_shared::Ray;
 
-/// The origin moves by `(e, e^2, e^3)`, `e` being 2 to the power of minus this: less than any quotient of the volumes that
-/// `f32` can span.
+/// The origin moves by `(e, e^2, e^3)`, `e` being 2 to the power of minus this: less than any quotient of the volumes
+/// that `f32` can span.
 const SHIFT: u32 = 1000;
 
 /// How a ray crosses a triangle.

@@ -108,7 +108,8 @@ unsafe fn call<'l, T>(library: &'l Library, name: &CStr) -> Symbol<'l, T> {
     unsafe { library.get(name.to_bytes_with_nul()) }.expect("every version of Embree has it")
 }
 
-/// The newest version that there is, and whether it is version 3. Never unloaded: its threads would be left without code.
+/// The newest version that there is, and whether it is version 3. Never unloaded: its threads would be left without
+/// code.
 fn library() -> Option<&'static (Library, bool)> {
     const NAMES: [(&str, bool); 4] = [
         ("libembree4.so.4", false),

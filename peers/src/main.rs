@@ -93,8 +93,8 @@ fn bench(name: &str, rounds: usize) -> anyhow::Result<Vec<Row>> {
     // The best of some rounds: others on this machine only ever slow things down.
     let mut peers: Vec<Measured> = peers::ALL.iter().map(|_| Measured::default()).collect();
     for round in 1..=rounds.max(1) {
-        // Whoever comes after whom: each round begins with another, and every other one goes backwards, for what somebody
-        // leaves of caches and of freed memory slows the next down by a tenth.
+        // Whoever comes after whom: each round begins with another, and every other one goes backwards, for what
+        // somebody leaves of caches and of freed memory slows the next down by a tenth.
         let number = peers::ALL.len();
         for turn in 0..number {
             let i = (turn + round) % number;

@@ -61,8 +61,8 @@ impl Hit {
 const _: () = assert!(size_of::<Ray>() == 32 && align_of::<Ray>() == 4, "rays are records of 8 f32");
 const _: () = assert!(size_of::<Hit>() == 16 && align_of::<Hit>() == 4, "hits are records of 4 words");
 
-/// How often a ray crosses surfaces in its range of `t`, an edge or a vertex of a closed surface counting as one crossing.
-/// The side of a triangle from which its corners go round counterclockwise is its outside.
+/// How often a ray crosses surfaces in its range of `t`, an edge or a vertex of a closed surface counting as one
+/// crossing. The side of a triangle from which its corners go round counterclockwise is its outside.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct Crossings {
@@ -73,8 +73,8 @@ pub struct Crossings {
 }
 
 impl Crossings {
-    /// Crossings out less crossings in: the winding number of where a ray starts, if it goes on for ever and all surfaces are
-    /// closed.
+    /// Crossings out less crossings in: the winding number of where a ray starts, if it goes on for ever and all
+    /// surfaces are closed.
     pub const fn winding(self) -> i32 {
         self.leaving.wrapping_sub(self.entering).cast_signed()
     }

@@ -108,7 +108,8 @@ impl Job<'_> {
         for query in [Query::Closest, Query::Any] {
             scene.trace_except(query, &rays, &own)?;
         }
-        // In larger meshes these go so many rounds that llvmpipe may cut them short, and so do rays along edges by `exact`.
+        // In larger meshes these go so many rounds that llvmpipe may cut them short, and so do rays along edges by
+        // `exact`.
         let small = triangles <= 64;
         // And all but the usual test where a leaf of a lattice may hold thousands.
         let large = triangles > 1000;

@@ -1,4 +1,5 @@
-//! What a triangle test that keeps the contract says of every triangle, one by one, without a tree and without a kernel.
+//! What a triangle test that keeps the contract says of every triangle, one by one, without a tree and without a
+//! kernel.
 
 use raykd::{
     Hit, Intersector, Mesh, Ray,

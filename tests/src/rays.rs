@@ -8,15 +8,16 @@ use raykd::{
 };
 
 /// Rays at a mesh: at corners, edges and insides of triangles, along axes and diagonals, from corners,
-/// surfaces, splitting planes and corners of leaves, of any length, with any range of `t`; a few that are no rays at all.
+/// surfaces, splitting planes and corners of leaves, of any length, with any range of `t`; a few that are no rays at
+/// all.
 pub fn rays(mesh: &Mesh, tree: TreeView<'_>, count: usize, seed: u64) -> Vec<Ray> {
     let (planes, cells) = cells(tree);
     let mut aim = Aim { mesh, planes, cells, random: Random::new(seed) };
     (0..count).map(|_| aim.ray()).collect()
 }
 
-/// The rays with directions of any length, and with numbers from the whole range of `f32` among their coordinates and ends,
-/// where there was a 0 above all.
+/// The rays with directions of any length, and with numbers from the whole range of `f32` among their coordinates and
+/// ends, where there was a 0 above all.
 pub fn of_any_size(rays: &[Ray], seed: u64) -> Vec<Ray> {
     let mut random = Random::new(seed);
     let mut any = move |most: i32| {

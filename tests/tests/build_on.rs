@@ -116,7 +116,9 @@ proptest! {
 proptest! {
     #![proptest_config(cases(64))]
     #[test]
-    fn all_builders_do(recipe in any_mesh(), builder in prop::sample::select(Builder::ALL.to_vec()), depth in 0u32..=48) {
+    fn all_builders_do(
+        recipe in any_mesh(), builder in prop::sample::select(Builder::ALL.to_vec()), depth in 0u32..=48,
+    ) {
         let options = BuildOptions::default().with_builder(builder).with_max_depth(depth);
         compare(gpu(), &arrays(&recipe.mesh()), &options)?;
     }
@@ -739,8 +741,8 @@ fn median(mut times: Vec<Duration>) -> f64 {
     times[times.len() / 2].as_secs_f64() * 1e3
 }
 
-/// Prints what `build_on` takes by the clock on the wall, from vertices on the device to a scene that can be traced, beside
-/// what its kernels take by the device's clock: of the scene that `RAYKD_SCENE` names, else of the dragon.
+/// Prints what `build_on` takes by the clock on the wall, from vertices on the device to a scene that can be traced,
+/// beside what its kernels take by the device's clock: of the scene that `RAYKD_SCENE` names, else of the dragon.
 #[test]
 #[ignore = "a measurement: RAYKD_SCENE=dragon cargo test --release --workspace --test build_on -- --ignored --nocapture"]
 fn times_of_build_on() -> Result<(), Failure> {

@@ -1,5 +1,5 @@
-//! The published triangle tests: the same bytes on every device, and right where they should be; where the literature says
-//! that they fail, they do.
+//! The published triangle tests: the same bytes on every device, and right where they should be; where the literature
+//! says that they fail, they do.
 
 use proptest::prelude::*;
 use raykd::{BuildOptions, Hit, Intersector, Mesh, Query, Ray, Scene, Traversal, rays::Random};

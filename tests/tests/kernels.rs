@@ -32,7 +32,9 @@ fn either() -> impl Strategy<Value = Builder> {
 proptest! {
     #![proptest_config(cases(48))]
     #[test]
-    fn each_kernel_writes_the_same_bytes_on_every_device(recipe in small_mesh(), seed: u64, max_depth in 1u32..=48, builder in either()) {
+    fn each_kernel_writes_the_same_bytes_on_every_device(
+        recipe in small_mesh(), seed: u64, max_depth in 1u32..=48, builder in either(),
+    ) {
         let options = BuildOptions::default().with_max_depth(max_depth).with_builder(builder);
         let devices: Vec<_> = devices().iter().map(|named| &named.device).collect();
         Job { mesh: &recipe.mesh(), options: &options, seed }.compare(&devices)?;

@@ -75,8 +75,8 @@ struct Start {
     clear: bool,
 }
 
-/// Rays from points of a convex mesh outward, in all directions of the hemisphere; the points are hits, rounded. A third
-/// of them lies on edges, a third on vertices.
+/// Rays from points of a convex mesh outward, in all directions of the hemisphere; the points are hits, rounded. A
+/// third of them lies on edges, a third on vertices.
 fn starts(mesh: &Mesh, rounds: usize) -> Vec<Start> {
     let scene = Scene::build(cpu(), mesh, &BuildOptions::default()).unwrap();
     let (lo, hi) = mesh.bounds();

@@ -1,8 +1,8 @@
 //! Trees with one word changed: refused, or traced by every traversal to the right hits.
 //!
 //! A changed word is always noticed by the tree's checksum. So that the other checks are tested too, each mutant is
-//! given the checksum that fits it: then it may still lead rays past a triangle, if a leaf does not list what lies there
-//! any more, but must do no other harm.
+//! given the checksum that fits it: then it may still lead rays past a triangle, if a leaf does not list what lies
+//! there any more, but must do no other harm.
 
 use raykd::{
     BuildOptions, Builder, Device, Hit, KdTree, Mesh, Ray, Scene, Traversal,

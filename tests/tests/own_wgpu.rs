@@ -108,7 +108,8 @@ fn hits_in_own_buffers_are_those_of_the_batch() -> Result<(), Failure> {
     same("behind the last", &blank[516..], &found[516..])
 }
 
-/// Six triangles around one vertex, then twelve around another: a ray close to it leaves all of them for the exact test.
+/// Six triangles around one vertex, then twelve around another: a ray close to it leaves all of them for the exact
+/// test.
 fn fans() -> Mesh {
     let (mut positions, mut triangles) = (Vec::new(), Vec::new());
     for (rim, middle) in [(6, -2.0), (12, 2.0)] {

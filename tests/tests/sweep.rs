@@ -55,7 +55,9 @@ proptest! {
     }
 
     #[test]
-    fn kernels_do_so_with_any_options(recipe in small_mesh(), options in any_options(Just(Builder::Exact)), small in any_small()) {
+    fn kernels_do_so_with_any_options(
+        recipe in small_mesh(), options in any_options(Just(Builder::Exact)), small in any_small(),
+    ) {
         same_by_kernels(&recipe.mesh(), &options, small)?;
     }
 }

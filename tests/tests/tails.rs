@@ -58,8 +58,8 @@ fn tests_of(steps: &[RaySteps]) -> Vec<f64> {
 #[test]
 fn an_object_that_is_small_in_its_scene_is_split() -> Result<(), Failure> {
     for builder in BY_COST {
-        // The largest leaf, and the 99.99th percentile of tests a ray. From 1e6 on planes count as thicker than the teapot, so
-        // that a ray beside it tests much of it, and at last all.
+        // The largest leaf, and the 99.99th percentile of tests a ray. From 1e6 on planes count as thicker than the
+        // teapot, so that a ray beside it tests much of it, and at last all.
         for (ratio, leaf, most) in
             [(1e2, 32, 128.0), (1e4, 32, 128.0), (1e6, 32, 2100.0), (1e8, 5000, 5000.0), (1e10, 5000, 5000.0)]
         {
@@ -79,8 +79,8 @@ fn an_object_that_is_small_in_its_scene_is_split() -> Result<(), Failure> {
     Ok(())
 }
 
-/// How many triangles' boxes a ray meets before `end`: a box tree with a triangle in each leaf would test as many. Boxes are
-/// as much larger as planes count as thick.
+/// How many triangles' boxes a ray meets before `end`: a box tree with a triangle in each leaf would test as many.
+/// Boxes are as much larger as planes count as thick.
 fn met(mesh: &Mesh, boxes: &[[Point; 2]], ray: &Ray, end: f64) -> u32 {
     let (lo, hi) = mesh.bounds();
     let far = (0..3).map(|k| (hi[k] - ray.origin[k]).abs().max((lo[k] - ray.origin[k]).abs()));

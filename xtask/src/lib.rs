@@ -14,9 +14,9 @@ pub const MODULE: &str = "kernels/spv/raykd.spv";
 /// Its manifest.
 pub const MANIFEST: &str = "kernels/spv/manifest.json";
 
-/// Packages that `cargo xtask test` leaves out, and whatever shares its builds: with them, dependencies have more features
-/// and are compiled again. What compiles the kernels takes a minute to build, and its tests concern nobody else. What
-/// makes bindings for JavaScript takes as long and has none. The Python package is tested by Python.
+/// Packages that `cargo xtask test` leaves out, and whatever shares its builds: with them, dependencies have more
+/// features and are compiled again. What compiles the kernels takes a minute to build, and its tests concern nobody
+/// else. What makes bindings for JavaScript takes as long and has none. The Python package is tested by Python.
 pub const LEFT_OUT: [&str; 4] = ["raykd-spirv", "xtask-kernels", "xtask-web", "raykd-python"];
 
 /// What the module was made from and what is in it.

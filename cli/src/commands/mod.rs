@@ -41,7 +41,8 @@ Exit code: 0 success, 1 an error or a difference between devices, 2 wrong usage.
 
 /// kd-trees for ray tracing triangle meshes: one kernel source, identical bytes on CPU and GPU.
 #[derive(Debug, Parser)]
-#[command(name = "raykd", version, after_help = EXAMPLES.replace("EXTENSIONS", &mesh_extensions()), arg_required_else_help = true)]
+#[command(name = "raykd", version, arg_required_else_help = true)]
+#[command(after_help = EXAMPLES.replace("EXTENSIONS", &mesh_extensions()))]
 pub(super) struct Args {
     #[command(subcommand)]
     pub command: Command,

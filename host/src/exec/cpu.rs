@@ -130,8 +130,8 @@ impl Cpu {
                 *slot = shared.0;
             }
             let group = Group { id, width: step.kernel.threads, order: self.order, usual };
-            // SAFETY: one live, aligned buffer per slot (`Device::dispatch` counts them), which `uses` keeps others from
-            // writing; the groups of one dispatch have different ids, and kernels give every word one writer.
+            // SAFETY: one live, aligned buffer per slot (`Device::dispatch` counts them), which `uses` keeps others
+            // from writing; the groups of one dispatch have different ids, and kernels give every word one writer.
             unsafe { (step.kernel.run)(group, &buffers[..raw.len()]) }
         };
         if self.order == Order::Reverse {
@@ -249,8 +249,8 @@ impl Kept {
     pub(crate) fn slice<T: bytemuck::Pod>(&self) -> &[T] {
         let (ptr, len) = (self.memory.0.ptr, self.bytes);
         // SAFETY: `keep` counted a reader, which stays until the drop below, so nobody writes; the memory is as long at
-        // least, aligned to a line and holds bytes that were once zeroed, or a file's, which any `T` may be. Who mapped a
-        // file promised that it does not change.
+        // least, aligned to a line and holds bytes that were once zeroed, or a file's, which any `T` may be. Who mapped
+        // a file promised that it does not change.
         unsafe { std::slice::from_raw_parts(ptr.cast(), len / size_of::<T>()) }
     }
 }

@@ -455,8 +455,8 @@ impl Device {
         Cpu::with_threads(threads).map(Into::into)
     }
 
-    /// The best Vulkan adapter, or the best whose name contains `adapter` (any case). `gpu:1` takes one by its number in
-    /// [`adapters`](crate::adapters), which tells those of one name apart. It may be a software driver, which
+    /// The best Vulkan adapter, or the best whose name contains `adapter` (any case). `gpu:1` takes one by its number
+    /// in [`adapters`](crate::adapters), which tells those of one name apart. It may be a software driver, which
     /// [`Device::best`] never takes. With `RAYKD_ALLOW_INEXACT=1` in the environment an adapter that is named is taken
     /// though it rounds differently: then bytes may differ from the CPU's.
     ///

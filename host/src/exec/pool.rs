@@ -10,8 +10,8 @@ pub(super) struct Pool {
 }
 
 impl Pool {
-    /// A free buffer of this name with room for so many bytes. Smaller free ones are given up, as they will hardly be of
-    /// use any more.
+    /// A free buffer of this name with room for so many bytes. Smaller free ones are given up, as they will hardly be
+    /// of use any more.
     pub(super) fn take(&self, name: &str, bytes: u64) -> Option<AnyBuffer> {
         let mut buffers = self.buffers.lock().unwrap_or_else(PoisonError::into_inner);
         let free = |buffer: &AnyBuffer| buffer.name == name && buffer.is_free();

@@ -132,8 +132,8 @@ impl Batch {
         }
     }
 
-    /// Runs kernels over the rays, `option` telling what is asked, and fetches what is wanted. Says how long the kernels
-    /// took, and how many rays were none.
+    /// Runs kernels over the rays, `option` telling what is asked, and fetches what is wanted. Says how long the
+    /// kernels took, and how many rays were none.
     pub(super) fn run(
         &self,
         device: &Device,

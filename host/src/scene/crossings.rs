@@ -88,8 +88,8 @@ impl Scene {
     fn winding_of_parts(&self, number: usize, fill: Fill<'_>) -> Result<Counted<i32>, Error> {
         let scale = 1.0 / self.header.scale;
         let (lo, hi) = (self.header.lo.map(|x| x * scale), self.header.hi.map(|x| x * scale));
-        // A CPU takes rays in an order in which they go side by side, so many at a time that its cache holds what is kept
-        // of them.
+        // A CPU takes rays in an order in which they go side by side, so many at a time that its cache holds what is
+        // kept of them.
         let on_cpu = self.device.is_cpu();
         let at_once = if on_cpu { AT_ONCE } else { self.batch_limit() };
         let device = &if on_cpu { self.device.recycling() } else { self.device.keeping_nothing() };
@@ -172,8 +172,9 @@ impl Scene {
 /// Points that a CPU takes at once.
 const AT_ONCE: usize = 1 << 17;
 
-/// How far a ray goes aside for each unit along an axis. Meshes often have edges and triangles along the axes, and points
-/// lie in line with them: a ray straight along an axis would meet one edge after the other, and floats tell of none.
+/// How far a ray goes aside for each unit along an axis. Meshes often have edges and triangles along the axes, and
+/// points lie in line with them: a ray straight along an axis would meet one edge after the other, and floats tell of
+/// none.
 const ASIDE: [f32; 2] = [0.0039, 0.0025];
 
 /// Directions almost along the axes, down and up.
@@ -195,7 +196,8 @@ struct Grid {
     bits: u32,
 }
 
-/// The first way, in the order of [`WAYS`], of those whose bits are set: three down, three up. Without any it is one up.
+/// The first way, in the order of [`WAYS`], of those whose bits are set: three down, three up. Without any it is one
+/// up.
 const FIRST: [u8; 64] = {
     let mut first = [1; 64];
     let mut bits = 1usize;

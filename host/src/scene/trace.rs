@@ -108,7 +108,8 @@ impl Traced {
     }
 }
 
-/// Rays that a GPU gets at once where there are more. Fewer would not keep it busy; of more it would wait for the first.
+/// Rays that a GPU gets at once where there are more. Fewer would not keep it busy; of more it would wait for the
+/// first.
 const OVERLAPPED: usize = 1 << 20;
 
 /// Traces parts one after the other.
@@ -178,8 +179,8 @@ impl Scene {
         Ok(self.trace(Query::Any, rays)?.hits)
     }
 
-    /// Traces rays and reports times; rays are moved in batches as large as the device's buffers allow, at most. On a GPU
-    /// the host moves some while others are traced, so that times overlap.
+    /// Traces rays and reports times; rays are moved in batches as large as the device's buffers allow, at most. On a
+    /// GPU the host moves some while others are traced, so that times overlap.
     ///
     /// # Errors
     /// The device failed.

@@ -6,8 +6,8 @@ use raykd_kernels::trace::single::Tree;
 use raykd_shared::{Crossings, Hit, Ray, TreeHeader};
 use std::{ops::ControlFlow, sync::Arc};
 
-/// Traces single rays on the CPU, with no memory, thread or system call for any of them. The hits are the same bytes as a
-/// [`Scene`]'s. Clones share all memory, and may be used by any number of threads.
+/// Traces single rays on the CPU, with no memory, thread or system call for any of them. The hits are the same bytes as
+/// a [`Scene`]'s. Clones share all memory, and may be used by any number of threads.
 ///
 /// ```
 /// use raykd::{BuildOptions, Device, Mesh, Ray, Scene};
@@ -38,8 +38,8 @@ struct Shared {
 }
 
 impl Scene {
-    /// Makes the scene ready for single rays on the CPU, by its triangle test. A scene on a GPU is copied from there, one on
-    /// the CPU is not.
+    /// Makes the scene ready for single rays on the CPU, by its triangle test. A scene on a GPU is copied from there,
+    /// one on the CPU is not.
     ///
     /// # Errors
     /// The device failed, or memory ran out.

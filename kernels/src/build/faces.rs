@@ -61,7 +61,8 @@ fn row_by_row<N: Row>(
         for (at, (lows, highs)) in at.iter_mut().zip(faces) {
             *at = N::of(&lows[next as usize..], &highs[next as usize..]);
         }
-        // What reaches to the one side, and what lies on the other only; all axes in turn, as each waits for its own sums.
+        // What reaches to the one side, and what lies on the other only; all axes in turn, as each waits for its own
+        // sums.
         let mut sums = [(N::never(), N::never()); 3];
         for i in 0..number as usize {
             for ((here, there), (&at, (lows, highs))) in sums.iter_mut().zip(at.iter().zip(boxes)) {

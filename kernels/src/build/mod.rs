@@ -3,9 +3,9 @@
 //! Large nodes are split level by level, every node of a level in parallel: [`bin`] counts the root's references per
 //! bin; [`count`] chooses planes by [`split`], and sizes the children; [`tally`] and [`alloc`] give every child its
 //! place; [`scatter`] moves the references there, and counts them per bin. Nodes of a few hundred references become
-//! branches, each built by one workgroup: by [`branch`], in rounds, to which [`assign`] gives places where [`join`] puts
-//! what they become. Nodes of at most 32 references become treelets, each finished by one workgroup, too: [`treelet`]
-//! builds, [`place`] gives it its place, [`emit`] writes nodes and references.
+//! branches, each built by one workgroup: by [`branch`], in rounds, to which [`assign`] gives places where [`join`]
+//! puts what they become. Nodes of at most 32 references become treelets, each finished by one workgroup, too:
+//! [`treelet`] builds, [`place`] gives it its place, [`emit`] writes nodes and references.
 //!
 //! [`sweep`] is another builder, `exact`, with kernels of its own. [`survey`] comes first if the mesh is on the device.
 

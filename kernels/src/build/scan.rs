@@ -80,8 +80,8 @@ pub(super) fn scan(group: Group, kinds: u32, sums: &mut impl Table, blocks: &mut
     });
 }
 
-/// Replaces each of `number` counts from `first` on by the sum of those before it; [`total`] then tells the sum of all. Each
-/// lane has as many, one after the other.
+/// Replaces each of `number` counts from `first` on by the sum of those before it; [`total`] then tells the sum of all.
+/// Each lane has as many, one after the other.
 #[inline(always)]
 pub(super) fn scan_counts(
     group: Group,

@@ -160,7 +160,8 @@ fn move_boxes(
     straddling
 }
 
-/// Scatters chunk `group.id`. References that go both ways are clipped again: [`super::count`] has no room for two boxes.
+/// Scatters chunk `group.id`. References that go both ways are clipped again: [`super::count`] has no room for two
+/// boxes.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 pub fn scatter(

@@ -1,8 +1,8 @@
 //! How often rays cross the surface, and from which sides, by the rule of [`perturbed`](super::intersect::perturbed).
 //!
 //! A first kernel walks the tree. It counts what floats tell of, and lists what they do not: triangles that the ray
-//! passes at an edge or a vertex, or in whose plane it starts. A second kernel decides those; where there were too many,
-//! it walks once more, by the exact test.
+//! passes at an edge or a vertex, or in whose plane it starts. A second kernel decides those; where there were too
+//! many, it walks once more, by the exact test.
 
 #[cfg(not(target_arch = "spirv"))]
 use super::queries::Query;

@@ -35,8 +35,8 @@ pub const OUTCOME_LEFT: u32 = 2;
 /// Words of the outcome record.
 pub const OUTCOME_WORDS: u32 = 4;
 
-/// The ray that a lane of a dispatch takes, or a number above all rays for none. Lanes go through the tree in step, each
-/// as long as the longest way of its warp: few rays are done sooner with some lanes idle, and more warps.
+/// The ray that a lane of a dispatch takes, or a number above all rays for none. Lanes go through the tree in step,
+/// each as long as the longest way of its warp: few rays are done sooner with some lanes idle, and more warps.
 #[inline(always)]
 pub fn ray_of(lane: u32, job: &Buf<u32>) -> u32 {
     let apart = job.at(JOB_APART);

@@ -28,8 +28,8 @@ pub fn marked_after(before: u32, marks: &[u32; MARKS]) -> u32 {
     found
 }
 
-/// The phases of a workgroup: of the rays of its block those are marked that `$is_left` says, and then `$answer` runs for
-/// each. Nothing happens if the outcome says that no ray is left.
+/// The phases of a workgroup: of the rays of its block those are marked that `$is_left` says, and then `$answer` runs
+/// for each. Nothing happens if the outcome says that no ray is left.
 macro_rules! answer_left {
     ($group:ident, $marks:ident, $job:ident, $outcome:ident, |$i:ident| $is_left:expr, |$ray:ident| $answer:expr) => {
         use $crate::trace::{

@@ -1,5 +1,5 @@
-//! References that list a ray's triangles, up to eight, as one kernel hands them to another in two buffers of four words
-//! a ray.
+//! References that list a ray's triangles, up to eight, as one kernel hands them to another in two buffers of four
+//! words a ray.
 
 use crate::{glam::UVec4, mem::Slots};
 

@@ -101,8 +101,8 @@ impl<N: Sides> Mains<N> {
 }
 
 impl<N: Sides> Scaled<N> {
-    /// Of rays as buffers hold them; if `WHOLE`, as [`Frame::whole`]. Of subnormal numbers more is left than there: less
-    /// than any error that counts.
+    /// Of rays as buffers hold them; if `WHOLE`, as [`Frame::whole`]. Of subnormal numbers more is left than there:
+    /// less than any error that counts.
     #[inline(always)]
     pub(super) fn new<const WHOLE: bool>(starts: &[Vec4; 8], ways: &[Vec4; 8], scale: f32) -> Self {
         let [ox, oy, oz, dx] = N::columns(starts);

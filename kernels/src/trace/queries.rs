@@ -144,7 +144,10 @@ macro_rules! query {
         }
 
         of_query! {
-            kernel { $(#[$doc])* group $name = answer, threads 64, shared [shared: $crate::trace::queries::SHARED], query: }
+            kernel {
+                $(#[$doc])*
+                group $name = answer, threads 64, shared [shared: $crate::trace::queries::SHARED], query:
+            }
             { , { $(7 $counts: write $crate::glam::UVec4,)? $($($b $more: read $t),*)? } }
         }
     };
@@ -163,8 +166,8 @@ macro_rules! with_stack {
     };
 }
 
-/// Declares the kernels of a triangle test: the one with a stack, if it has none of its own, and the one that tests every
-/// triangle.
+/// Declares the kernels of a triangle test: the one with a stack, if it has none of its own, and the one that tests
+/// every triangle.
 macro_rules! test {
     ($name:ident, $brute_file:ident::$brute_name:ident = $test:ident) => {
         with_stack!($name = $test);

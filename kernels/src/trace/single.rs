@@ -24,9 +24,9 @@ use {
     raykd_shared::{Crossings, Node, TreeView},
 };
 
-/// A triangle as a leaf keeps it, 48 bytes: three corners of four words each. The first three are the coordinates, times
-/// the scale of the tree's header. The fourth of the first corner is the triangle's number with bit 30 set, so that it
-/// is no subnormal number; the other two are 0. [`lay_out`] makes them.
+/// A triangle as a leaf keeps it, 48 bytes: three corners of four words each. The first three are the coordinates,
+/// times the scale of the tree's header. The fourth of the first corner is the triangle's number with bit 30 set, so
+/// that it is no subnormal number; the other two are 0. [`lay_out`] makes them.
 #[repr(C, align(16))]
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct LeafTriangle(pub [[f32; 4]; 3]);

@@ -59,8 +59,8 @@ impl<N: Sides> Leaves<N> for Tallies {
     }
 }
 
-/// Counts for those of the rays from `first` to `end`, at most 64, that go together, and returns which are left, a bit a
-/// ray.
+/// Counts for those of the rays from `first` to `end`, at most 64, that go together, and returns which are left, a bit
+/// a ray.
 ///
 /// # Safety
 /// The processor has these instructions.

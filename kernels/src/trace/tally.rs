@@ -53,6 +53,7 @@ impl Tally {
     }
 
     /// How many triangles are undecided, more than [`MOST_OPEN`] if there was no room.
+    #[cfg(not(target_arch = "spirv"))]
     #[inline(always)]
     pub(super) fn open(own: &impl Slots<u32>) -> u32 {
         own.at(OPEN)

@@ -1,5 +1,5 @@
-//! Ambient occlusion: how much of the sky each point of a surface sees. [`look`] runs on GPU and CPU, and gives the same
-//! bytes: beside raykd it has integers, and floats with `+ - *` and comparisons alone.
+//! Ambient occlusion: how much of the sky each point of a surface sees. [`look`] runs on GPU and CPU, and gives the
+//! same bytes: beside raykd it has integers, and floats with `+ - *` and comparisons alone.
 #![no_std]
 
 #[cfg(target_arch = "spirv")]

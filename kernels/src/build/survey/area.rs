@@ -1,8 +1,8 @@
 //! Whether a triangle has area: exactly, for all finite corners.
 //!
-//! It has none if its corners lie on one line, which is when all three projections along the axes are degenerate. Floats
-//! say so where their rounding cannot matter. Else the six products of a projection's determinant are added up in
-//! integers: a float is 24 digits times a power of two, also if it is subnormal, and a product has 48.
+//! It has none if its corners lie on one line, which is when all three projections along the axes are degenerate.
+//! Floats say so where their rounding cannot matter. Else the six products of a projection's determinant are added up
+//! in integers: a float is 24 digits times a power of two, also if it is subnormal, and a product has 48.
 
 use super::size;
 use crate::{

@@ -1,5 +1,5 @@
-//! The best candidate of every cell, left with its first reference, of those that [`super::weigh`] leaves of each of the
-//! blocks it reaches into: one pass, which makes 32 candidates into one.
+//! The best candidate of every cell, left with its first reference, of those that [`super::weigh`] leaves of each of
+//! the blocks it reaches into: one pass, which makes 32 candidates into one.
 
 use super::{CHEAPEST_BITS, Cell, LEVEL_REFS, better, cell_of, lesser, weigh::LANES};
 use crate::{

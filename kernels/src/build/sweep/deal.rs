@@ -96,7 +96,7 @@ pub fn deal(
 kernel! {
     /// [`deal`] over all blocks of the root's lists.
     group DEAL = deal, threads 256,
-        shared [sums: SUMS, parts: PARTS, places: { VALUES as usize }, masks: MASKS], {
+        shared [sums: SUMS, parts: PARTS, places: VALUES as usize, masks: MASKS], {
         0 pass: read UVec2, 1 level: read u32, 2 from: read UVec2, 3 counts: read u32, 4 totals: read u32,
         5 to: write UVec2,
     }

@@ -66,7 +66,7 @@ pub fn digits(
 
 kernel! {
     /// [`digits`] over all blocks of the root's lists.
-    group COUNT_DIGITS = digits, threads 256, shared [values: { VALUES as usize }], {
+    group COUNT_DIGITS = digits, threads 256, shared [values: VALUES as usize], {
         0 pass: read UVec2, 1 level: read u32, 2 from: read UVec2, 3 counts: write u32,
     }
 }

@@ -105,9 +105,9 @@ pub(super) fn in_list(
     };
     let plane = unordered(at);
     let mut counts = Counts { before: i - first, ended: i + 1 - first, flat: 0 };
-    // A box ends no sooner than it starts, so at least so many are below and above. Boxes that lie in the plane may go to
-    // either side: at a start this bounds the cut with them above, at an end the cut with them below. Each list rules out
-    // one of the two ways.
+    // A box ends no sooner than it starts, so at least so many are below and above. Boxes that lie in the plane may go
+    // to either side: at a start this bounds the cut with them above, at an end the cut with them below. Each list
+    // rules out one of the two ways.
     let (below, above) = if is_end {
         (counts.ended, cell.count - counts.ended)
     } else {

@@ -1,8 +1,8 @@
 //! Numbers of 53 digits, as a CPU has them: instead of [pairs](super::pair), and sooner.
 //!
 //! Coordinates across the ray are differences of products of size `2 M` at most, whose factors and results are rounded:
-//! within `8 * 2^-53 M`. A pair's are closer where they are small. So beside small triangles far away doubles leave more
-//! to triples, but one operation does the work of a pair's ten to twenty.
+//! within `8 * 2^-53 M`. A pair's are closer where they are small. So beside small triangles far away doubles leave
+//! more to triples, but one operation does the work of a pair's ten to twenty.
 
 use super::pair::{Long, Pair};
 use crate::math::exp2;

@@ -2,8 +2,8 @@
 //! border, on the numbers as they are; `t`, `u` and `v` are correctly rounded.
 //!
 //! Stages, each for what the one before leaves open: floats turn away triangles that the ray passes at more than they
-//! round, or that surely lie behind it or a hit that it has (`bounds.rs`); pairs of floats ([`pair`](super::pair)), on a
-//! CPU doubles, find signs and quotients with bounds of their errors, but for a `t` next to 0, which the volume of
+//! round, or that surely lie behind it or a hit that it has (`bounds.rs`); pairs of floats ([`pair`](super::pair)), on
+//! a CPU doubles, find signs and quotients with bounds of their errors, but for a `t` next to 0, which the volume of
 //! triangle and origin gives (`filter.rs`); what those do not decide, one triangle of some thousands, triples do
 //! ([`triple`](super::triple)); and what is left after those, such as rays exactly through an edge, integers do
 //! ([`integers`]). The filters follow Shewchuk 1997, the sheared edge functions Woop, Benthin & Wald 2013.

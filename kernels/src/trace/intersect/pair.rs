@@ -16,8 +16,8 @@ pub trait Long: Copy {
     const CORNER: f32;
     /// See [`Long::CORNER`].
     const CORNER_FAR: f32;
-    /// What edge functions may be off by: a part of the sum of their products, and one of the corners' coordinates times
-    /// the scene's size.
+    /// What edge functions may be off by: a part of the sum of their products, and one of the corners' coordinates
+    /// times the scene's size.
     const EDGE: f32;
     /// See [`Long::EDGE`].
     const EDGE_FAR: f32;

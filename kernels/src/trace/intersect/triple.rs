@@ -95,8 +95,8 @@ impl<N: Digits> Triple<N> {
         sorted(p.hi, middle.hi, low + (both.lo + middle.lo))
     }
 
-    /// The sum with a small number, rounded; a little more to that side where half of the last digit is left, since what
-    /// is smaller still decides then.
+    /// The sum with a small number, rounded; a little more to that side where half of the last digit is left, since
+    /// what is smaller still decides then.
     #[inline(always)]
     fn beside(self, by: N) -> N {
         let rest = Pair::sum(self.b, self.c + by);

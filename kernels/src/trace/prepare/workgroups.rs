@@ -6,8 +6,8 @@ use crate::{
     trace::job::{JOB_RAYS, THREADS},
 };
 
-/// Lowers the number of rays of a job, at first what the buffers have room for, to the number in `count`, and writes the
-/// arguments of the dispatch over them.
+/// Lowers the number of rays of a job, at first what the buffers have room for, to the number in `count`, and writes
+/// the arguments of the dispatch over them.
 pub fn workgroups(i: u32, count: &Buf<u32>, job: &mut Buf<u32>, args: &mut Buf<u32>) {
     if i == 0 {
         let (asked, room) = (count.at(0), job.at(JOB_RAYS));

@@ -39,8 +39,8 @@ pub(in crate::trace) const WORDS: usize = (FIRST + MOST * EACH) as usize;
 const BEFORE: u32 = WORDS as u32;
 /// Marks the references of every other leaf.
 pub(super) const OTHER: u32 = 0x8000_0000;
-/// How many triangles are kept of more than one leaf: the fourth reference has no room for that mark.
-const OF_SEVERAL: u32 = 3;
+/// The same of the fourth, beside the third.
+pub(super) const FOURTH: u32 = OTHER >> 1;
 
 /// Stands beside the fourth of a ray's references, in place of a hit's `v`, which has neither this bit nor the next.
 pub(super) const LISTED: u32 = 0x4000_0000;
@@ -52,8 +52,8 @@ pub(super) const TOO_MANY: u32 = u32::MAX;
 /// Keeps the triangles of which one may be the closest hit. `t` of the best is the highest that the closest hit's may
 /// be.
 ///
-/// Of any hits that is the closest in the first leaf that has one. Leaves of which nothing is sure are passed, and their
-/// triangles kept before those of others.
+/// Of any hits that is the closest in the first leaf that has one. Leaves of which nothing is sure are passed, and
+/// their triangles kept before those of others.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::trace) struct Narrow<const ANY: bool = false>;
 
@@ -149,8 +149,7 @@ impl<const ANY: bool> Choice for Narrow<ANY> {
                 }
             }
             Narrow::add(own, before, (id, at | mark, seen.near), best.t);
-            if ANY && own.at(COUNT) > (if before > 0 { OF_SEVERAL } else { MOST }) {
-                own.put(COUNT, MOST + 1);
+            if ANY && own.at(COUNT) > MOST {
                 // Ends the walk.
                 best.triangle = id;
             }
@@ -189,7 +188,8 @@ pub fn narrow<const ANY: bool>(
             } else if count <= MOST {
                 let first = Narrow::four(own, 0);
                 let mark = if count > 4 { LONG } else { LISTED };
-                hits.put(i, UVec4::new(first.x, first.y, first.z, first.w | mark));
+                let fourth = first.w & !OTHER | mark;
+                hits.put(i, UVec4::new(first.x, first.y, first.z | (first.w & OTHER) >> 1, fourth));
                 if count > 4 {
                     more.put(i, Narrow::four(own, 4));
                 }

@@ -1,6 +1,6 @@
 //! Hits of the exact test, second kernel: the triangles that [`narrow`](super::narrow) found are tested.
 
-use super::narrow::{LISTED, LONG, OTHER, TOO_MANY};
+use super::narrow::{FOURTH, LISTED, LONG, OTHER, TOO_MANY};
 #[cfg(not(target_arch = "spirv"))]
 use crate::trace::queries::Query;
 use crate::{
@@ -36,7 +36,8 @@ pub fn settle(
             if first.w & LONG != 0 {
                 later = more.at(i);
             }
-            let mut listed = Listed::new(UVec4::new(first.x, first.y, first.z, first.w & NONE), later);
+            let fourth = first.w & NONE | (first.z & FOURTH) << 1;
+            let mut listed = Listed::new(UVec4::new(first.x, first.y, first.z & !FOURTH, fourth), later);
             let mut best = Best::NOTHING;
             let mut running = true;
             // 1 until there are no more.
