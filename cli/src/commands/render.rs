@@ -27,7 +27,6 @@ use std::{
     io::{StdoutLock, Write as _},
     path::PathBuf,
     process::ExitCode,
-    time::Instant,
 };
 
 const EXAMPLES: &str = "\
@@ -120,10 +119,10 @@ fn run(args: &RenderArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
         scene.traverse_by(amount.traversal)?;
         scene.intersect_by(args.walk.intersector)?;
         notes.stage(format_args!("{}: tracing", input.name));
-        let start = Instant::now();
         let picture = render(&scene, &input.mesh, &camera, args.size, samples, shading)?;
-        let times = scene.times();
-        let spent = [times.upload + times.build + times.layout, start.elapsed()].map(ms);
+        let (before, rays) = (scene.times(), picture.times);
+        let spent = [before.upload + before.build + before.layout, rays.upload + rays.trace + rays.download];
+        let spent = spent.map(ms);
         Ok((picture, format!("{}, {}", device.kind().name().to_uppercase(), device.name()), spent))
     };
     let (picture, device, [before, shown]) = machine.run(&notes, draw)?;

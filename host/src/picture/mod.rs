@@ -4,7 +4,7 @@ mod colour;
 mod legend;
 
 use crate::{
-    Error, Hit, Mesh, Ray, Scene, Stepped,
+    Error, Hit, Mesh, Query, Ray, Scene, Stepped, TraceTimes, Traced,
     choices::choices,
     rays::{Camera, Random, bounces, facing},
 };
@@ -45,6 +45,8 @@ pub struct Picture {
     pub rays: u64,
     /// Rays that hit something.
     pub hits: u64,
+    /// What the rays took, without making them and painting what they hit.
+    pub times: TraceTimes,
 }
 
 /// Renders a picture with `samples` by `samples` rays a pixel.
@@ -58,13 +60,14 @@ pub fn render(
 ) -> Result<Picture, Error> {
     let [width, height] = size;
     let band = (BAND_RAYS / u64::from(width * samples * samples)).clamp(1, height.into()) as u32;
-    let mut hits = 0;
+    let (mut hits, mut times) = (0, TraceTimes::default());
     let mut pixels: Vec<Rgb> = Vec::with_capacity(width as usize * height as usize);
     for first in (0..height).step_by(band as usize) {
         let part = first..(first + band).min(height);
-        let (seen, hit) = rows(scene, mesh, camera, size, samples, shading, part)?;
+        let (seen, hit, took) = rows(scene, mesh, camera, size, samples, shading, part)?;
         pixels.extend(seen);
         hits += hit;
+        times += took;
     }
     let rgb = if shading == Shading::Heat {
         let full = full_scale(pixels.iter().map(|pixel| pixel[0]));
@@ -74,10 +77,12 @@ pub fn render(
     } else {
         pixels.iter().flat_map(|&pixel| encode(pixel)).collect()
     };
-    Ok(Picture { rgb, rays: u64::from(width) * u64::from(height) * u64::from(samples * samples), hits })
+    let rays = u64::from(width) * u64::from(height) * u64::from(samples * samples);
+    Ok(Picture { rgb, rays, hits, times })
 }
 
-/// What the pixels of some rows show, and how many of their rays hit. [`Shading::Heat`] has steps instead of light.
+/// What the pixels of some rows show, how many of their rays hit, and what all rays took. [`Shading::Heat`] has steps
+/// instead of light.
 pub fn rows(
     scene: &Scene,
     mesh: &Mesh,
@@ -86,27 +91,28 @@ pub fn rows(
     samples: u32,
     shading: Shading,
     rows: Range<u32>,
-) -> Result<(Vec<Rgb>, u64), Error> {
+) -> Result<(Vec<Rgb>, u64, TraceTimes), Error> {
     let (across, down) = (width * samples, height * samples);
     let band = rows.start * samples..rows.end * samples;
     let rays = camera.rows(across, down, band.clone());
-    let (hits, seen): (_, Vec<Rgb>) = if shading == Shading::Heat {
-        let Stepped { hits, steps, .. } = scene.steps(&rays)?;
+    let (hits, seen, times): (_, Vec<Rgb>, _) = if shading == Shading::Heat {
+        let Stepped { hits, steps, times, .. } = scene.steps(&rays)?;
         let seen = steps.iter().map(|s| [(s.inner + s.leaves + s.tests) as f32; 3]).collect();
-        (hits, seen)
+        (hits, seen, times)
     } else if shading == Shading::Ao {
-        let hits = scene.closest(&rays)?;
-        let seen = sky(scene, mesh, &rays, &hits, band.start)?;
-        (hits, seen)
+        let Traced { hits, mut times, .. } = scene.trace(Query::Closest, &rays)?;
+        let (seen, around) = sky(scene, mesh, &rays, &hits, band.start)?;
+        times += around;
+        (hits, seen, times)
     } else {
-        let hits = scene.closest(&rays)?;
+        let Traced { hits, times, .. } = scene.trace(Query::Closest, &rays)?;
         let artist = Artist::new(mesh, camera, [across, down], shading);
         let row = |i: usize| band.start + (i / across as usize) as u32;
         let seen = (0..rays.len()).map(|i| artist.paint(&rays[i], &hits[i], row(i))).collect();
-        (hits, seen)
+        (hits, seen, times)
     };
     let hit = hits.iter().filter(|hit| hit.is_hit()).count() as u64;
-    Ok((means(&seen, across as usize, samples as usize), hit))
+    Ok((means(&seen, across as usize, samples as usize), hit, times))
 }
 
 /// Rays of ambient occlusion from every point seen.
@@ -127,8 +133,15 @@ pub const fn rays_of(shading: Shading, primary: u64) -> u64 {
     }
 }
 
-/// The share of rays around each point's normal that get away.
-fn sky(scene: &Scene, mesh: &Mesh, rays: &[Ray], hits: &[Hit], seed: u32) -> Result<Vec<Rgb>, Error> {
+/// The share of rays around each point's normal that get away, and what those took.
+fn sky(
+    scene: &Scene,
+    mesh: &Mesh,
+    rays: &[Ray],
+    hits: &[Hit],
+    seed: u32,
+) -> Result<(Vec<Rgb>, TraceTimes), Error> {
+    let mut times = TraceTimes::default();
     let (lo, hi) = mesh.bounds();
     let across = minus(hi.map(f64::from), lo.map(f64::from));
     let reach = (along(across, across).sqrt() * SKY_REACH) as f32;
@@ -136,13 +149,15 @@ fn sky(scene: &Scene, mesh: &Mesh, rays: &[Ray], hits: &[Hit], seed: u32) -> Res
     for round in 0..SKY_RAYS {
         let mut around = bounces(mesh, rays, hits, u64::from(seed) * SKY_RAYS + round);
         around.iter_mut().for_each(|ray| ray.t_max = reach);
-        for (open, hit) in open.iter_mut().zip(scene.any(&around)?) {
+        let Traced { hits, times: took, .. } = scene.trace(Query::Any, &around)?;
+        times += took;
+        for (open, hit) in open.iter_mut().zip(hits) {
             *open += if hit.is_hit() { 0.0 } else { 1.0 / SKY_RAYS as f32 };
         }
     }
     let mut open = open.into_iter();
     let mut paint = |hit: &Hit| if hit.is_hit() { open.next().map(|share| [share * 0.9; 3]) } else { None };
-    Ok(hits.iter().map(|hit| paint(hit).unwrap_or(NOTHING)).collect())
+    Ok((hits.iter().map(|hit| paint(hit).unwrap_or(NOTHING)).collect(), times))
 }
 
 /// The camera at `eye`, which looks at `target` or at the middle of the mesh; or one that sees the whole mesh in a
