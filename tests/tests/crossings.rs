@@ -238,14 +238,7 @@ fn speed_of_winding_numbers() {
         let mut random = Random::new(1);
         let point = |random: &mut Random| [0, 1, 2].map(|a| lo[a] + (hi[a] - lo[a]) * random.unit() as f32);
         let points: Vec<Point> = (0..1_000_000).map(|_| point(&mut random)).collect();
-        let shortest = |p: &Point| {
-            let sides = (0..3).flat_map(|a| [(p[a] - lo[a], a, -1.0), (hi[a] - p[a], a, 1.0)]);
-            let (_, axis, side) = sides.min_by(|x, y| x.0.total_cmp(&y.0)).unwrap();
-            let mut direction = [0.0039, 0.0025, side];
-            direction.rotate_right((axis + 1) % 3);
-            Ray::new(*p, direction)
-        };
-        let rays: Vec<Ray> = points.iter().map(shortest).collect();
+        let rays = scene.winding_rays(&points);
         let mut resident = scene.resident(&rays).unwrap();
         let mut exact = scene.clone();
         exact.intersect_by(raykd::Intersector::Exact).unwrap();

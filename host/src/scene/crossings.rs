@@ -86,14 +86,12 @@ impl Scene {
 
     /// [`Self::winding`] of so many points, of which `fill` makes a part what the mesh's positions are.
     fn winding_of_parts(&self, number: usize, fill: Fill<'_>) -> Result<Counted<i32>, Error> {
-        let scale = 1.0 / self.header.scale;
-        let (lo, hi) = (self.header.lo.map(|x| x * scale), self.header.hi.map(|x| x * scale));
         // A CPU takes rays in an order in which they go side by side, so many at a time that its cache holds what is
         // kept of them.
         let on_cpu = self.device.is_cpu();
         let at_once = if on_cpu { AT_ONCE } else { self.batch_limit() };
         let device = &if on_cpu { self.device.recycling() } else { self.device.keeping_nothing() };
-        let grid = Grid::new(lo, hi, at_once.min(number));
+        let grid = self.grid(at_once.min(number));
         let mut counted = Counted::default();
         let mut windings = vec![0; number];
         let (mut points, mut rays, mut order) = (Vec::new(), Vec::new(), Vec::new());
@@ -123,6 +121,19 @@ impl Scene {
         }
         let Counted { times, invalid, .. } = counted;
         Ok(Counted { counts: windings, times, invalid })
+    }
+
+    /// For so many rays.
+    fn grid(&self, rays: usize) -> Grid {
+        let scale = 1.0 / self.header.scale;
+        Grid::new(self.header.lo.map(|x| x * scale), self.header.hi.map(|x| x * scale), rays)
+    }
+
+    /// For tests: the rays by which [`Self::winding`] tells of points.
+    #[doc(hidden)]
+    pub fn winding_rays(&self, points: &[[f32; 3]]) -> Vec<Ray> {
+        let grid = self.grid(points.len());
+        points.iter().map(|point| grid.ray(AnyPoint::local(point, self.translation))).collect()
     }
 
     /// For tests: of how many rays the first kernel leaves triangles to the second.

@@ -188,9 +188,9 @@ pub(super) struct Looked<L: Long> {
 
 /// The second stage, and the third. With `M` the scene's size as seen from the origin, pairs have coordinates `x`
 /// within `2^-48 |x| + 2^-64 M`, and an edge function `x y' - y x'` therefore, see [`Long::times`] and [`Long::plus`],
-/// within `2^-44.2 (|x y'| + |y x'|) + 2^-64 M (|x| + |y| + |x'| + |y'| + 2^-63 M)`. Triples have `2^-62 |x| + 2^-79
-/// M`, and `2^-59` and `2^-77` in the latter; doubles have `2^-53 |x| + 2^-50 M`, and `2^-51` and `2^-50`. Weights and
-/// `t` follow from that.
+/// within `2^-44.2 (|x y'| + |y x'|) + 2^-64 M (|x| + |y| + |x'| + |y'| + 2^-63 M)`. Triples have
+/// `2^-62 |x| + 2^-79 M`, and `2^-59` and `2^-77` in the latter; doubles have `2^-53 |x| + 2^-50 M`, and `2^-51` and
+/// `2^-50`. Weights and `t` follow from that.
 #[inline(always)]
 pub(super) fn look<L: Long>(line: &Line<One<L>>, corners: &[Turned<One<L>>; 3]) -> Looked<L> {
     let all = One::<L>::all;

@@ -39,13 +39,11 @@ pub(in crate::trace) const WORDS: usize = (FIRST + MOST * EACH) as usize;
 const BEFORE: u32 = WORDS as u32;
 /// Marks the references of every other leaf.
 pub(super) const OTHER: u32 = 0x8000_0000;
-/// The same of the fourth, beside the third.
-pub(super) const FOURTH: u32 = OTHER >> 1;
 
-/// Stands beside the fourth of a ray's references, in place of a hit's `v`, which has neither this bit nor the next.
+/// Stands beside the fourth of a ray's references, in place of a hit's `v`, which has neither this bit nor [`OTHER`].
 pub(super) const LISTED: u32 = 0x4000_0000;
-/// The same if four more are apart.
-pub(super) const LONG: u32 = 0x8000_0000;
+/// Stands beside the third if four more are apart.
+pub(super) const LONG: u32 = 0x4000_0000;
 /// Stands for the fourth reference if there are too many.
 pub(super) const TOO_MANY: u32 = u32::MAX;
 
@@ -187,9 +185,8 @@ pub fn narrow<const ANY: bool>(
                 hits.put(i, record(ray, &Best::NOTHING));
             } else if count <= MOST {
                 let first = Narrow::four(own, 0);
-                let mark = if count > 4 { LONG } else { LISTED };
-                let fourth = first.w & !OTHER | mark;
-                hits.put(i, UVec4::new(first.x, first.y, first.z | (first.w & OTHER) >> 1, fourth));
+                let long = if count > 4 { LONG } else { 0 };
+                hits.put(i, UVec4::new(first.x, first.y, first.z | long, first.w | LISTED));
                 if count > 4 {
                     more.put(i, Narrow::four(own, 4));
                 }

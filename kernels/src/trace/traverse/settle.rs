@@ -1,6 +1,6 @@
 //! Hits of the exact test, second kernel: the triangles that [`narrow`](super::narrow) found are tested.
 
-use super::narrow::{FOURTH, LISTED, LONG, OTHER, TOO_MANY};
+use super::narrow::{LISTED, LONG, OTHER, TOO_MANY};
 #[cfg(not(target_arch = "spirv"))]
 use crate::trace::queries::Query;
 use crate::{
@@ -30,14 +30,14 @@ pub fn settle(
 ) {
     if i < job.at(JOB_RAYS) {
         let first = hits.at(i);
-        if (first.w & (LISTED | LONG) != 0) & (first.w != TOO_MANY) {
+        if (first.w & LISTED != 0) & (first.w != TOO_MANY) {
             let ray = Frame::new(rays.at(2 * i), rays.at(2 * i + 1), &header.at(0)).whole();
             let mut later = UVec4::new(NONE, NONE, NONE, NONE);
-            if first.w & LONG != 0 {
+            if first.z & LONG != 0 {
                 later = more.at(i);
             }
-            let fourth = first.w & NONE | (first.z & FOURTH) << 1;
-            let mut listed = Listed::new(UVec4::new(first.x, first.y, first.z & !FOURTH, fourth), later);
+            let now = UVec4::new(first.x, first.y, first.z & !LONG, first.w & !LISTED);
+            let mut listed = Listed::new(now, later);
             let mut best = Best::NOTHING;
             let mut running = true;
             // 1 until there are no more.
