@@ -5,10 +5,14 @@ use raykd::{
     BuildOptions, Builder, Device, Error, Intersector, Mesh, Query, Ray, Scene, Traversal,
     internals::{
         Buffer, Launch as _, Step,
-        kernels::{Access, trace::prepare::workgroups},
+        kernels::{
+            Access,
+            trace::{job::OUTCOME_WORDS, locate, prepare::workgroups},
+        },
         watch::watching,
     },
     rays::Random,
+    shared::TreeView,
 };
 use std::{cell::RefCell, rc::Rc};
 
@@ -71,6 +75,28 @@ fn exact_queries(device: &Device, seed: u64) -> Result<(), Error> {
     scene.steps(&rays)?;
     scene.trace_except(Query::Closest, &rays, &vec![0; rays.len()])?;
     scene.crossings(&rays)?;
+    Ok(())
+}
+
+/// Looks points up in a tree. An empty leaf may name any place, so that is what is found there.
+fn look_up(device: &Device, tree: TreeView<'_>, seed: u64) -> Result<(), Error> {
+    let (lo, hi, scale) = (tree.header.lo, tree.header.hi, tree.header.scale);
+    let mut random = Random::new(seed);
+    let mut place = || [0, 1, 2].map(|i| (lo[i] + 1.2 * (hi[i] - lo[i]) * random.unit() as f32) / scale);
+    let mut points: Vec<[f32; 3]> = (0..150).map(|_| place()).collect();
+    points.push([f32::NAN; 3]);
+    let found = device.upload("found", &vec![0; points.len()])?;
+    let outcome = device.upload("outcome", &[0; OUTCOME_WORDS as usize])?;
+    let step = locate::Buffers {
+        job: &device.upload("job", &[points.len() as u32, 0, 0, 0])?,
+        header: &device.upload("header", &[*tree.header])?,
+        regions: &device.upload("regions", tree.nodes)?.view(),
+        points: &device.upload("points", &points)?.view(),
+        found: found.out(),
+        outcome: outcome.out(),
+    };
+    // SAFETY: the kernel writes a word a point, and of the outcome.
+    unsafe { device.run(&[step.over(points.len() as u32)], false) }?;
     Ok(())
 }
 
@@ -143,6 +169,7 @@ impl Job<'_> {
                 scene.closest(&rays)?;
             }
         }
+        look_up(device, tree.view(), self.seed)?;
         exact_queries(device, self.seed)?;
         number_rays(device, self.seed as u32 % 1000)
     }

@@ -2,6 +2,7 @@
 
 use super::Mesh;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Edges of one kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -39,55 +40,119 @@ impl Edges {
     }
 }
 
-/// An edge of a triangle: its ends by number, the lower first, whether the triangle goes from the lower to the higher,
-/// and which triangle that is.
-type Use = (u32, u32, bool, u32);
+/// An edge of a triangle, listed at the lower of its ends: the higher one, the triangle, and whether that goes from the
+/// lower to the higher, in bits 32 to 63, 1 to 31 and 0.
+type Use = u64;
 
 impl Mesh {
     /// How triangles meet at edges. Vertices count by place, so that a mesh whose triangles share no vertices may be
     /// closed. Triangles without area count too, but for those with two corners at one place.
     pub fn edges(&self) -> Edges {
-        let places = self.places();
-        let mut uses: Vec<Use> = Vec::with_capacity(3 * self.triangles().len());
-        for (triangle, corners) in (0..).zip(self.triangles()) {
+        edges(self.positions(), self.triangles())
+    }
+}
+
+/// How triangles meet at edges: see [`Mesh::edges`].
+pub(crate) fn edges(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Edges {
+    let places = places(positions);
+    // Each thread looks for the edges of as many vertices.
+    let part = positions.len().div_ceil(rayon::current_num_threads()).max(1);
+    let parts = (0..positions.len()).into_par_iter().step_by(part);
+    let sums = parts.map(|first| of_vertices(first..positions.len().min(first + part), &places, triangles));
+    sums.reduce(Sum::default, Sum::and).edges()
+}
+
+/// Counts edges of which the lower end is one of these vertices.
+fn of_vertices(vertices: Range<usize>, places: &[u32], triangles: &[[u32; 3]]) -> Sum {
+    let (first, count) = (vertices.start as u32, vertices.len());
+    let sides = || {
+        let of = move |(triangle, corners): (u64, &[u32; 3])| {
             let [a, b, c] = corners.map(|vertex| places[vertex as usize]);
-            if a != b && b != c && c != a {
-                uses.extend([(a, b), (b, c), (c, a)].map(|(p, q)| (p.min(q), p.max(q), p < q, triangle)));
-            }
+            let whole = a != b && b != c && c != a;
+            [(a, b), (b, c), (c, a)].into_iter().filter_map(move |(p, q)| {
+                let listed = u64::from(p.max(q)) << 32 | triangle << 1 | u64::from(p < q);
+                let at = p.min(q).wrapping_sub(first) as usize;
+                (whole && at < count).then_some((at, listed))
+            })
+        };
+        (0..).zip(triangles).flat_map(of)
+    };
+    // Where the edges of a vertex end in the list, and then where they begin.
+    let mut ends = vec![0; count + 1];
+    sides().for_each(|(at, _)| ends[at] += 1);
+    let mut all = 0;
+    for end in &mut ends {
+        all += *end;
+        *end = all;
+    }
+    let mut uses: Vec<Use> = vec![0; all];
+    for (at, listed) in sides() {
+        ends[at] -= 1;
+        uses[ends[at]] = listed;
+    }
+    let mut sum = Sum::default();
+    for (low, range) in (first..).zip(ends.windows(2)) {
+        let uses = &mut uses[range[0]..range[1]];
+        uses.sort_unstable();
+        uses.chunk_by(|x, y| x >> 32 == y >> 32).for_each(|edge| sum.count(low, edge));
+    }
+    sum
+}
+
+/// Edges counted so far: all, then those of each kind, of which the lowest triangle with its edge.
+#[derive(Clone, Copy)]
+struct Sum {
+    all: u64,
+    kinds: [(u64, (u32, [u32; 2])); 4],
+}
+
+impl Default for Sum {
+    fn default() -> Self {
+        Self { all: 0, kinds: [(0, (u32::MAX, [0; 2])); 4] }
+    }
+}
+
+impl Sum {
+    /// Counts an edge by its uses.
+    fn count(&mut self, low: u32, edge: &[Use]) {
+        let forward = edge.iter().filter(|&one| one & 1 != 0).count();
+        let is =
+            [edge.len() == 1, edge.len() == 2 && forward != 1, edge.len() > 2, 2 * forward != edge.len()];
+        // They are in order.
+        let (triangle, high) = ((edge[0] as u32) >> 1, (edge[0] >> 32) as u32);
+        self.all += 1;
+        for ((count, first), _) in self.kinds.iter_mut().zip(is).filter(|(_, is)| *is) {
+            *count += 1;
+            *first = (*first).min((triangle, [low, high]));
         }
-        uses.par_sort_unstable();
-        let mut edges = Edges::default();
-        // Of each kind the lowest triangle, and the edge.
-        let mut firsts = [(u32::MAX, [0; 2]); 4];
-        for edge in uses.chunk_by(|x, y| (x.0, x.1) == (y.0, y.1)) {
-            let forward = edge.iter().filter(|one| one.2).count();
-            let kinds =
-                [edge.len() == 1, edge.len() == 2 && forward != 1, edge.len() > 2, 2 * forward != edge.len()];
-            edges.count += 1;
-            let counts = [&mut edges.border, &mut edges.turned, &mut edges.crowded, &mut edges.open];
-            let triangle = edge.iter().map(|one| one.3).min().unwrap_or_default();
-            for ((kind, counted), first) in kinds.into_iter().zip(counts).zip(&mut firsts) {
-                if kind {
-                    counted.count += 1;
-                    *first = (*first).min((triangle, [edge[0].0, edge[0].1]));
-                    counted.first = Some(first.1);
-                }
-            }
-        }
-        edges
     }
 
-    /// For each vertex the lowest number of those at its place.
-    pub(crate) fn places(&self) -> Vec<u32> {
-        let at = |vertex: u32| self.positions()[vertex as usize].map(|x| (x + 0.0).to_bits());
-        let mut order: Vec<u32> = (0..self.positions().len() as u32).collect();
-        order.par_sort_unstable_by_key(|&vertex| (at(vertex), vertex));
-        let mut places = vec![0; order.len()];
-        for same in order.chunk_by(|&x, &y| at(x) == at(y)) {
-            same.iter().for_each(|&vertex| places[vertex as usize] = same[0]);
+    fn and(mut self, other: Self) -> Self {
+        self.all += other.all;
+        for ((count, first), (more, other)) in self.kinds.iter_mut().zip(other.kinds) {
+            *count += more;
+            *first = (*first).min(other);
         }
-        places
+        self
     }
+
+    fn edges(self) -> Edges {
+        let [border, turned, crowded, open] =
+            self.kinds.map(|(count, (_, edge))| EdgeCount { count, first: (count > 0).then_some(edge) });
+        Edges { count: self.all, border, turned, crowded, open }
+    }
+}
+
+/// For each vertex the lowest number of those at its place.
+pub(crate) fn places(positions: &[[f32; 3]]) -> Vec<u32> {
+    let at = |(vertex, place): (u32, &[f32; 3])| (place.map(|x| (x + 0.0).to_bits()), vertex);
+    let mut order: Vec<([u32; 3], u32)> = (0..).zip(positions).map(at).collect();
+    order.par_sort_unstable();
+    let mut places = vec![0; order.len()];
+    for same in order.chunk_by(|x, y| x.0 == y.0) {
+        same.iter().for_each(|&(_, vertex)| places[vertex as usize] = same[0].1);
+    }
+    places
 }
 
 #[cfg(test)]

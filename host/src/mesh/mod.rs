@@ -64,6 +64,7 @@ mod teapot;
 
 pub(crate) use digest::digest;
 pub use edges::{EdgeCount, Edges};
+pub(crate) use edges::{edges, places};
 pub use error::{MeshError, Place, Spot};
 #[cfg(feature = "gltf")]
 pub use formats::files_beside;

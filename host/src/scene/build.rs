@@ -1,6 +1,6 @@
 //! A mesh becomes a scene: its tree is built on the device, or put there.
 
-use super::Scene;
+use super::{Scene, regions::Regions};
 use crate::{
     BuildOptions, BuildTimes, Error, Intersector, KdTree, Mesh, Traversal,
     build::{
@@ -132,6 +132,7 @@ impl Scene {
             intersector: Intersector::default(),
             transforms: None,
             extras: Extras::default(),
+            regions: Regions::default(),
         })
     }
 }

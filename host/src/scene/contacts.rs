@@ -1,7 +1,7 @@
 //! Where a mesh meets itself other than at shared edges: vertices on edges, edges through triangles.
 
 use super::Scene;
-use crate::{Error, Mesh};
+use crate::{Error, Mesh, mesh::places};
 use raykd_shared::{Content, TreeView};
 use rayon::prelude::*;
 use robust::{Coord, Coord3D, orient2d, orient3d};
@@ -62,7 +62,7 @@ impl Scene {
     pub fn contacts(&self, mesh: &Mesh) -> Result<Contacts, Error> {
         let tree = self.tree()?;
         tree.check_mesh(mesh)?;
-        let places = mesh.places();
+        let places = places(mesh.positions());
         let near = Near::new(tree.view(), mesh, &places);
         let mut edges: Vec<[u32; 2]> = Vec::with_capacity(3 * mesh.kept().len());
         for &triangle in mesh.kept() {
@@ -217,7 +217,7 @@ mod tests {
 
     /// By all edges and all triangles.
     fn slowly(mesh: &Mesh) -> Contacts {
-        let places = mesh.places();
+        let places = places(mesh.positions());
         let at = |vertex: u32| mesh.positions()[vertex as usize].map(f64::from);
         let kept: Vec<_> =
             mesh.kept().iter().map(|&t| mesh.triangles()[t as usize].map(|v| places[v as usize])).collect();

@@ -1,6 +1,6 @@
 //! A scene in one file, which processes share.
 
-use super::Scene;
+use super::{Scene, regions::Regions};
 use crate::{
     BuildTimes, Error, Intersector, Traversal, TreeError,
     build::{Kept, MeshBuffers},
@@ -271,6 +271,7 @@ impl Scene {
             intersector: Intersector::default(),
             transforms: None,
             extras: Extras::default(),
+            regions: Regions::default(),
         })
     }
 }

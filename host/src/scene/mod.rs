@@ -11,8 +11,10 @@ mod file;
 #[cfg(feature = "gpu")]
 mod on;
 mod rebuild;
+mod regions;
 mod trace;
 mod tracer;
+mod winding;
 mod world;
 
 pub use batch::ResidentRays;
@@ -33,6 +35,7 @@ use crate::{
 };
 use raykd_kernels::glam::{UVec4, Vec4};
 use raykd_shared::TreeHeader;
+use regions::Regions;
 
 /// A mesh and its tree, resident on a device. Clones share all memory; each has a traversal and a triangle test of its
 /// own.
@@ -55,6 +58,7 @@ pub struct Scene {
     /// What the triangle test `baldwin` keeps instead of corners.
     transforms: Option<Buffer<Vec4>>,
     extras: Extras,
+    regions: Regions,
 }
 
 impl Scene {
@@ -135,6 +139,6 @@ impl Scene {
         let transforms = self.transforms.as_ref().map_or(0, |buffer| buffer.bytes());
         let tree = self.header_buffer.bytes() + self.nodes.bytes() + self.refs.bytes() + self.corners.bytes();
         let mesh = positions.bytes() + indices.bytes() + self.kept.bytes_on_device();
-        tree + mesh + transforms + self.extras.all_bytes()
+        tree + mesh + transforms + self.extras.all_bytes() + self.regions.bytes()
     }
 }

@@ -210,4 +210,5 @@ pub mod settle_crossings {
 
 /// The kernels of this file.
 #[cfg(not(target_arch = "spirv"))]
-pub const KERNELS: &[&crate::Kernel] = &[&count_crossings::COUNT, &settle_crossings::SETTLE];
+pub const KERNELS: &[&crate::Kernel] =
+    &[&count_crossings::COUNT, &settle_crossings::SETTLE, &super::locate::LOCATE];

@@ -30,7 +30,7 @@ const STEEPEST: i32 = 40;
 pub const HEADING: i32 = 127;
 
 /// Origins are accepted up to this power of two (in scaled units, where scenes are at most `2^20` wide).
-pub(super) const FARTHEST: i32 = 30;
+pub const FARTHEST: i32 = 30;
 
 /// And scenes up to this distance. Theirs is less than `2^45`, as coordinates have 24 digits, but for scenes
 /// that are flat across an axis: farther away, products of lengths would have no room.

@@ -17,6 +17,7 @@ pub mod frame;
 pub mod intersect;
 pub mod job;
 pub mod listed;
+pub mod locate;
 #[cfg(target_arch = "x86_64")]
 pub mod packet;
 pub mod place;

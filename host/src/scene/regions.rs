@@ -1,0 +1,126 @@
+//! Winding numbers of the space in which no triangle is, kept with a scene for many points: see
+//! [`locate`](raykd_kernels::trace::locate).
+
+use super::Scene;
+use crate::{Error, exec::Buffer, mesh::edges};
+use raykd_kernels::{
+    glam::UVec4,
+    math::exp2,
+    trace::{frame::FARTHEST, locate::UNKNOWN},
+};
+use raykd_shared::{Content, Node, TreeHeader};
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// How many points must have been asked for each triangle before numbers are kept, on a CPU and on a GPU: so many take
+/// by rays about as long as to find out whether the mesh is closed and to trace a ray from each empty leaf.
+const WORTH: [u64; 2] = [2, 8];
+
+/// What is known of the empty leaves' numbers. Scenes that are clones of each other share it.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Regions(Arc<Mutex<Known>>);
+
+/// See [`Regions`].
+#[derive(Debug)]
+enum Known {
+    /// Nothing; so many points have been asked.
+    Asked(u64),
+    /// They are not kept: the mesh is not closed, or there is no room.
+    Not,
+    /// The nodes, of which an empty leaf has its number in place of a reference.
+    Kept(Buffer<UVec4>),
+}
+
+impl Default for Known {
+    fn default() -> Self {
+        Self::Asked(0)
+    }
+}
+
+impl Regions {
+    /// Bytes on the device.
+    pub(super) fn bytes(&self) -> u64 {
+        match &*self.0.lock().unwrap_or_else(PoisonError::into_inner) {
+            Known::Kept(nodes) => nodes.bytes(),
+            _ => 0,
+        }
+    }
+}
+
+/// An empty leaf: its number, and a point of its cell.
+type Region = (usize, [f32; 3]);
+
+/// All empty leaves of a tree in a box.
+fn empty_leaves(nodes: &[Node], lo: [f32; 3], hi: [f32; 3]) -> Vec<Region> {
+    let mut regions = Vec::new();
+    let mut stack = vec![(0, lo, hi)];
+    while let Some((index, lo, hi)) = stack.pop() {
+        match nodes[index].content() {
+            Content::Leaf { count, .. } => {
+                if count == 0 {
+                    // A cell has its lower sides, and not its upper ones.
+                    let inner = |axis: usize| {
+                        let middle = 0.5 * lo[axis] + 0.5 * hi[axis];
+                        if middle < hi[axis] { middle } else { lo[axis] }
+                    };
+                    regions.push((index, [0, 1, 2].map(inner)));
+                }
+            }
+            Content::Inner { axis, split, below } => {
+                let (mut upper, mut lower) = (lo, hi);
+                (upper[axis as usize], lower[axis as usize]) = (split, split);
+                stack.push((below as usize + 1, upper, hi));
+                stack.push((below as usize, lo, lower));
+            }
+        }
+    }
+    regions
+}
+
+impl Scene {
+    /// The nodes with numbers of empty leaves, if so many points more are worth them and the mesh is closed.
+    pub(super) fn regions(&self, points: usize) -> Result<Option<Buffer<UVec4>>, Error> {
+        let mut known = self.regions.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Known::Asked(before) = &mut *known {
+            *before += points as u64;
+            let worth = WORTH[usize::from(!self.device.is_cpu())];
+            if *before < worth * u64::from(self.header.triangles) {
+                return Ok(None);
+            }
+            *known = match self.find_regions() {
+                Ok(Some(nodes)) => Known::Kept(nodes),
+                // Rays need less room.
+                Ok(None) | Err(Error::TooLarge { .. } | Error::OutOfMemory { .. }) => Known::Not,
+                Err(error) => return Err(error),
+            };
+        }
+        Ok(match &*known {
+            Known::Kept(nodes) => Some(nodes.clone()),
+            _ => None,
+        })
+    }
+
+    fn find_regions(&self) -> Result<Option<Buffer<UVec4>>, Error> {
+        let TreeHeader { lo, hi, scale, .. } = self.header;
+        // No ray starts so far off.
+        let far = |x: &f32| x.abs() >= exp2(FARTHEST);
+        if lo.iter().chain(&hi).any(far) {
+            return Ok(None);
+        }
+        let (positions, indices) = self.coordinates_and_indices()?;
+        if !self.device.install(|| edges(positions.as_chunks().0, &indices)).are_closed() {
+            return Ok(None);
+        }
+        let mut nodes: Vec<Node> = self.device.read(&self.nodes.view(), 0, self.header.nodes as usize)?;
+        let regions = empty_leaves(&nodes, lo, hi);
+        let larger = 1.0 / scale;
+        // Of a point so small that digits are lost nothing is known.
+        let points: Vec<[f32; 3]> = regions.iter().map(|(_, point)| point.map(|x| x * larger)).collect();
+        let found = self.winding_by_rays(points.len(), &|range, part| points[range].clone_into(part))?;
+        for (((index, inner), point), number) in regions.iter().zip(&points).zip(found.counts) {
+            let same = point.map(|x| x * scale) == *inner;
+            let number = if same { number.cast_unsigned() } else { UNKNOWN };
+            nodes[*index] = Node::leaf(number, 0);
+        }
+        Ok(Some(self.device.keeping_nothing().put("regions", &nodes)?.view()))
+    }
+}
