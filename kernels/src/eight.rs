@@ -443,14 +443,18 @@ impl Sides for Eight {
             // As numbers with a sign: two words a node and indices of four bytes leave no more.
             let most = _mm256_set1_epi32((2 * length).min(1 << 30) as i32);
             let inside = _mm256_cmpgt_epi32(most, numbers);
-            assert!(_mm256_testc_si256(inside, some) != 0, "a node's children in a buffer of {length} pairs");
-            let word = |from: *const i32, rest: Self| {
-                let rest = _mm256_castps_si256(rest.0);
-                let words = _mm256_mask_i32gather_epi32::<8>(rest, from, numbers, some);
-                Self(_mm256_castsi256_ps(words))
-            };
-            let start = start.cast::<i32>();
-            (word(start, rest.0), word(start.add(1), rest.1))
+            let found = length > 0 && _mm256_testc_si256(inside, some) != 0;
+            assert!(found, "a node's children in a buffer of {length} pairs");
+            // Both words of four nodes at a time, 0, 1, 4 and 5 first: so each word's shuffle puts them in order.
+            let numbers = _mm256_permute4x64_epi64::<0b11_01_10_00>(_mm256_and_si256(numbers, some));
+            let start = start.cast::<i64>();
+            let first = _mm256_i32gather_epi64::<8>(start, _mm256_castsi256_si128(numbers));
+            let second = _mm256_i32gather_epi64::<8>(start, _mm256_extracti128_si256::<1>(numbers));
+            let (first, second) = (_mm256_castsi256_ps(first), _mm256_castsi256_ps(second));
+            let some = Mask(_mm256_castsi256_ps(some));
+            let word0 = Self(_mm256_shuffle_ps::<0b10_00_10_00>(first, second));
+            let word1 = Self(_mm256_shuffle_ps::<0b11_01_11_01>(first, second));
+            (Self::choose(some, word0, rest.0), Self::choose(some, word1, rest.1))
         })
     }
 }

@@ -195,7 +195,7 @@ fn planes(scene: &Scene) -> [Vec<f32>; 3] {
 fn looked_up(triangles: &[[Point; 3]], closed: bool, random: &mut Random) -> Result<(), Failure> {
     // As it is; so small that digits are lost; large; and so far off that no ray starts there.
     let (times, off) =
-        [(1.0, 0.0), (2f32.powi(-130), 0.0), (2f32.powi(90), 0.0), (2f32.powi(17), 2f32.powi(40))]
+        [(1.0, 0.0), (2f32.powi(-130), 0.0), (2f32.powi(90), 0.0), (2f32.powi(12), 2f32.powi(34))]
             [random.below(6).saturating_sub(2)];
     let moved = |point: Point| point.map(|x| x * times + off);
     let mesh = loose(&triangles.iter().map(|triangle| triangle.map(moved)).collect::<Vec<_>>());
@@ -219,12 +219,11 @@ fn looked_up(triangles: &[[Point; 3]], closed: bool, random: &mut Random) -> Res
         let Some(by_rays) = unless_cut(scene.crossings(&rays))? else { continue };
         let before = scene.bytes_on_device();
         let Some(found) = unless_cut(scene.winding(&all))? else { continue };
-        if (scene.bytes_on_device() > before) != (closed && off == 0.0) {
-            return Err(Failure(format!(
-                "{}: kept {} a closed mesh",
-                named.name,
-                ["for", "not for"][usize::from(closed)]
-            )));
+        // The median cuts no empty space off, and where little is empty no number is kept.
+        let kept = scene.bytes_on_device() > before;
+        if builder != Builder::Median && kept != (closed && off == 0.0) {
+            let told = format!("{}, {builder}: closed {closed}, {off} off, kept {kept}", named.name);
+            return Err(Failure(told));
         }
         let wanted: Vec<i32> = by_rays.counts.iter().map(|crossings| crossings.winding()).collect();
         same(&format!("{}, {builder}", named.name), &wanted, &found.counts)?;
@@ -239,10 +238,12 @@ proptest! {
     #[test]
     fn numbers_of_empty_leaves_are_those_of_rays(kind in 0..5u32, seed: u64) {
         let mut random = Random::new(seed);
-        let triangles = closed(kind, &mut random);
+        let mut triangles = closed(kind, &mut random);
         // The last one of boxes has no area, but edges that no other triangle has.
-        let closed = &triangles[..triangles.len() - usize::from(kind == 4)];
-        looked_up(closed, true, &mut random)?;
+        triangles.truncate(triangles.len() - usize::from(kind == 4));
+        // A solid far off, so that most of the box is empty.
+        triangles.extend(fan(4).into_iter().map(|triangle| triangle.map(|p| p.map(|x| x + 40.0))));
+        looked_up(&triangles, true, &mut random)?;
         looked_up(&triangles[1..], false, &mut random)?;
     }
 }

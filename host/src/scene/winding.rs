@@ -72,12 +72,18 @@ impl Scene {
         // Of some points numbers are known, the others are asked by rays.
         let (mut points, mut left, mut others) = (Vec::new(), Vec::new(), Vec::new());
         let (at_once, device) = self.portions();
+        let mut worth = true;
         for first in (0..number).step_by(at_once) {
             let start = Instant::now();
             let end = number.min(first + at_once);
             self.device.install(|| fill(first..end, &mut points));
             counted.times.upload += start.elapsed();
-            self.locate(&device, &regions, &points, &mut counted)?;
+            let before = left.len();
+            if worth {
+                self.locate(&device, &regions, &points, &mut counted)?;
+            } else {
+                counted.counts.resize(end, UNKNOWN.cast_signed());
+            }
             let start = Instant::now();
             for (i, point) in (first..end).zip(&points) {
                 if counted.counts[i] == UNKNOWN.cast_signed() {
@@ -85,6 +91,8 @@ impl Scene {
                     others.push(*point);
                 }
             }
+            // Points close to the surface are seldom in empty leaves.
+            worth &= 2 * (left.len() - before) < points.len();
             counted.times.upload += start.elapsed();
         }
         let rest = self.winding_by_rays(others.len(), &|range, part| others[range].clone_into(part))?;

@@ -1,6 +1,6 @@
-//! Rays each at a node of its own, on a CPU, for those that do not go together ([`packet`](super::packet)): eight take
-//! their steps down at once, then each visits its leaf alone, and one that is done makes room for the next. Each does
-//! what it does in [`stack`](super::traverse::stack).
+//! Rays each at a node of its own, on a CPU, for those that do not go together ([`packet`](super::packet)): eight and
+//! eight take their steps down at once, then each visits its leaf alone, and one that is done makes room for the next.
+//! Each does what it does in [`stack`](super::traverse::stack).
 
 use super::{
     frame::Frame,
@@ -20,9 +20,13 @@ use crate::{
 use raykd_shared::{MISS, Node, TreeHeader, limits::MAX_DEPTH};
 
 /// While fewer than this are on their way down, those that have arrived do not wait for them.
-const KEEP: u32 = 5;
+const KEEP: u32 = 9;
 
 const SIDES: usize = SIDE_BY_SIDE as usize;
+/// Sets of eight: while nodes of some rays are loaded, others take their step.
+const SETS: usize = 2;
+/// Rays on their way at once.
+pub(super) const LANES: usize = SETS * SIDES;
 
 /// What is made of the leaves that rays visit, each alone.
 pub(super) trait Visits {
@@ -65,8 +69,9 @@ impl<const ANY: bool> Visits for Hits<'_, ANY> {
     }
 }
 
-/// Eight rays; what their steps need lies side by side.
-struct Lanes {
+/// What eight rays need for their steps, side by side.
+#[derive(Clone, Copy)]
+struct Eights {
     origins: [[f32; SIDES]; 3],
     inverses: [[f32; SIDES]; 3],
     pads: [f32; SIDES],
@@ -74,13 +79,18 @@ struct Lanes {
     exit: [f32; SIDES],
     /// The words of the nodes that they are at; those without a ray are at a leaf.
     words: [[f32; SIDES]; 2],
+}
+
+/// Some rays on their way.
+struct Lanes {
+    sets: [Eights; SETS],
     /// Which rays they are.
-    rays: [u32; SIDES],
-    frames: [Frame; SIDES],
-    bests: [Best; SIDES],
+    rays: [u32; LANES],
+    frames: [Frame; LANES],
+    bests: [Best; LANES],
     /// Nodes for later: their numbers, where the interval begins there and where it ends.
-    stacks: [Stack<UVec4, { MAX_DEPTH as usize }>; SIDES],
-    tops: [u32; SIDES],
+    stacks: [Stack<UVec4, { MAX_DEPTH as usize }>; LANES],
+    tops: [u32; LANES],
     /// Which have a ray.
     live: u32,
     /// Which have left a child for later by their last step.
@@ -90,8 +100,9 @@ struct Lanes {
 impl Lanes {
     fn put(&mut self, lane: usize, node: Node, (enter, exit): (f32, f32)) {
         let (word0, word1) = node.words();
-        (self.words[0][lane], self.words[1][lane]) = (f32::from_bits(word0), f32::from_bits(word1));
-        (self.enter[lane], self.exit[lane]) = (enter, exit);
+        let (set, lane) = (&mut self.sets[lane / SIDES], lane % SIDES);
+        (set.words[0][lane], set.words[1][lane]) = (f32::from_bits(word0), f32::from_bits(word1));
+        (set.enter[lane], set.exit[lane]) = (enter, exit);
     }
 
     /// Gives a lane a ray. False if that meets nothing.
@@ -100,12 +111,13 @@ impl Lanes {
         let meets = frame.valid && frame.enter <= frame.exit;
         if meets {
             let (origin, inverse) = (frame.origin.to_array(), frame.inverse.to_array());
+            let (set, side) = (&mut self.sets[lane / SIDES], lane % SIDES);
             let mut axis = 0;
             while axis < 3 {
-                (self.origins[axis][lane], self.inverses[axis][lane]) = (origin[axis], inverse[axis]);
+                (set.origins[axis][side], set.inverses[axis][side]) = (origin[axis], inverse[axis]);
                 axis += 1;
             }
-            self.pads[lane] = frame.pad;
+            set.pads[side] = frame.pad;
             self.put(lane, root, (frame.enter, frame.exit));
             self.frames[lane] = Frame { t_max: f32::INFINITY, ..*frame };
             // A hit as far as the ray goes is taken, and none beyond.
@@ -119,38 +131,93 @@ impl Lanes {
     /// All go down, until few are left that have not arrived at a leaf. Returns which have not.
     #[inline(always)]
     fn down<N: Sides>(&mut self, pairs: &Buf<UVec4>) -> u32 {
-        let three = |of: &[[f32; SIDES]; 3]| [N::of(&of[0]), N::of(&of[1]), N::of(&of[2])];
-        let (origins, inverses, pads) = (three(&self.origins), three(&self.inverses), N::of(&self.pads));
-        let (enter, mut exit) = (N::of(&self.enter), N::of(&self.exit));
-        let (mut splits, mut tags) = (N::of(&self.words[0]), N::of(&self.words[1]));
+        let mut state = [(N::all(0.0), N::all(0.0), N::all(0.0)); SETS];
+        let mut set = 0;
+        while set < SETS {
+            let Eights { exit, words, .. } = &self.sets[set];
+            state[set] = (N::of(exit), N::of(&words[0]), N::of(&words[1]));
+            set += 1;
+        }
         loop {
-            let leaves = N::leaves(tags);
-            let inner = !N::bits(leaves) & 0xFF;
+            let (mut inner, mut set) = (0, 0);
+            while set < SETS {
+                inner |= (!N::bits(N::leaves(state[set].2)) & 0xFF) << (SIDES * set);
+                set += 1;
+            }
             if inner == 0 || (inner.count_ones() < KEEP && self.live & !inner != 0) {
-                self.exit = exit.numbers();
-                self.words = [splits.numbers(), tags.numbers()];
+                let mut set = 0;
+                while set < SETS {
+                    let (exit, splits, tags) = state[set];
+                    self.sets[set].exit = exit.numbers();
+                    self.sets[set].words = [splits.numbers(), tags.numbers()];
+                    set += 1;
+                }
                 return inner;
             }
-            let inverse = N::on_axis(tags, &inverses);
-            let (at, wide) = crossed(splits, N::on_axis(tags, &origins), inverse, pads);
-            let (first, last) = (at - wide, at + wide);
-            let (past, before) = (last.below(enter), first.exceeds(exit));
-            let back = inverse.below(N::all(0.0));
-            let (near, far) = (N::child(tags, back), N::child(tags, !back));
-            let mut both = !N::bits(past | before) & inner;
-            self.pushed = (self.pushed & !inner) | both;
-            if both != 0 {
-                let (far, first, exit) = (far.numbers(), first.numbers(), exit.numbers());
-                while both != 0 {
-                    let lane = both.trailing_zeros() as usize;
-                    both &= both - 1;
-                    let entry = [far[lane], first[lane], exit[lane], 0.0].map(f32::to_bits);
-                    self.stacks[lane].put(self.tops[lane], UVec4::from_array(entry));
-                    self.tops[lane] += 1;
-                }
+            let mut set = 0;
+            while set < SETS {
+                state[set] = self.step::<N>(set, inner, state[set], pairs);
+                set += 1;
             }
-            exit = N::choose(past, exit, exit.low(last));
-            (splits, tags) = N::nodes(pairs, N::choose(past, far, near), !leaves, (splits, tags));
+        }
+    }
+
+    /// One step of eight of them.
+    #[inline(always)]
+    fn step<N: Sides>(
+        &mut self,
+        set: usize,
+        inner: u32,
+        (exit, splits, tags): (N, N, N),
+        pairs: &Buf<UVec4>,
+    ) -> (N, N, N) {
+        let Eights { origins, inverses, pads, enter, .. } = &self.sets[set];
+        let origins = [N::of(&origins[0]), N::of(&origins[1]), N::of(&origins[2])];
+        let inverses = [N::of(&inverses[0]), N::of(&inverses[1]), N::of(&inverses[2])];
+        let (pads, enter) = (N::of(pads), N::of(enter));
+        let inverse = N::on_axis(tags, &inverses);
+        let (at, wide) = crossed(splits, N::on_axis(tags, &origins), inverse, pads);
+        let (first, last) = (at - wide, at + wide);
+        let (past, before) = (last.below(enter), first.exceeds(exit));
+        let back = inverse.below(N::all(0.0));
+        let (near, far) = (N::child(tags, back), N::child(tags, !back));
+        let shift = SIDES * set;
+        let mut both = !N::bits(past | before) & (inner >> shift) & 0xFF;
+        self.pushed = (self.pushed & !(inner & 0xFF << shift)) | both << shift;
+        if both != 0 {
+            let (far, first, exit) = (far.numbers(), first.numbers(), exit.numbers());
+            while both != 0 {
+                let lane = both.trailing_zeros() as usize;
+                both &= both - 1;
+                let entry = [far[lane], first[lane], exit[lane], 0.0].map(f32::to_bits);
+                let lane = lane + shift;
+                self.stacks[lane].put(self.tops[lane], UVec4::from_array(entry));
+                self.tops[lane] += 1;
+            }
+        }
+        let ends = N::choose(past, exit, exit.low(last));
+        let some = N::mask(inner >> shift & 0xFF);
+        let (splits, tags) = N::nodes(pairs, N::choose(past, far, near), some, (splits, tags));
+        (ends, splits, tags)
+    }
+
+    /// The node that a lane is at.
+    #[inline(always)]
+    fn node(&self, lane: usize) -> Node {
+        let words = &self.sets[lane / SIDES].words;
+        Node::from_words(words[0][lane % SIDES].to_bits(), words[1][lane % SIDES].to_bits())
+    }
+
+    /// Lets the processor fetch the triangles of a lane's leaf: mostly no more than four. An empty one may name any
+    /// place.
+    #[inline(always)]
+    fn ask_for_leaf(&self, lane: usize, corners: &Buf<Vec4>) {
+        let leaf = self.node(lane);
+        let at = leaf.first().wrapping_mul(3);
+        corners.soon(at);
+        if leaf.count() > 1 {
+            corners.soon(at.wrapping_add(4));
+            corners.soon(at.wrapping_add(8));
         }
     }
 
@@ -163,7 +230,7 @@ impl Lanes {
         corners: &Buf<Vec4>,
         visits: &mut impl Visits,
     ) -> bool {
-        let leaf = Node::from_words(self.words[0][lane].to_bits(), self.words[1][lane].to_bits());
+        let leaf = self.node(lane);
         let best = &mut self.bests[lane];
         let mut behind = self.pushed >> lane & 1 != 0;
         self.pushed &= !(1 << lane);
@@ -180,7 +247,7 @@ impl Lanes {
             let mut enter = f32::from_bits(entry.y);
             // Behind an empty leaf, which a single ray would not have gone to.
             if behind {
-                enter = high(self.enter[lane], enter);
+                enter = high(self.sets[lane / SIDES].enter[lane % SIDES], enter);
                 behind = false;
             }
             if enter <= t {
@@ -215,22 +282,24 @@ pub(super) fn answer<N: Sides, V: Visits>(
     let mut back = 0u64;
     let (tag, root) = (f32::from_bits(Node::PADDING.words().1), pairs.at(0));
     let mut lanes = Lanes {
-        origins: [[0.0; SIDES]; 3],
-        inverses: [[0.0; SIDES]; 3],
-        pads: [0.0; SIDES],
-        enter: [0.0; SIDES],
-        exit: [0.0; SIDES],
-        words: [[0.0; SIDES], [tag; SIDES]],
-        rays: [0; SIDES],
-        frames: [Frame::NOTHING; SIDES],
-        bests: [Best::NOTHING; SIDES],
-        stacks: [const { Stack::new() }; SIDES],
-        tops: [0; SIDES],
+        sets: [Eights {
+            origins: [[0.0; SIDES]; 3],
+            inverses: [[0.0; SIDES]; 3],
+            pads: [0.0; SIDES],
+            enter: [0.0; SIDES],
+            exit: [0.0; SIDES],
+            words: [[0.0; SIDES], [tag; SIDES]],
+        }; SETS],
+        rays: [0; LANES],
+        frames: [Frame::NOTHING; LANES],
+        bests: [Best::NOTHING; LANES],
+        stacks: [const { Stack::new() }; LANES],
+        tops: [0; LANES],
         live: 0,
         pushed: 0,
     };
     // Which look for a ray.
-    let mut free = 0xFFu32;
+    let mut free = u32::MAX >> (32 - LANES);
     loop {
         while free != 0 {
             let lane = free.trailing_zeros() as usize;
@@ -258,8 +327,7 @@ pub(super) fn answer<N: Sides, V: Visits>(
         let mut arrived = !lanes.down::<N>(pairs) & lanes.live;
         let mut soon = arrived;
         while soon != 0 {
-            // An empty leaf may name any place.
-            corners.soon(lanes.words[0][soon.trailing_zeros() as usize].to_bits().wrapping_mul(3));
+            lanes.ask_for_leaf(soon.trailing_zeros() as usize, corners);
             soon &= soon - 1;
         }
         while arrived != 0 {

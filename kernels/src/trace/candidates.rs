@@ -304,7 +304,7 @@ impl<N: Sides, const ANY: bool> Leaves<N> for Together<'_, N, ANY> {
 /// Candidates of rays that go each on its own.
 struct Apart<'a, 'b, const ANY: bool> {
     answers: &'a mut Answers<'b>,
-    lists: [List; SIDES],
+    lists: [List; apart::LANES],
 }
 
 /// Adds to a list what may be hit.
@@ -388,7 +388,7 @@ unsafe fn by_eight<const ANY: bool>(
     }
     if let Some(some) = many(left, (first, end)) {
         let Scene { header, pairs, corners, rays } = scene;
-        let visits = Apart::<ANY> { answers, lists: [[0; WORDS]; SIDES] };
+        let visits = Apart::<ANY> { answers, lists: [[0; WORDS]; apart::LANES] };
         left = apart::answer::<Eight, _>(first, some, header, pairs, corners, rays, outcome, visits);
     }
     answers.settle::<Doubles>();
