@@ -248,6 +248,25 @@ proptest! {
     }
 }
 
+/// Tasks of rayon that ask a scene while another finds numbers out, on threads that take up any task while they wait.
+#[test]
+fn tasks_that_ask_at_once_do_not_wait_for_each_other() {
+    let triangles = outward(&icosphere(3));
+    let mesh = loose(&triangles);
+    let mut random = Random::new(1);
+    let points: Vec<Point> = (0..8 * triangles.len()).map(|_| place(&triangles, &mut random)).collect();
+    // Chance decides who waits for whom, so there are more threads than cores.
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(8).build().unwrap();
+    for _ in 0..100 {
+        let scene = Scene::build(raykd_tests::cpu(), &mesh, &BuildOptions::default()).unwrap();
+        let (clone, before) = (scene.clone(), scene.bytes_on_device());
+        let ask = |points: &[Point]| clone.winding(points).unwrap().counts;
+        let found: Vec<i32> = pool.install(|| points.par_chunks(100).flat_map(ask).collect());
+        assert!(scene.bytes_on_device() > before, "clones share what was found");
+        same("tasks", &scene.winding(&points).unwrap().counts, &found).unwrap();
+    }
+}
+
 #[test]
 fn a_thousand_triangles_round_a_vertex_are_crossed_once() {
     for (rim, may_stop) in [(50, false), (100, true), (1000, true)] {

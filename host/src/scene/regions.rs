@@ -9,7 +9,7 @@ use raykd_kernels::{
     trace::{frame::FARTHEST, locate::UNKNOWN},
 };
 use raykd_shared::{Content, Node, TreeHeader};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
 
 /// How many points must have been asked for each triangle before numbers are kept, on a CPU and on a GPU: so many take
 /// by rays about as long as to find out whether the mesh is closed and to trace a ray from each empty leaf.
@@ -37,10 +37,20 @@ impl Default for Known {
 }
 
 impl Regions {
+    /// What is known, but for those who ask while it is found out. They do not wait: a thread of rayon that finds it out
+    /// may take up a task meanwhile that asks, too.
+    fn known(&self) -> Option<MutexGuard<'_, Known>> {
+        match self.0.try_lock() {
+            Ok(known) => Some(known),
+            Err(TryLockError::Poisoned(known)) => Some(known.into_inner()),
+            Err(TryLockError::WouldBlock) => None,
+        }
+    }
+
     /// Bytes on the device.
     pub(super) fn bytes(&self) -> u64 {
-        match &*self.0.lock().unwrap_or_else(PoisonError::into_inner) {
-            Known::Kept(nodes) => nodes.bytes(),
+        match self.known().as_deref() {
+            Some(Known::Kept(nodes)) => nodes.bytes(),
             _ => 0,
         }
     }
@@ -90,7 +100,7 @@ fn empty_leaves(nodes: &[Node], lo: [f32; 3], hi: [f32; 3]) -> Vec<Region> {
 impl Scene {
     /// The nodes with numbers of empty leaves, if so many points more are worth them and the mesh is closed.
     pub(super) fn regions(&self, points: usize) -> Result<Option<Buffer<UVec4>>, Error> {
-        let mut known = self.regions.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let Some(mut known) = self.regions.known() else { return Ok(None) };
         if let Known::Asked(before) = &mut *known {
             *before += points as u64;
             let worth = WORTH[usize::from(!self.device.is_cpu())];
