@@ -37,8 +37,8 @@ impl Default for Known {
 }
 
 impl Regions {
-    /// What is known, but for those who ask while it is found out. They do not wait: a thread of rayon that finds it out
-    /// may take up a task meanwhile that asks, too.
+    /// What is known, but for those who ask while it is found out. They do not wait: a thread of rayon that finds it
+    /// out may take up a task meanwhile that asks, too.
     fn known(&self) -> Option<MutexGuard<'_, Known>> {
         match self.0.try_lock() {
             Ok(known) => Some(known),
