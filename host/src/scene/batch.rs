@@ -77,16 +77,54 @@ impl ResidentRays {
     }
 }
 
+/// What kernels over some rays or points are told, and what they tell beside their answers.
+#[derive(Debug)]
+pub(super) struct Job {
+    pub count: u32,
+    /// The logarithm of how far apart the lanes that take them are.
+    apart: u32,
+    pub record: Buffer<u32>,
+    pub outcome: Buffer<u32>,
+}
+
+impl Job {
+    /// Of neighbouring lanes.
+    pub(super) fn new(device: &Device, count: u32) -> Result<Self, Error> {
+        Ok(Self {
+            count,
+            apart: 0,
+            record: device.alloc("job", u64::from(JOB_WORDS))?,
+            outcome: device.alloc("outcome", u64::from(OUTCOME_WORDS))?,
+        })
+    }
+
+    /// Runs kernels, `option` telling what is asked, and fetches what is wanted. Says how long the kernels took, and
+    /// how many rays or points were none.
+    pub(super) fn run(
+        &self,
+        device: &Device,
+        steps: &[Step<'_>],
+        option: u32,
+        wanted: Vec<Back<'_>>,
+    ) -> Result<(Duration, u32), Error> {
+        let record: [u32; JOB_WORDS as usize] = [self.count, self.apart, 0, option];
+        device.write(&self.record, 0, &record)?;
+        device.write(&self.outcome, 0, &[0; OUTCOME_WORDS as usize])?;
+        let mut words = [0; OUTCOME_WORDS as usize];
+        let mut back = vec![self.outcome.back(To::Room(&mut words))];
+        back.extend(wanted);
+        let time = device.dispatch_then(steps, false, &mut back)?.total;
+        drop(back);
+        Ok((time, invalid(words)?))
+    }
+}
+
 /// Buffers of one dispatch of rays.
 #[derive(Debug)]
 pub(super) struct Batch {
-    pub count: u32,
-    /// The logarithm of how far apart the lanes that take rays are.
-    apart: u32,
-    pub job: Buffer<u32>,
+    pub job: Job,
     pub rays: Buffer<Vec4>,
     pub hits: Buffer<UVec4>,
-    pub outcome: Buffer<u32>,
     pub counts: Buffer<UVec4>,
 }
 
@@ -104,56 +142,33 @@ impl Batch {
     pub(super) fn of_local(device: &Device, rays: &[Ray], room: u32) -> Result<Self, Error> {
         let count = u32::try_from(rays.len()).unwrap_or(u32::MAX);
         Ok(Self {
-            count,
-            apart: apart(count, device.spare_lanes()),
-            job: device.alloc("job", u64::from(JOB_WORDS))?,
+            job: Job { apart: apart(count, device.spare_lanes()), ..Job::new(device, count)? },
             rays: device.put("rays", rays)?.view(),
             hits: device.room("hits", rays.len() as u64 * u64::from(room))?,
-            outcome: device.alloc("outcome", u64::from(OUTCOME_WORDS))?,
             counts: device.room("steps", rays.len() as u64)?,
         })
     }
 
     /// How many lanes walk through the tree.
     pub(super) const fn lanes(&self) -> u32 {
-        self.count << self.apart
+        self.job.count << self.job.apart
     }
 
     /// What all queries of the tree bind.
     pub(super) fn query<'a>(&'a self, scene: &'a Scene) -> queries::Query<'a, OnDevice> {
         queries::Query {
-            job: &self.job,
+            job: &self.job.record,
             header: &scene.header_buffer,
             pairs: &scene.nodes,
             corners: scene.leaf_triangles(),
             rays: &self.rays,
             hits: self.hits.out(),
-            outcome: self.outcome.out(),
+            outcome: self.job.outcome.out(),
         }
     }
 
-    /// Runs kernels over the rays, `option` telling what is asked, and fetches what is wanted. Says how long the
-    /// kernels took, and how many rays were none.
-    pub(super) fn run(
-        &self,
-        device: &Device,
-        steps: &[Step<'_>],
-        option: u32,
-        wanted: Vec<Back<'_>>,
-    ) -> Result<(Duration, u32), Error> {
-        let job: [u32; JOB_WORDS as usize] = [self.count, self.apart, 0, option];
-        device.write(&self.job, 0, &job)?;
-        device.write(&self.outcome, 0, &[0; OUTCOME_WORDS as usize])?;
-        let mut words = [0; OUTCOME_WORDS as usize];
-        let mut back = vec![self.outcome.back(To::Room(&mut words))];
-        back.extend(wanted);
-        let time = device.dispatch_then(steps, false, &mut back)?.total;
-        drop(back);
-        Ok((time, invalid(words)?))
-    }
-
     pub(super) fn hits(&self, device: &Device) -> Result<Vec<Hit>, Error> {
-        device.read(&self.hits.view(), 0, self.count as usize)
+        device.read(&self.hits.view(), 0, self.job.count as usize)
     }
 }
 

@@ -61,7 +61,7 @@ impl Scene {
         let [first, _] = self.counting(&batch, &crossings);
         let mut found: Vec<Crossings> = Vec::new();
         let wanted = crossings.back(To::End(&mut found, rays.len()));
-        batch.run(&self.device, &[first], 0, vec![wanted])?;
+        batch.job.run(&self.device, &[first], 0, vec![wanted])?;
         Ok(found.iter().filter(|found| found.leaving & UNDECIDED != 0).count())
     }
 
@@ -79,7 +79,7 @@ impl Scene {
         let steps = self.counting(&batch, &crossings);
         let Traced { times, invalid, .. } = traced(Duration::ZERO, || {
             let wanted = crossings.back(To::End(&mut counted.counts, rays.len()));
-            batch.run(&self.device, &steps, 0, vec![wanted])
+            batch.job.run(&self.device, &steps, 0, vec![wanted])
         })?;
         counted.times += times;
         counted.invalid += invalid;

@@ -9,7 +9,10 @@ use raykd_kernels::{
     trace::{frame::FARTHEST, locate::UNKNOWN},
 };
 use raykd_shared::{Content, Node, TreeHeader};
-use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
+use std::sync::{
+    Arc, OnceLock,
+    atomic::{AtomicBool, AtomicU64, Ordering::Relaxed},
+};
 
 /// How many points must have been asked for each triangle before numbers are kept, on a CPU and on a GPU: so many take
 /// by rays about as long as to find out whether the mesh is closed and to trace a ray from each empty leaf.
@@ -17,42 +20,30 @@ const WORTH: [u64; 2] = [2, 8];
 
 /// What is known of the empty leaves' numbers. Scenes that are clones of each other share it.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Regions(Arc<Mutex<Known>>);
+pub(super) struct Regions(Arc<Known>);
 
 /// See [`Regions`].
-#[derive(Debug)]
-enum Known {
-    /// Nothing; so many points have been asked.
-    Asked(u64),
-    /// They are not kept: the mesh is not closed, little of its box is empty, or there is no room.
-    Not,
-    /// The nodes, of which an empty leaf has its number in place of a reference.
-    Kept(Buffer<UVec4>),
-}
-
-impl Default for Known {
-    fn default() -> Self {
-        Self::Asked(0)
-    }
+#[derive(Debug, Default)]
+struct Known {
+    /// How many points have been asked.
+    asked: AtomicU64,
+    /// Whether somebody finds the numbers out. Others do not wait for that: a thread of rayon that does it may take up
+    /// a task meanwhile that asks, too.
+    finding: AtomicBool,
+    /// The nodes, of which an empty leaf has its number in place of a reference; nothing if the mesh is not closed,
+    /// little of its box is empty, or there is no room.
+    found: OnceLock<Option<Buffer<UVec4>>>,
 }
 
 impl Regions {
-    /// What is known, but for those who ask while it is found out. They do not wait: a thread of rayon that finds it
-    /// out may take up a task meanwhile that asks, too.
-    fn known(&self) -> Option<MutexGuard<'_, Known>> {
-        match self.0.try_lock() {
-            Ok(known) => Some(known),
-            Err(TryLockError::Poisoned(known)) => Some(known.into_inner()),
-            Err(TryLockError::WouldBlock) => None,
-        }
+    /// The nodes, if they are kept.
+    fn kept(&self) -> Option<&Buffer<UVec4>> {
+        self.0.found.get()?.as_ref()
     }
 
     /// Bytes on the device.
     pub(super) fn bytes(&self) -> u64 {
-        match self.known().as_deref() {
-            Some(Known::Kept(nodes)) => nodes.bytes(),
-            _ => 0,
-        }
+        self.kept().map_or(0, |nodes| nodes.bytes())
     }
 }
 
@@ -99,25 +90,26 @@ fn empty_leaves(nodes: &[Node], lo: [f32; 3], hi: [f32; 3]) -> Vec<Region> {
 
 impl Scene {
     /// The nodes with numbers of empty leaves, if so many points more are worth them and the mesh is closed.
-    pub(super) fn regions(&self, points: usize) -> Result<Option<Buffer<UVec4>>, Error> {
-        let Some(mut known) = self.regions.known() else { return Ok(None) };
-        if let Known::Asked(before) = &mut *known {
-            *before += points as u64;
-            let worth = WORTH[usize::from(!self.device.is_cpu())];
-            if *before < worth * u64::from(self.header.triangles) {
-                return Ok(None);
+    pub(super) fn regions(&self, points: usize) -> Result<Option<&Buffer<UVec4>>, Error> {
+        let Known { asked, finding, found } = &*self.regions.0;
+        if found.get().is_none() {
+            let all = asked.fetch_add(points as u64, Relaxed) + points as u64;
+            let worth = WORTH[usize::from(!self.device.is_cpu())] * u64::from(self.header.triangles);
+            if all >= worth && !finding.swap(true, Relaxed) {
+                let nodes = match self.find_regions() {
+                    Ok(nodes) => nodes,
+                    // Rays need less room.
+                    Err(Error::TooLarge { .. } | Error::OutOfMemory { .. }) => None,
+                    Err(error) => {
+                        // Somebody may try again.
+                        finding.store(false, Relaxed);
+                        return Err(error);
+                    }
+                };
+                found.get_or_init(|| nodes);
             }
-            *known = match self.find_regions() {
-                Ok(Some(nodes)) => Known::Kept(nodes),
-                // Rays need less room.
-                Ok(None) | Err(Error::TooLarge { .. } | Error::OutOfMemory { .. }) => Known::Not,
-                Err(error) => return Err(error),
-            };
         }
-        Ok(match &*known {
-            Known::Kept(nodes) => Some(nodes.clone()),
-            _ => None,
-        })
+        Ok(self.regions.kept())
     }
 
     fn find_regions(&self) -> Result<Option<Buffer<UVec4>>, Error> {

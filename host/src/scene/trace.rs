@@ -252,7 +252,9 @@ impl Scene {
             let excluded = &self.device.upload("excluded", &excluded[range])?;
             let upload = start.elapsed();
             let except = self.intersector.except(batch.query(self), excluded, batch.lanes())?;
-            traced(upload, || batch.run(&self.device, &[except], asked(query), vec![batch.hits.back(hits)]))
+            traced(upload, || {
+                batch.job.run(&self.device, &[except], asked(query), vec![batch.hits.back(hits)])
+            })
         })
     }
 
@@ -297,7 +299,7 @@ impl Scene {
             let one = traced(Duration::ZERO, || {
                 let hits = batch.hits.back(To::End(&mut all.hits, part.len() * limit as usize));
                 let totals = totals.back(To::End(&mut all.totals, part.len()));
-                batch.run(&self.device, &[each], limit, vec![hits, totals])
+                batch.job.run(&self.device, &[each], limit, vec![hits, totals])
             })?;
             all.times += one.times;
             all.invalid += one.invalid;
@@ -335,7 +337,7 @@ impl Scene {
             let one = traced(upload, || {
                 let hits = batch.hits.back(To::End(&mut all.hits, part.len()));
                 let counts = batch.counts.back(To::End::<RaySteps>(&mut all.steps, part.len()));
-                batch.run(&self.device, &[step], asked(Query::Closest), vec![hits, counts])
+                batch.job.run(&self.device, &[step], asked(Query::Closest), vec![hits, counts])
             })?;
             all.times += one.times;
             all.invalid += one.invalid;
@@ -358,7 +360,7 @@ impl Scene {
             Some(step) => vec![step],
             None => self.bound_to(batch, query).into_iter().map(|bound| bound.step(batch.lanes())).collect(),
         };
-        batch.run(&self.device, &steps, asked(query), vec![batch.hits.back(hits)])
+        batch.job.run(&self.device, &steps, asked(query), vec![batch.hits.back(hits)])
     }
 
     /// With a full stack: kernels in order.
@@ -380,12 +382,12 @@ impl Scene {
     /// Finds the closest hits of a batch by testing every triangle.
     fn run_brute(&self, batch: &Batch, hits: To<'_, Hit>) -> Result<(Duration, u32), Error> {
         let kept = self.kept.on(&self.device)?;
-        let bests = self.device.alloc("best hits", 2 * u64::from(batch.count))?;
+        let bests = self.device.alloc("best hits", 2 * u64::from(batch.job.count))?;
         let count = self.kept.count();
         // Without triangles one empty slice still writes the misses.
         let slices = (0..count.div_ceil(BRUTE_SLICE).max(1)).map(|slice| {
             let from = slice * BRUTE_SLICE;
-            self.device.upload("job", &[batch.count, from, count.min(from + BRUTE_SLICE), 0])
+            self.device.upload("job", &[batch.job.count, from, count.min(from + BRUTE_SLICE), 0])
         });
         let slices: Vec<Buffer<u32>> = slices.collect::<Result<_, Error>>()?;
         let step = |job| {
@@ -397,13 +399,13 @@ impl Scene {
                 indices: &self.mesh.indices,
                 rays: &batch.rays,
                 hits: batch.hits.out(),
-                outcome: batch.outcome.out(),
+                outcome: batch.job.outcome.out(),
                 bests: bests.out(),
             };
-            self.intersector.brute(brute, batch.count)
+            self.intersector.brute(brute, batch.job.count)
         };
         let steps: Vec<Step<'_>> = slices.iter().map(step).collect();
-        batch.run(&self.device, &steps, 0, vec![batch.hits.back(hits)])
+        batch.job.run(&self.device, &steps, 0, vec![batch.hits.back(hits)])
     }
 
     /// Most rays in one batch.

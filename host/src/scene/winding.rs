@@ -2,7 +2,7 @@
 
 use super::{
     Scene,
-    batch::invalid,
+    batch::Job,
     crossings::Counted,
     trace::{Traced, traced},
 };
@@ -14,10 +14,7 @@ use crate::{
 };
 use raykd_kernels::{
     glam::{UVec4, Vec4},
-    trace::{
-        job::OUTCOME_WORDS,
-        locate::{self, UNKNOWN},
-    },
+    trace::locate::{self, UNKNOWN},
 };
 use raykd_shared::{Crossings, Ray};
 use rayon::prelude::*;
@@ -80,7 +77,7 @@ impl Scene {
             counted.times.upload += start.elapsed();
             let before = left.len();
             if worth {
-                self.locate(&device, &regions, &points, &mut counted)?;
+                self.locate(&device, regions, &points, &mut counted)?;
             } else {
                 counted.counts.resize(end, UNKNOWN.cast_signed());
             }
@@ -111,30 +108,25 @@ impl Scene {
         counted: &mut Counted<i32>,
     ) -> Result<(), Error> {
         let start = Instant::now();
-        let job = &device.put("job", &[points.len() as u32, 0, 0, 0])?;
-        let outcome = device.put("outcome", &[0; OUTCOME_WORDS as usize])?;
+        let job = Job::new(device, points.len() as u32)?;
         let coordinates: &Buffer<f32> = &device.put("points", points)?.view();
         let found = device.room("found", points.len() as u64)?;
         counted.times.upload += start.elapsed();
         let buffers = locate::Buffers {
-            job,
+            job: &job.record,
             header: &self.header_buffer,
             regions,
             points: coordinates,
             found: found.out(),
-            outcome: outcome.out(),
+            outcome: job.outcome.out(),
         };
-        let mut words = [0; OUTCOME_WORDS as usize];
         let step = buffers.over(points.len() as u32);
-        let Traced { times, invalid: none, .. } = traced(Duration::ZERO, || {
+        let Traced { times, invalid, .. } = traced(Duration::ZERO, || {
             let wanted = found.back(To::End(&mut counted.counts, points.len()));
-            let mut back = [outcome.back(To::Room(&mut words)), wanted];
-            let time = self.device.dispatch_then(&[step], false, &mut back)?.total;
-            drop(back);
-            Ok((time, invalid(words)?))
+            job.run(&self.device, &[step], 0, vec![wanted])
         })?;
         counted.times += times;
-        counted.invalid += none;
+        counted.invalid += invalid;
         Ok(())
     }
 
@@ -152,8 +144,7 @@ impl Scene {
     pub(super) fn winding_by_rays(&self, number: usize, fill: Fill<'_>) -> Result<Counted<i32>, Error> {
         // A CPU takes rays in an order in which they go side by side.
         let on_cpu = self.device.is_cpu();
-        let (at_once, device) = &self.portions();
-        let at_once = *at_once;
+        let (at_once, device) = self.portions();
         let grid = self.grid(at_once.min(number));
         let mut counted = Counted::default();
         let mut windings = vec![0; number];
@@ -172,7 +163,7 @@ impl Scene {
                 }
             });
             counted.times.upload += start.elapsed();
-            self.count_local(device, &rays, &mut counted)?;
+            self.count_local(&device, &rays, &mut counted)?;
             let start = Instant::now();
             let found = counted.counts.drain(..).map(Crossings::winding);
             if on_cpu {
