@@ -529,6 +529,25 @@ fn head(a: f32) -> f32 {
     f32::from_bits(a.to_bits() & 0xFFFF_F000)
 }
 
+/// Stands for whether the device rounds a product and a sum once, as `fma` may: `raykd-spirv` puts a specialization
+/// constant in place of `fma` of three of these, which the host sets to 1 where the start-up probe finds that it does.
+#[cfg(target_arch = "spirv")]
+const ROUNDS_ONCE: f32 = f32::from_bits(0x5AD1_0F3A);
+
+/// `rest`, which is what rounding took from the product `a * b`. A device that rounds once finds it by one instruction.
+#[cfg(target_arch = "spirv")]
+#[inline(always)]
+fn left_of(a: f32, b: f32, product: f32, rest: f32) -> f32 {
+    use spirv_std::num_traits::Float as _;
+    let once = a.mul_add(b, -product);
+    if ROUNDS_ONCE.mul_add(ROUNDS_ONCE, ROUNDS_ONCE) > 0.0 { once } else { rest }
+}
+#[cfg(not(target_arch = "spirv"))]
+#[inline(always)]
+fn left_of(_a: f32, _b: f32, _product: f32, rest: f32) -> f32 {
+    rest
+}
+
 /// `a * b`, and exactly what rounding took from it (Dekker 1971, with halves cut instead of rounded), for
 /// products that are 0 by a factor or at least `2^-78` in size.
 #[inline(always)]
@@ -536,7 +555,8 @@ pub fn two_product(a: f32, b: f32) -> (f32, f32) {
     let product = a * b;
     let (ah, bh) = (head(a), head(b));
     let (al, bl) = (a - ah, b - bh);
-    (product, al * bl - (((product - ah * bh) - al * bh) - ah * bl))
+    let rest = al * bl - (((product - ah * bh) - al * bh) - ah * bl);
+    (product, left_of(a, b, product, rest))
 }
 
 /// `a * b - c * d` within `2^-22` of its size, with an exact sign, 0 only if it is; for products as in

@@ -2,11 +2,12 @@
 
 use crate::{
     glam::Vec4,
+    math::two_product,
     mem::{Buf, Slots},
 };
 
 /// Results per input.
-pub const RESULTS: u32 = 8;
+pub const RESULTS: u32 = 9;
 
 /// Expressions that go wrong where a driver contracts, reassociates, rounds otherwise or flushes subnormals.
 pub fn probe(i: u32, inputs: &Buf<Vec4>, results: &mut Buf<f32>, count: &Buf<u32>) {
@@ -25,6 +26,8 @@ pub fn probe(i: u32, inputs: &Buf<Vec4>, results: &mut Buf<f32>, count: &Buf<u32
         results.put(at + 6, v.x * v.y);
         // Subnormals: a tiny product.
         results.put(at + 7, (v.x * 1.0e-20) * (v.y * 1.0e-20));
+        // What rounding takes from a product, in which a device may round once.
+        results.put(at + 8, two_product(v.x, v.y).1);
     }
 }
 

@@ -1,5 +1,6 @@
 //! Refuses SPIR-V whose result a device may choose, or that it may not survive: see [`check`].
 
+use crate::postpass;
 use rspirv::{
     dr::{Function, Instruction, Module, Operand},
     spirv::{GlslStd450Op, Op, Word},
@@ -42,9 +43,9 @@ const UNKNOWN: &str = "not on the list of float operations that are exact on eve
 /// Finds every operation whose float result is not the same, to the bit, on every Vulkan device.
 ///
 /// What may make floats is a list: `+ - *`, negation, moving and conversion from integers. All else that has
-/// a float result is refused, and so are the extended instructions that are not known to be exact, matrices
-/// and floats that are not 32 bits wide. And pointers that are anything but a variable's or a parameter's, or lead
-/// into one.
+/// a float result is refused, and so are the extended instructions that are not known to be exact, but for
+/// [one](is_rest_of_product), matrices and floats that are not 32 bits wide. And pointers that are anything but a
+/// variable's or a parameter's, or lead into one.
 pub(crate) fn check(module: &Module) -> Vec<Finding> {
     let mut findings = BTreeSet::new();
     let (mut floats, mut pointers) = (HashSet::new(), HashSet::new());
@@ -76,10 +77,12 @@ pub(crate) fn check(module: &Module) -> Vec<Finding> {
         .filter(|i| i.operands[0] == Operand::LiteralString("GLSL.std.450".into()))
         .filter_map(|i| i.result_id)
         .collect();
+    let answer = module.types_global_values.iter().find(|i| i.class.opcode == Op::SpecConstant);
+    let answer = answer.and_then(|i| i.result_id);
     for (function, entry) in reachable(module) {
         for i in function.all_inst_iter() {
             let refused = if i.class.opcode == Op::ExtInst {
-                extended(i, &glsl)
+                extended(i, &glsl).filter(|_| !is_rest_of_product(i, function, answer))
             } else if i.result_type.is_some_and(|t| floats.contains(&t)) {
                 float(i.class.opcode)
             } else if i.result_type.is_some_and(|t| pointers.contains(&t)) {
@@ -124,6 +127,29 @@ fn pointer(op: Op) -> Option<&'static str> {
         Variable | AccessChain | InBoundsAccessChain | FunctionParameter | CopyObject | Undef => None,
         _ => Some(CHOSEN),
     }
+}
+
+/// Whether this is `fma(a, b, -(a * b))`, and taken only if [the constant](postpass::rounds_once) allows.
+fn is_rest_of_product(i: &Instruction, function: &Function, answer: Option<Word>) -> bool {
+    let operand = |id: Word, op: Op, n: usize| {
+        let made = function.all_inst_iter().find(|i| i.result_id == Some(id));
+        made.filter(|i| i.class.opcode == op).and_then(|i| i.operands.get(n)?.id_ref_any())
+    };
+    let is_rest = |[a, b, c]: [Word; 3]| {
+        let product = operand(c, Op::FNegate, 0);
+        let factors = [0, 1].map(|n| product.and_then(|product| operand(product, Op::FMul, n)));
+        factors == [Some(a), Some(b)] || factors == [Some(b), Some(a)]
+    };
+    let asked = |id: Word| operand(id, Op::FOrdGreaterThan, 0) == answer;
+    let Some(rest) = i.result_id.filter(|_| answer.is_some() && postpass::fused(i).is_some_and(is_rest))
+    else {
+        return false;
+    };
+    function.all_inst_iter().filter(|i| i.operands.contains(&Operand::IdRef(rest))).all(|i| {
+        i.class.opcode == Op::Select
+            && i.operands[0].id_ref_any().is_some_and(asked)
+            && i.operands[2] != Operand::IdRef(rest)
+    })
 }
 
 /// Why an extended instruction is refused, if it is.
@@ -281,6 +307,29 @@ mod tests {
                 drop(b.ext_inst(k.float, None, k.glsl, op as u32, [Operand::IdRef(k.x)]));
             });
             assert_refused(&found, &format!("OpExtInst {op:?}"));
+        }
+    }
+
+    #[test]
+    fn only_the_rest_of_a_product_is_fused_and_by_the_constant() {
+        let lint = |negated: bool, own: bool, asked: bool, either: bool| {
+            lint(|b, k| {
+                let boolean = b.type_bool();
+                let answer = b.spec_constant_bit32(k.float, 0);
+                let y = b.f_add(k.float, None, k.x, k.x).unwrap();
+                let product = b.f_mul(k.float, None, if own { y } else { k.x }, k.x).unwrap();
+                let c = if negated { b.f_negate(k.float, None, product).unwrap() } else { product };
+                let operands = [k.x, y, c].map(Operand::IdRef);
+                let rest = b.ext_inst(k.float, None, k.glsl, GlslStd450Op::Fma as u32, operands).unwrap();
+                let asks = if asked { answer } else { y };
+                let yes = b.f_ord_greater_than(boolean, None, asks, k.x).unwrap();
+                drop(b.select(k.float, None, yes, rest, if either { y } else { rest }));
+            })
+        };
+        assert_eq!(lint(true, true, true, true), []);
+        for fault in 0..4 {
+            let [negated, own, asked, either] = [0, 1, 2, 3].map(|n| n != fault);
+            assert_refused(&lint(negated, own, asked, either), "OpExtInst Fma");
         }
     }
 

@@ -4,7 +4,8 @@ use crate::Error;
 use rspirv::{
     dr::{Instruction, Module, Operand},
     spirv::{
-        AddressingModel, Capability, Decoration, ExecutionMode, MemoryModel, MemorySemantics, Op, Scope, Word,
+        AddressingModel, Capability, Decoration, ExecutionMode, GlslStd450Op, MemoryModel, MemorySemantics,
+        Op, Scope, Word,
     },
 };
 use std::collections::{BTreeMap, HashMap, HashSet};
@@ -16,6 +17,7 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 pub(crate) fn run(module: &mut Module) -> Result<usize, Error> {
     strip(module);
     memory_model(module)?;
+    rounds_once(module)?;
     float_controls(module);
     let decorated = no_contraction(module);
     renumber(module);
@@ -172,6 +174,56 @@ fn memory_model(module: &mut Module) -> Result<(), Error> {
     Ok(())
 }
 
+/// What `raykd_kernels::math` multiplies and adds to itself to ask whether the device rounds such a sum once.
+const ROUNDS_ONCE: u32 = 0x5AD1_0F3A;
+
+/// Puts a specialization constant, number 0, of 0 in place of that.
+pub(crate) fn rounds_once(module: &mut Module) -> Result<(), Error> {
+    let constant = |i: &&Instruction| {
+        i.class.opcode == Op::Constant && i.operands[0] == Operand::LiteralBit32(ROUNDS_ONCE)
+    };
+    let values = &module.types_global_values;
+    let Some((Some(float), Some(asked))) = values.iter().find(constant).map(|i| (i.result_type, i.result_id))
+    else {
+        return Ok(());
+    };
+    let asks = |i: &Instruction| fused(i).is_some_and(|operands| operands == [asked; 3]);
+    let header = module.header.as_mut().ok_or_else(no_header)?;
+    let answer = header.bound;
+    let mut answers = HashSet::new();
+    for block in module.functions.iter_mut().flat_map(|f| &mut f.blocks) {
+        answers.extend(block.instructions.iter().filter(|i| asks(i)).filter_map(|i| i.result_id));
+        block.instructions.retain(|i| !asks(i));
+    }
+    if answers.is_empty() {
+        return Ok(());
+    }
+    header.bound += 1;
+    let operands =
+        module.functions.iter_mut().flat_map(|f| f.all_inst_iter_mut()).flat_map(|i| &mut i.operands);
+    for id in operands.filter_map(Operand::id_ref_any_mut).filter(|id| answers.contains(id)) {
+        *id = answer;
+    }
+    let zero = vec![Operand::LiteralBit32(0)];
+    module.types_global_values.push(Instruction::new(Op::SpecConstant, Some(float), Some(answer), zero));
+    let number =
+        vec![Operand::IdRef(answer), Operand::Decoration(Decoration::SpecId), Operand::LiteralBit32(0)];
+    module.annotations.push(Instruction::new(Op::Decorate, None, None, number));
+    Ok(())
+}
+
+/// Operands of `Fma`. No other set of extended instructions passes [the lint](crate::lint).
+pub(crate) fn fused(i: &Instruction) -> Option<[Word; 3]> {
+    match i.operands[..] {
+        [_, Operand::LiteralExtInstInteger(op), Operand::IdRef(a), Operand::IdRef(b), Operand::IdRef(c)]
+            if i.class.opcode == Op::ExtInst && op == GlslStd450Op::Fma as u32 =>
+        {
+            Some([a, b, c])
+        }
+        _ => None,
+    }
+}
+
 /// Numbers ids from 1 in the order in which they appear.
 fn renumber(module: &mut Module) {
     let mut numbers: HashMap<Word, Word> = HashMap::new();
@@ -287,6 +339,38 @@ pub(crate) mod tests {
         let sum = find(Op::IAdd);
         assert_eq!(constant(&m, id(sum, 0)), Scope::QueueFamily as u32);
         assert_ne!(constant(&m, id(sum, 1)), plain);
+    }
+
+    #[test]
+    fn whether_a_device_rounds_once_is_one_constant() {
+        let mut b = Builder::new_from_module(module());
+        let glsl = b.ext_inst_import("GLSL.std.450");
+        let (void, float) = (b.type_void(), b.type_float(32, None));
+        let [asked, other] = [ROUNDS_ONCE, 7].map(|bits| b.constant_bit32(float, bits));
+        let kind = b.type_function(void, []);
+        b.begin_function(void, None, FunctionControl::NONE, kind).unwrap();
+        b.begin_block(None).unwrap();
+        for operands in [[asked; 3], [asked, other, asked], [asked; 3]] {
+            let operands = operands.map(Operand::IdRef);
+            let answer = b.ext_inst(float, None, glsl, GlslStd450Op::Fma as u32, operands).unwrap();
+            b.f_add(float, None, answer, other).unwrap();
+        }
+        b.ret().unwrap();
+        b.end_function().unwrap();
+        let mut m = b.module();
+        run(&mut m).unwrap();
+        let found: Vec<_> =
+            m.types_global_values.iter().filter(|i| i.class.opcode == Op::SpecConstant).collect();
+        let [found] = found[..] else { panic!("{found:?}") };
+        assert_eq!(found.operands, [Operand::LiteralBit32(0)]);
+        let id = Operand::IdRef(found.result_id.unwrap());
+        let number = [id.clone(), Operand::Decoration(Decoration::SpecId), Operand::LiteralBit32(0)];
+        assert!(m.annotations.iter().any(|i| i.operands == number));
+        let last: Vec<&Instruction> = m.functions[1].all_inst_iter().collect();
+        let of = |op| last.iter().filter(|i| i.class.opcode == op).collect::<Vec<_>>();
+        assert_eq!(of(Op::ExtInst).len(), 1);
+        let summed: Vec<bool> = of(Op::FAdd).iter().map(|i| i.operands[0] == id).collect();
+        assert_eq!(summed, [true, false, true]);
     }
 
     #[test]

@@ -169,28 +169,9 @@ impl Gpu {
         Self::over(Link::open(adapter, name, adapter::WANTED)?)
     }
 
-    /// Loads the kernels.
+    /// Loads the kernels, as for a device that multiplies and adds with one rounding.
     fn over(link: Link) -> Result<Self, Error> {
-        let words = words(raykd_kernels::SPIRV);
-        let entry_points = entry_points(&words);
-        if entry_points.is_empty() {
-            return Err(link.failed("there are no compiled kernels: run `cargo xtask kernels`"));
-        }
-        let module = link.guard("loading the kernels", || {
-            let entry = |kernel: &&Kernel| wgpu::PassthroughShaderEntryPoint {
-                name: kernel.entry_point().into(),
-                workgroup_size: (kernel.threads, 1, 1),
-            };
-            let descriptor = wgpu::ShaderModuleDescriptorPassthrough {
-                label: Some("raykd"),
-                spirv: Some(words.into()),
-                entry_points: raykd_kernels::KERNELS.iter().map(entry).collect(),
-                ..Default::default()
-            };
-            // SAFETY: the module was validated by spirv-val when it was made; its kernels keep to their buffers,
-            // which robust buffer access bounds.
-            unsafe { link.device.create_shader_module_passthrough(descriptor) }
-        })?;
+        let (module, entry_points) = load(&link, true)?;
         let limits = link.device.limits();
         let binding = BufferLimit {
             bytes: limits.max_storage_buffer_binding_size,
@@ -212,12 +193,24 @@ impl Gpu {
         })
     }
 
-    /// Runs the start-up probe.
+    /// Runs the start-up probe, and again if kernels must do without a product and a sum rounded once.
     fn probed(self) -> Result<(Self, AdapterVerdict), Error> {
+        let (mut gpu, verdict, rests) = self.judged()?;
+        if rests {
+            return Ok((gpu, verdict));
+        }
+        (gpu.module, gpu.entry_points) = load(&gpu.link, false)?;
+        gpu.pipelines = Mutex::default();
+        let (gpu, verdict, _) = gpu.judged()?;
+        Ok((gpu, verdict))
+    }
+
+    /// What the probe says of it.
+    fn judged(self) -> Result<(Self, AdapterVerdict, bool), Error> {
         let device = Device::from(self);
-        let verdict = probe::check(&device)?;
+        let (verdict, rests) = probe::check(&device)?;
         match Arc::into_inner(device.machine) {
-            Some(Machine::Gpu(gpu)) => Ok((*gpu, verdict)),
+            Some(Machine::Gpu(gpu)) => Ok((*gpu, verdict, rests)),
             _ => unreachable!("made above, and nobody keeps a device"),
         }
     }
@@ -555,22 +548,65 @@ fn words(bytes: &[u8]) -> Vec<u32> {
     bytes.as_chunks().0.iter().map(|word| u32::from_le_bytes(*word)).collect()
 }
 
+/// Instructions of a SPIR-V module: where they begin, and their words, the first of which is length and opcode.
+fn instructions(words: &[u32]) -> impl Iterator<Item = (usize, &[u32])> {
+    // Behind a header.
+    let mut at = 5;
+    std::iter::from_fn(move || {
+        let length = (words.get(at)? >> 16).max(1) as usize;
+        let instruction = (at, words.get(at..at + length)?);
+        at += length;
+        Some(instruction)
+    })
+}
+
 /// Names of the entry points in a SPIR-V module.
 fn entry_points(words: &[u32]) -> HashSet<String> {
     const OP_ENTRY_POINT: u32 = 15;
-    // A header of five words; then instructions, whose first word is length and opcode.
-    let mut rest = words.get(5..).unwrap_or_default();
-    let mut names = HashSet::new();
-    while let Some(&head) = rest.first() {
-        let length = (head >> 16).max(1) as usize;
-        if head & 0xFFFF == OP_ENTRY_POINT {
-            let name = rest.iter().take(length).skip(3).flat_map(|word| word.to_le_bytes());
-            let name: Vec<u8> = name.take_while(|&byte| byte != 0).collect();
-            names.insert(String::from_utf8_lossy(&name).into_owned());
-        }
-        rest = rest.get(length..).unwrap_or_default();
+    let named = |i: &&[u32]| i[0] & 0xFFFF == OP_ENTRY_POINT;
+    let name = |i: &[u32]| {
+        let bytes = i.iter().skip(3).flat_map(|word| word.to_le_bytes()).take_while(|&byte| byte != 0);
+        String::from_utf8_lossy(&bytes.collect::<Vec<_>>()).into_owned()
+    };
+    instructions(words).map(|(_, i)| i).filter(named).map(name).collect()
+}
+
+/// Says that the device multiplies and adds with one rounding: sets the kernels' only specialization constant to 1. By
+/// wgpu none can be given to a module of SPIR-V.
+fn round_once(words: &mut [u32]) {
+    const OP_SPEC_CONSTANT: u32 = 50;
+    let found = instructions(words).find(|(_, i)| i[0] & 0xFFFF == OP_SPEC_CONSTANT);
+    if let Some((at, _)) = found {
+        words[at + 3] = 1.0_f32.to_bits();
     }
-    names
+}
+
+/// The kernels, and the names of the entry points.
+fn load(link: &Link, rounds_once: bool) -> Result<(wgpu::ShaderModule, HashSet<String>), Error> {
+    let mut words = words(raykd_kernels::SPIRV);
+    let entry_points = entry_points(&words);
+    if entry_points.is_empty() {
+        return Err(link.failed("there are no compiled kernels: run `cargo xtask kernels`"));
+    }
+    if rounds_once {
+        round_once(&mut words);
+    }
+    let module = link.guard("loading the kernels", || {
+        let entry = |kernel: &&Kernel| wgpu::PassthroughShaderEntryPoint {
+            name: kernel.entry_point().into(),
+            workgroup_size: (kernel.threads, 1, 1),
+        };
+        let descriptor = wgpu::ShaderModuleDescriptorPassthrough {
+            label: Some("raykd"),
+            spirv: Some(words.into()),
+            entry_points: raykd_kernels::KERNELS.iter().map(entry).collect(),
+            ..Default::default()
+        };
+        // SAFETY: the module was validated by spirv-val when it was made, and no other value of its constant makes it
+        // invalid; its kernels keep to their buffers, which robust buffer access bounds.
+        unsafe { link.device.create_shader_module_passthrough(descriptor) }
+    })?;
+    Ok((module, entry_points))
 }
 
 #[cfg(test)]
@@ -616,6 +652,25 @@ mod tests {
             assert!(!timing.total.is_zero());
             assert_eq!(timing.steps.len(), if profile { 3 } else { 0 });
         }
+    }
+
+    #[test]
+    fn kernels_find_the_rest_of_products_with_two_roundings_too() {
+        let mut gpu = Gpu::open(None).unwrap();
+        (gpu.module, gpu.entry_points) = load(&gpu.link, false).unwrap();
+        gpu.pipelines = Mutex::default();
+        let (_, verdict, rests) = gpu.judged().unwrap();
+        assert!(rests && matches!(verdict, AdapterVerdict::Exact { .. }), "{verdict:?}");
+    }
+
+    #[test]
+    fn module_has_one_word_for_rounding_once() {
+        let before = words(raykd_kernels::SPIRV);
+        let mut after = before.clone();
+        round_once(&mut after);
+        let changed: Vec<_> = before.iter().zip(&after).filter(|(a, b)| a != b).collect();
+        assert_eq!(changed, [(&0, &1.0_f32.to_bits())]);
+        assert_eq!(instructions(&before).filter(|(_, i)| i[0] & 0xFFFF == 50).count(), 1);
     }
 
     #[test]

@@ -28,8 +28,8 @@ pub enum AdapterVerdict {
     Unusable(String),
 }
 
-/// Runs the probe on a device and on the CPU.
-pub(super) fn check(device: &Device) -> Result<AdapterVerdict, Error> {
+/// Runs the probe on a device and on the CPU. Also says whether the device finds what rounding takes from products.
+pub(super) fn check(device: &Device) -> Result<(AdapterVerdict, bool), Error> {
     Ok(judge(&results(&Device::cpu())?, &results(device)?))
 }
 
@@ -72,8 +72,8 @@ fn results(device: &Device) -> Result<Vec<u32>, Error> {
     device.read(&results.view(), 0, values as usize)
 }
 
-/// Compares what a device computed with what is right.
-fn judge(right: &[u32], found: &[u32]) -> AdapterVerdict {
+/// Compares what a device computed with what is right, for [`check`].
+fn judge(right: &[u32], found: &[u32]) -> (AdapterVerdict, bool) {
     let mut wrong = [0u32; RESULTS as usize];
     for (right, found) in right.chunks(RESULTS as usize).zip(found.chunks(RESULTS as usize)) {
         for (wrong, (right, found)) in wrong.iter_mut().zip(right.iter().zip(found)) {
@@ -84,8 +84,10 @@ fn judge(right: &[u32], found: &[u32]) -> AdapterVerdict {
     let contracted = wrong[0] + wrong[1];
     let rearranged = wrong[2] + wrong[3] + wrong[4];
     let of = |count: u32, kinds: u32| format!("in {count} of {} cases", kinds * INPUTS);
+    let rests = wrong[8] == 0;
     if rounded > 0 {
-        return AdapterVerdict::Inexact(format!("it rounds sums or products otherwise {}", of(rounded, 2)));
+        let reason = format!("it rounds sums or products otherwise {}", of(rounded, 2));
+        return (AdapterVerdict::Inexact(reason), rests);
     }
     let mut faults = Vec::new();
     if contracted > 0 {
@@ -94,11 +96,15 @@ fn judge(right: &[u32], found: &[u32]) -> AdapterVerdict {
     if rearranged > 0 {
         faults.push(format!("rearranges sums and products {}", of(rearranged, 3)));
     }
-    if faults.is_empty() {
+    if faults.is_empty() && !rests {
+        faults.push(format!("finds what rounding takes from a product wrongly {}", of(wrong[8], 1)));
+    }
+    let verdict = if faults.is_empty() {
         AdapterVerdict::Exact { subnormals: wrong[7] == 0 }
     } else {
         AdapterVerdict::Inexact(format!("it {}", faults.join(" and ")))
-    }
+    };
+    (verdict, rests)
 }
 
 #[cfg(test)]
@@ -112,7 +118,7 @@ mod tests {
         for (input, found) in inputs().zip(found.chunks_mut(RESULTS as usize)) {
             found[result] = expression(input).to_bits();
         }
-        judge(&right, &found)
+        judge(&right, &found).0
     }
 
     fn refused(verdict: &AdapterVerdict, word: &str) {
@@ -122,6 +128,15 @@ mod tests {
     #[test]
     fn faithful_device_passes() {
         assert_eq!(faulty(0, |[x, y, z, _]| x * y + z), AdapterVerdict::Exact { subnormals: true });
+    }
+
+    #[test]
+    fn rests_of_products_are_looked_at() {
+        let right = results(&Device::cpu()).unwrap();
+        let mut found = right.clone();
+        assert!(judge(&right, &found).1);
+        found[8] ^= 1;
+        assert!(!judge(&right, &found).1);
     }
 
     #[test]
@@ -142,6 +157,7 @@ mod tests {
             let near = exact as f32;
             if f64::from(near).abs() > exact.abs() { f32::from_bits(near.to_bits() - 1) } else { near }
         };
+        refused(&faulty(8, |_| 0.0), "from a product");
         refused(&faulty(5, |[x, y, ..]| truncated(f64::from(x) + f64::from(y))), "rounds");
         refused(&faulty(6, |[x, y, ..]| truncated(f64::from(x) * f64::from(y))), "rounds");
     }
@@ -149,7 +165,7 @@ mod tests {
     #[test]
     fn results_that_count_are_never_subnormal() {
         for row in results(&Device::cpu()).unwrap().chunks(RESULTS as usize) {
-            for &bits in &row[..7] {
+            for &bits in row[..7].iter().chain(&row[8..]) {
                 let value = f32::from_bits(bits);
                 assert!(value.is_normal() || value == 0.0, "{value}");
             }
