@@ -27,6 +27,9 @@ use raykd_shared::{MISS, Node, TreeHeader};
 
 const SIDES: usize = SIDE_BY_SIDE as usize;
 
+/// Fewer of eight rays wait for others.
+const ENOUGH: u32 = 5;
+
 /// What all of it reads.
 #[derive(Clone, Copy)]
 struct Scene<'a> {
@@ -112,26 +115,37 @@ impl Answers<'_> {
             let some = self.count.min(first + SIDES) - first;
             let mut eight = [waiting[first]; SIDES];
             eight[..some].copy_from_slice(&waiting[first..first + some]);
-            self.settle_eight::<D, D::One>(&eight);
+            let (mut starts, mut ways) = ([Vec4::ZERO; SIDES], [Vec4::ZERO; SIDES]);
+            let mut lane = 0;
+            while lane < SIDES {
+                let ray = eight[lane].0;
+                (starts[lane], ways[lane]) = (self.scene.rays.at(2 * ray), self.scene.rays.at(2 * ray + 1));
+                lane += 1;
+            }
+            let scaled = Scaled::new::<true>(&starts, &ways, self.scene.header.scale);
+            self.settle_eight::<D, D::One>(&scaled, &eight, (1 << some) - 1);
             first += SIDES;
         }
     }
 
+    /// Answers some of eight rays, which have one candidate each.
     #[inline(always)]
-    fn settle_eight<D: Long<One = N>, N: Sides>(&mut self, waiting: &[(u32, u32); SIDES]) {
-        let Scene { header, corners, rays, .. } = self.scene;
-        let mut rows = [[Vec4::ZERO; SIDES]; 5];
+    fn settle_eight<D: Long<One = N>, N: Sides>(
+        &mut self,
+        scaled: &Scaled<N>,
+        rays: &[(u32, u32); SIDES],
+        some: u32,
+    ) {
+        let Scene { header, corners, .. } = self.scene;
+        let mut rows = [[Vec4::ZERO; SIDES]; 3];
         let mut lane = 0;
         while lane < SIDES {
-            let (ray, at) = waiting[lane];
-            (rows[0][lane], rows[1][lane]) = (rays.at(2 * ray), rays.at(2 * ray + 1));
-            (rows[2][lane], rows[3][lane], rows[4][lane]) = corners.three(3 * at);
+            (rows[0][lane], rows[1][lane], rows[2][lane]) = corners.three(3 * rays[lane].1);
             lane += 1;
         }
-        let scaled = Scaled::<N>::new::<true>(&rows[0], &rows[1], header.scale);
         let mains = scaled.mains();
         let line = scaled.line(&mains, header);
-        let corners = [mains.turned(&rows[2]), mains.turned(&rows[3]), mains.turned(&rows[4])];
+        let corners = [mains.turned(&rows[0]), mains.turned(&rows[1]), mains.turned(&rows[2])];
         let none = N::all(f32::INFINITY);
         let found = by::<D>(&line, &corners, (&line.from, &corners), none, none.below(none));
         let (certain, hit) = (N::bits(found.certain) & scaled.rays, N::bits(found.hit));
@@ -140,19 +154,18 @@ impl Answers<'_> {
         let t = (flush(found.t * scaled.unstretch(), f32::MIN_POSITIVE) + zero).numbers();
         let u = (flush(found.u, f32::MIN_POSITIVE) + zero).numbers();
         let v = (flush(found.v, f32::MIN_POSITIVE) + zero).numbers();
-        let mut lane = 0;
-        while lane < SIDES {
-            let (ray, at) = waiting[lane];
+        for lane in Bits(some) {
+            let lane = lane as usize;
+            let (ray, at) = rays[lane];
             let answer = if certain >> lane & 1 == 0 {
                 self.scene.alone(ray, at)
             } else if hit >> lane & 1 != 0 {
-                let triangle = rows[2][lane].w.to_bits() & !NORMAL;
+                let triangle = rows[0][lane].w.to_bits() & !NORMAL;
                 UVec4::new(triangle, t[lane].to_bits(), u[lane].to_bits(), v[lane].to_bits())
             } else {
                 NOTHING
             };
             self.hits.put(ray, answer);
-            lane += 1;
         }
     }
 }
@@ -198,19 +211,36 @@ impl<'a, N: Sides, const ANY: bool> Together<'a, N, ANY> {
         }
     }
 
-    /// Hands over what is found of some rays, and returns which are left.
+    /// Answers some rays, or later, and returns which are left.
     #[inline(always)]
-    fn end(&self, rays: u32, answers: &mut Answers<'_>) -> u32 {
-        let (one, least) = (self.one.numbers(), self.least.numbers());
+    fn end<D: Long<One = N>>(&self, scaled: &Scaled<N>, rays: u32, answers: &mut Answers<'_>) -> u32 {
+        let one = self.one.numbers();
+        let single = N::bits(self.least.below(N::all(f32::INFINITY))) & !self.listed & rays;
         let mut left = 0;
-        for lane in Bits(rays) {
-            let (i, lane) = (self.first + lane, lane as usize);
+        for lane in Bits(rays & !single) {
+            let i = self.first + lane;
             if self.listed >> lane & 1 != 0 {
-                left |= u32::from(!answers.take(i, &self.lists[lane])) << lane;
-            } else if least[lane] < f32::INFINITY {
-                answers.wait(i, one[lane].to_bits());
+                left |= u32::from(!answers.take(i, &self.lists[lane as usize])) << lane;
             } else {
                 answers.hits.put(i, NOTHING);
+            }
+        }
+        if single.count_ones() >= ENOUGH {
+            let other = one[single.trailing_zeros() as usize].to_bits();
+            let mut eight = [(0, other); SIDES];
+            let mut lane = 0;
+            while lane < SIDE_BY_SIDE {
+                let ray = &mut eight[lane as usize];
+                ray.0 = self.first + lane;
+                if single >> lane & 1 != 0 {
+                    ray.1 = one[lane as usize].to_bits();
+                }
+                lane += 1;
+            }
+            answers.settle_eight::<D, N>(scaled, &eight, single);
+        } else {
+            for lane in Bits(single) {
+                answers.wait(self.first + lane, one[lane as usize].to_bits());
             }
         }
         left
@@ -378,10 +408,12 @@ unsafe fn by_eight<const ANY: bool>(
     let answers = &mut Answers { scene, hits, waiting: [(0, 0); 64], count: 0 };
     let mut i = first;
     while i + SIDE_BY_SIDE <= end {
-        if let Some((packet, together)) = Packet::<Eight>::of::<true>(i, scene.rays, scene.header, near) {
+        if let Some((packet, scaled, together)) =
+            Packet::<Eight>::of::<true>(i, scene.rays, scene.header, near)
+        {
             let mut found = Together::<Eight, ANY>::new(scene, &packet, i);
             let gone = packet.walk_together::<ANY>(together, scene.pairs, scene.corners, &mut found);
-            let answered = gone & !found.end(gone, answers);
+            let answered = gone & !found.end::<Doubles>(&scaled, gone, answers);
             left &= !(u64::from(answered) << (i - first));
         }
         i += SIDE_BY_SIDE;

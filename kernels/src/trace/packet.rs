@@ -235,14 +235,14 @@ pub(super) struct Packet<N: Sides> {
 }
 
 impl<N: Sides> Packet<N> {
-    /// The eight rays from `i` on, and which of them go together, if enough do.
+    /// The eight rays from `i` on, the same as they were before, and which of them go together, if enough do.
     #[inline(always)]
     pub(super) fn of<const WHOLE: bool>(
         i: u32,
         rays: &Buf<Vec4>,
         header: &TreeHeader,
         near: f32,
-    ) -> Option<(Self, u32)> {
+    ) -> Option<(Self, Scaled<N>, u32)> {
         let (mut starts, mut ways) = ([Vec4::ZERO; 8], [Vec4::ZERO; 8]);
         let mut ray = 0;
         while ray < SIDE_BY_SIDE {
@@ -257,7 +257,7 @@ impl<N: Sides> Packet<N> {
         let scaled = Scaled::<N>::new::<WHOLE>(&starts, &ways, header.scale);
         together &= scaled.rays;
         let go = together.count_ones() >= ENOUGH && scaled.agree();
-        go.then(|| (Self::new(&scaled, header), together))
+        go.then(|| (Self::new(&scaled, header), scaled, together))
     }
 
     #[inline(always)]
@@ -609,7 +609,7 @@ fn answer<N: Sides, const ANY: bool>(
     let Some(near) = near(header) else { return left };
     let mut i = first;
     while i + SIDE_BY_SIDE <= end {
-        if let Some((packet, together)) = Packet::<N>::of::<false>(i, rays, header, near) {
+        if let Some((packet, _, together)) = Packet::<N>::of::<false>(i, rays, header, near) {
             let mut found = Hits::<N, ANY>(Bests::new(&packet));
             let answered = packet.walk_together::<ANY>(together, pairs, corners, &mut found);
             found.0.record(&packet, answered, i, hits);

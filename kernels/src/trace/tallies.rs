@@ -83,7 +83,7 @@ unsafe fn answer(
     let mut i = first;
     while i + SIDE_BY_SIDE <= end {
         // Where rays start counts less than for hits: each goes on to the end of the scene.
-        if let Some((packet, together)) = Packet::<Eight>::of::<true>(i, rays, header, 4.0 * near) {
+        if let Some((packet, _, together)) = Packet::<Eight>::of::<true>(i, rays, header, 4.0 * near) {
             let own = [[0; WORDS]; SIDE_BY_SIDE as usize];
             let mut tallies = Tallies { own, last: packet.t_max.numbers() };
             packet.walk(together, pairs, corners, &mut tallies);
