@@ -555,9 +555,9 @@ pub fn two_product(a: f32, b: f32) -> (f32, f32) {
     let product = a * b;
     let (ah, bh) = (head(a), head(b));
     let (al, bl) = (a - ah, b - bh);
-    let rest = al * bl - (((product - ah * bh) - al * bh) - ah * bl);
-    // Rounded once, nothing left is a positive zero.
-    (product, left_of(a, b, product, rest + 0.0))
+    // Nothing left is a positive zero in either form.
+    let rest = (((ah * bh - product) + al * bh) + ah * bl) + al * bl;
+    (product, left_of(a, b, product, rest))
 }
 
 /// `a * b - c * d` within `2^-22` of its size, with an exact sign, 0 only if it is; for products as in
