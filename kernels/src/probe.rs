@@ -2,7 +2,7 @@
 
 use crate::{
     glam::Vec4,
-    math::two_product,
+    math::{abs, exp2, two_product},
     mem::{Buf, Slots},
 };
 
@@ -26,8 +26,10 @@ pub fn probe(i: u32, inputs: &Buf<Vec4>, results: &mut Buf<f32>, count: &Buf<u32
         results.put(at + 6, v.x * v.y);
         // Subnormals: a tiny product.
         results.put(at + 7, (v.x * 1.0e-20) * (v.y * 1.0e-20));
-        // What rounding takes from a product, in which a device may round once.
-        results.put(at + 8, two_product(v.x, v.y).1);
+        // What rounding takes from a product, in which a device may round once; not of tiny or huge ones.
+        let size = abs(v.x * v.y);
+        let within = (size > exp2(-70)) & (size < exp2(100));
+        results.put(at + 8, if within { two_product(v.x, v.y).1 } else { 0.0 });
     }
 }
 
