@@ -77,8 +77,7 @@ pub(crate) fn check(module: &Module) -> Vec<Finding> {
         .filter(|i| i.operands[0] == Operand::LiteralString("GLSL.std.450".into()))
         .filter_map(|i| i.result_id)
         .collect();
-    let answer = module.types_global_values.iter().find(|i| i.class.opcode == Op::SpecConstant);
-    let answer = answer.and_then(|i| i.result_id);
+    let answer = postpass::answer(module);
     for (function, entry) in reachable(module) {
         for i in function.all_inst_iter() {
             let refused = if i.class.opcode == Op::ExtInst {
@@ -129,7 +128,7 @@ fn pointer(op: Op) -> Option<&'static str> {
     }
 }
 
-/// Whether this is `fma(a, b, -(a * b))`, and taken only if [the constant](postpass::rounds_once) allows.
+/// Whether this is `fma(a, b, -(a * b))`, and taken only if [the constant](postpass::answer) allows.
 fn is_rest_of_product(i: &Instruction, function: &Function, answer: Option<Word>) -> bool {
     let operand = |id: Word, op: Op, n: usize| {
         let made = function.all_inst_iter().find(|i| i.result_id == Some(id));
@@ -208,7 +207,10 @@ mod tests {
     use super::*;
     use rspirv::{
         dr::Builder,
-        spirv::{AddressingModel, Capability, ExecutionModel, FunctionControl, MemoryModel, StorageClass},
+        spirv::{
+            AddressingModel, Capability, Decoration, ExecutionModel, FunctionControl, MemoryModel,
+            StorageClass,
+        },
     };
 
     /// Types and values a planted instruction may use.
@@ -316,6 +318,8 @@ mod tests {
             lint(|b, k| {
                 let boolean = b.type_bool();
                 let answer = b.spec_constant_bit32(k.float, 0);
+                let number = [Operand::LiteralBit32(0x5AD1)];
+                b.decorate(answer, Decoration::SpecId, number);
                 let y = b.f_add(k.float, None, k.x, k.x).unwrap();
                 let product = b.f_mul(k.float, None, if own { y } else { k.x }, k.x).unwrap();
                 let c = if negated { b.f_negate(k.float, None, product).unwrap() } else { product };

@@ -177,27 +177,31 @@ fn memory_model(module: &mut Module) -> Result<(), Error> {
 /// What `raykd_kernels::math` multiplies and adds to itself to ask whether the device rounds such a sum once.
 const ROUNDS_ONCE: u32 = 0x5AD1_0F3A;
 
-/// Puts a specialization constant, number 0, of 0 in place of that.
-pub(crate) fn rounds_once(module: &mut Module) -> Result<(), Error> {
-    let constant = |i: &&Instruction| {
-        i.class.opcode == Op::Constant && i.operands[0] == Operand::LiteralBit32(ROUNDS_ONCE)
-    };
-    let values = &module.types_global_values;
-    let Some((Some(float), Some(asked))) = values.iter().find(constant).map(|i| (i.result_type, i.result_id))
-    else {
-        return Ok(());
-    };
-    let asks = |i: &Instruction| fused(i).is_some_and(|operands| operands == [asked; 3]);
-    let header = module.header.as_mut().ok_or_else(no_header)?;
-    let answer = header.bound;
-    let mut answers = HashSet::new();
+/// Number of the specialization constant that answers.
+const ANSWER: Operand = Operand::LiteralBit32(0x5AD1);
+
+/// The id of that constant, if the module has it.
+pub(crate) fn answer(module: &Module) -> Option<Word> {
+    let number = [Operand::Decoration(Decoration::SpecId), ANSWER];
+    module.annotations.iter().find(|i| i.operands[1..] == number)?.operands[0].id_ref_any()
+}
+
+/// Puts a specialization constant of 0 in place of the question.
+fn rounds_once(module: &mut Module) -> Result<(), Error> {
+    let constants = module
+        .types_global_values
+        .iter()
+        .filter(|i| i.class.opcode == Op::Constant && i.operands[0] == Operand::LiteralBit32(ROUNDS_ONCE));
+    let asked: HashSet<Word> = constants.filter_map(|i| i.result_id).collect();
+    let asks = |i: &Instruction| fused(i).is_some_and(|[a, b, c]| a == b && b == c && asked.contains(&a));
+    let all = || module.functions.iter().flat_map(|f| f.all_inst_iter()).filter(|i| asks(i));
+    let answers: HashSet<Word> = all().filter_map(|i| i.result_id).collect();
+    let Some(float) = all().find_map(|i| i.result_type) else { return Ok(()) };
     for block in module.functions.iter_mut().flat_map(|f| &mut f.blocks) {
-        answers.extend(block.instructions.iter().filter(|i| asks(i)).filter_map(|i| i.result_id));
         block.instructions.retain(|i| !asks(i));
     }
-    if answers.is_empty() {
-        return Ok(());
-    }
+    let header = module.header.as_mut().ok_or_else(no_header)?;
+    let answer = header.bound;
     header.bound += 1;
     let operands =
         module.functions.iter_mut().flat_map(|f| f.all_inst_iter_mut()).flat_map(|i| &mut i.operands);
@@ -206,8 +210,7 @@ pub(crate) fn rounds_once(module: &mut Module) -> Result<(), Error> {
     }
     let zero = vec![Operand::LiteralBit32(0)];
     module.types_global_values.push(Instruction::new(Op::SpecConstant, Some(float), Some(answer), zero));
-    let number =
-        vec![Operand::IdRef(answer), Operand::Decoration(Decoration::SpecId), Operand::LiteralBit32(0)];
+    let number = vec![Operand::IdRef(answer), Operand::Decoration(Decoration::SpecId), ANSWER];
     module.annotations.push(Instruction::new(Op::Decorate, None, None, number));
     Ok(())
 }
@@ -346,6 +349,8 @@ pub(crate) mod tests {
         let mut b = Builder::new_from_module(module());
         let glsl = b.ext_inst_import("GLSL.std.450");
         let (void, float) = (b.type_void(), b.type_float(32, None));
+        let uint = b.type_int(32, 0);
+        b.constant_bit32(uint, ROUNDS_ONCE);
         let [asked, other] = [ROUNDS_ONCE, 7].map(|bits| b.constant_bit32(float, bits));
         let kind = b.type_function(void, []);
         b.begin_function(void, None, FunctionControl::NONE, kind).unwrap();
@@ -363,9 +368,8 @@ pub(crate) mod tests {
             m.types_global_values.iter().filter(|i| i.class.opcode == Op::SpecConstant).collect();
         let [found] = found[..] else { panic!("{found:?}") };
         assert_eq!(found.operands, [Operand::LiteralBit32(0)]);
+        assert_eq!(answer(&m), found.result_id);
         let id = Operand::IdRef(found.result_id.unwrap());
-        let number = [id.clone(), Operand::Decoration(Decoration::SpecId), Operand::LiteralBit32(0)];
-        assert!(m.annotations.iter().any(|i| i.operands == number));
         let last: Vec<&Instruction> = m.functions[1].all_inst_iter().collect();
         let of = |op| last.iter().filter(|i| i.class.opcode == op).collect::<Vec<_>>();
         assert_eq!(of(Op::ExtInst).len(), 1);

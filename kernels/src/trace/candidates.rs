@@ -28,7 +28,7 @@ use raykd_shared::{MISS, Node, TreeHeader};
 const SIDES: usize = SIDE_BY_SIDE as usize;
 
 /// Fewer of eight rays wait for others.
-const ENOUGH: u32 = 5;
+const AT_ONCE: u32 = 5;
 
 /// What all of it reads.
 #[derive(Clone, Copy)]
@@ -225,7 +225,7 @@ impl<'a, N: Sides, const ANY: bool> Together<'a, N, ANY> {
                 answers.hits.put(i, NOTHING);
             }
         }
-        if single.count_ones() >= ENOUGH {
+        if single.count_ones() >= AT_ONCE {
             let other = one[single.trailing_zeros() as usize].to_bits();
             let mut eight = [(0, other); SIDES];
             let mut lane = 0;

@@ -235,7 +235,7 @@ pub(super) struct Packet<N: Sides> {
 }
 
 impl<N: Sides> Packet<N> {
-    /// The eight rays from `i` on, the same as they were before, and which of them go together, if enough do.
+    /// The eight rays from `i` on, made ready and only scaled, and which of them go together, if enough do.
     #[inline(always)]
     pub(super) fn of<const WHOLE: bool>(
         i: u32,
