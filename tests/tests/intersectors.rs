@@ -69,6 +69,54 @@ fn aimed(mesh: &Mesh, rounds: usize) -> [Vec<Ray>; 2] {
     rays
 }
 
+/// Stairs of eight steps, each tread followed by a slope.
+fn stairs() -> Mesh {
+    let row = |i: u16| {
+        (0..9u16).map(move |j| [f32::from(j) * 0.25 - 1.0, f32::from(i) * 0.25 - 2.0, f32::from(i / 2) * 0.1])
+    };
+    let positions = (0..17).flat_map(row).collect();
+    let quads = (0..16u32).flat_map(|i| (0..8u32).map(move |j| 9 * i + j));
+    let triangles = quads.flat_map(|at| [[at, at + 1, at + 9], [at + 1, at + 10, at + 9]]).collect();
+    Mesh::new(positions, triangles).unwrap()
+}
+
+/// Eight neighbours each start at one point and go to one triangle and a near one, most to their insides, one to a corner
+/// and one to an edge: of these floats leave several triangles open. A CPU takes them together, but answers each as if
+/// it were alone.
+#[test]
+fn rays_that_go_together_find_what_each_finds_alone() -> Result<(), raykd::Error> {
+    let mut random = Random::new(9);
+    let from = [0.3, 0.2, 4.0];
+    for mesh in [icosphere(2), stairs()] {
+        let mut rays = Vec::new();
+        for two in mesh.triangles().windows(17) {
+            for lane in 0..8 {
+                let [a, b, c] = two[16 * (lane & 1)].map(|v| mesh.positions()[v as usize]);
+                let [s, t] = [(); 2].map(|()| random.unit() as f32);
+                let [u, v] = match lane {
+                    2 => [0.0, 0.0],
+                    5 => [s, 0.0],
+                    _ => [0.1 + 0.4 * s, 0.1 + 0.3 * t],
+                };
+                let point = [0, 1, 2].map(|i| a[i] * (1.0 - u - v) + b[i] * u + c[i] * v);
+                rays.push(Ray::new(from, [0, 1, 2].map(|i| point[i] - from[i])));
+            }
+        }
+        for intersector in [Intersector::Strict, Intersector::Exact] {
+            let scene = scene(cpu(), &mesh, intersector);
+            for query in [Query::Closest, Query::Any] {
+                let together = scene.trace(query, &rays)?.hits;
+                assert!(together.iter().filter(|hit| hit.is_hit()).count() > rays.len() / 2);
+                for (ray, hit) in rays.iter().zip(&together) {
+                    let alone = scene.trace(query, &[*ray])?.hits;
+                    assert_eq!(alone, [*hit], "{intersector} {query:?} {ray:?}");
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
 /// Distance in units of the last place.
 fn ulps(a: f32, b: f32) -> u32 {
     (a.to_bits() as i32).abs_diff(b.to_bits() as i32)
