@@ -80,9 +80,9 @@ fn stairs() -> Mesh {
     Mesh::new(positions, triangles).unwrap()
 }
 
-/// Eight neighbours each start at one point and go to a triangle and a near one in turn, most to their insides, one to a
-/// corner and one to an edge: of these floats leave several triangles open. A CPU takes them together, but answers each
-/// as if it were alone.
+/// Eight neighbours each start at one point and go to a triangle and a near one in turn, most to their insides, one to
+/// a corner and one to an edge: of these floats leave several triangles open. A CPU takes them together, but answers
+/// each as if it were alone.
 #[test]
 fn rays_that_go_together_find_what_each_finds_alone() -> Result<(), raykd::Error> {
     let mut random = Random::new(9);
