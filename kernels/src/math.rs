@@ -531,8 +531,9 @@ fn head(a: f32) -> f32 {
 
 /// Stands for whether the device rounds a product and a sum once, as `fma` may: `raykd-spirv` puts a specialization
 /// constant in place of `fma` of three of these, which the host sets to 1 where the start-up probe finds that it does.
+/// The sum itself is negative, so without either the answer is no.
 #[cfg(target_arch = "spirv")]
-const ROUNDS_ONCE: f32 = f32::from_bits(0x5AD1_0F3A);
+const ROUNDS_ONCE: f32 = f32::from_bits(0xBED1_0F3A);
 
 /// `rest`, which is what rounding took from the product `a * b`. A device that rounds once finds it by one instruction.
 #[cfg(target_arch = "spirv")]

@@ -81,7 +81,7 @@ pub(crate) fn check(module: &Module) -> Vec<Finding> {
     for (function, entry) in reachable(module) {
         for i in function.all_inst_iter() {
             let refused = if i.class.opcode == Op::ExtInst {
-                extended(i, &glsl).filter(|_| !is_rest_of_product(i, function, answer))
+                extended(i, &glsl, |i| is_rest_of_product(i, function, answer))
             } else if i.result_type.is_some_and(|t| floats.contains(&t)) {
                 float(i.class.opcode)
             } else if i.result_type.is_some_and(|t| pointers.contains(&t)) {
@@ -151,14 +151,19 @@ fn is_rest_of_product(i: &Instruction, function: &Function, answer: Option<Word>
     })
 }
 
-/// Why an extended instruction is refused, if it is.
-fn extended(i: &Instruction, glsl: &HashSet<Word>) -> Option<&'static str> {
+/// Why an extended instruction is refused, if it is, given which `Fma` may stay.
+fn extended(
+    i: &Instruction,
+    glsl: &HashSet<Word>,
+    stays: impl FnOnce(&Instruction) -> bool,
+) -> Option<&'static str> {
     use GlslStd450Op::*;
     match glsl_op(i).filter(|_| i.operands[0].id_ref_any().is_some_and(|set| glsl.contains(&set))) {
         Some(
             FAbs | Floor | Ceil | Trunc | RoundEven | SAbs | SSign | UMin | SMin | UMax | SMax | UClamp
             | SClamp | FindILsb | FindSMsb | FindUMsb,
         ) => None,
+        Some(Fma) if stays(i) => None,
         Some(FMin | FMax | FClamp | NMin | NMax | NClamp) => Some(MIN_MAX),
         Some(_) => Some(INEXACT),
         None => Some("an extended instruction set other than GLSL.std.450"),

@@ -175,7 +175,7 @@ fn memory_model(module: &mut Module) -> Result<(), Error> {
 }
 
 /// What `raykd_kernels::math` multiplies and adds to itself to ask whether the device rounds such a sum once.
-const ROUNDS_ONCE: u32 = 0x5AD1_0F3A;
+const ROUNDS_ONCE: u32 = 0xBED1_0F3A;
 
 /// Number of the specialization constant that answers.
 const ANSWER: Operand = Operand::LiteralBit32(0x5AD1);
@@ -215,7 +215,7 @@ fn rounds_once(module: &mut Module) -> Result<(), Error> {
     Ok(())
 }
 
-/// Operands of `Fma`. No other set of extended instructions passes [the lint](crate::lint).
+/// Operands of `Fma`, if the set of extended instructions is GLSL.std.450.
 pub(crate) fn fused(i: &Instruction) -> Option<[Word; 3]> {
     match i.operands[..] {
         [_, Operand::LiteralExtInstInteger(op), Operand::IdRef(a), Operand::IdRef(b), Operand::IdRef(c)]

@@ -226,16 +226,10 @@ impl<'a, N: Sides, const ANY: bool> Together<'a, N, ANY> {
             }
         }
         if single.count_ones() >= AT_ONCE {
-            let other = one[single.trailing_zeros() as usize].to_bits();
-            let mut eight = [(0, other); SIDES];
-            let mut lane = 0;
-            while lane < SIDE_BY_SIDE {
-                let ray = &mut eight[lane as usize];
-                ray.0 = self.first + lane;
-                if single >> lane & 1 != 0 {
-                    ray.1 = one[lane as usize].to_bits();
-                }
-                lane += 1;
+            // The others need a triangle, too.
+            let mut eight = [(0, one[single.trailing_zeros() as usize].to_bits()); SIDES];
+            for lane in Bits(single) {
+                eight[lane as usize] = (self.first + lane, one[lane as usize].to_bits());
             }
             answers.settle_eight::<D, N>(scaled, &eight, single);
         } else {

@@ -4,6 +4,7 @@ mod adapter;
 mod clock;
 mod encode;
 mod link;
+mod module;
 mod probe;
 mod staging;
 
@@ -171,7 +172,12 @@ impl Gpu {
 
     /// Loads the kernels, as for a device that multiplies and adds with one rounding.
     fn over(link: Link) -> Result<Self, Error> {
-        let (module, entry_points) = load(&link, true)?;
+        let words = module::words();
+        let entry_points = module::entry_points(&words);
+        if entry_points.is_empty() {
+            return Err(link.failed("there are no compiled kernels: run `cargo xtask kernels`"));
+        }
+        let module = module::load(&link, module::rounding_once(words))?;
         let limits = link.device.limits();
         let binding = BufferLimit {
             bytes: limits.max_storage_buffer_binding_size,
@@ -199,10 +205,16 @@ impl Gpu {
         if rests {
             return Ok((gpu, verdict));
         }
-        (gpu.module, gpu.entry_points) = load(&gpu.link, false)?;
-        gpu.pipelines = Mutex::default();
+        gpu.round_twice()?;
         let (gpu, verdict, _) = gpu.judged()?;
         Ok((gpu, verdict))
+    }
+
+    /// Loads the kernels as for a device that rounds a product, and then a sum.
+    fn round_twice(&mut self) -> Result<(), Error> {
+        self.module = module::load(&self.link, module::words())?;
+        self.pipelines = Mutex::default();
+        Ok(())
     }
 
     /// What the probe says of it.
@@ -543,72 +555,6 @@ fn with<T, R>(
     Ok(result)
 }
 
-/// The words of a SPIR-V module.
-fn words(bytes: &[u8]) -> Vec<u32> {
-    bytes.as_chunks().0.iter().map(|word| u32::from_le_bytes(*word)).collect()
-}
-
-/// Instructions of a SPIR-V module: where they begin, and their words, the first of which is length and opcode.
-fn instructions(words: &[u32]) -> impl Iterator<Item = (usize, &[u32])> {
-    // Behind a header.
-    let mut at = 5;
-    std::iter::from_fn(move || {
-        let length = (words.get(at)? >> 16).max(1) as usize;
-        let instruction = (at, words.get(at..at + length)?);
-        at += length;
-        Some(instruction)
-    })
-}
-
-/// Names of the entry points in a SPIR-V module.
-fn entry_points(words: &[u32]) -> HashSet<String> {
-    const OP_ENTRY_POINT: u32 = 15;
-    let named = |i: &&[u32]| i[0] & 0xFFFF == OP_ENTRY_POINT;
-    let name = |i: &[u32]| {
-        let bytes = i.iter().skip(3).flat_map(|word| word.to_le_bytes()).take_while(|&byte| byte != 0);
-        String::from_utf8_lossy(&bytes.collect::<Vec<_>>()).into_owned()
-    };
-    instructions(words).map(|(_, i)| i).filter(named).map(name).collect()
-}
-
-/// Says that the device multiplies and adds with one rounding: sets the kernels' only specialization constant to 1. By
-/// wgpu none can be given to a module of SPIR-V.
-fn round_once(words: &mut [u32]) {
-    const OP_SPEC_CONSTANT: u32 = 50;
-    let found = instructions(words).find(|(_, i)| i[0] & 0xFFFF == OP_SPEC_CONSTANT);
-    if let Some((at, _)) = found {
-        words[at + 3] = 1.0_f32.to_bits();
-    }
-}
-
-/// The kernels, and the names of the entry points.
-fn load(link: &Link, rounds_once: bool) -> Result<(wgpu::ShaderModule, HashSet<String>), Error> {
-    let mut words = words(raykd_kernels::SPIRV);
-    let entry_points = entry_points(&words);
-    if entry_points.is_empty() {
-        return Err(link.failed("there are no compiled kernels: run `cargo xtask kernels`"));
-    }
-    if rounds_once {
-        round_once(&mut words);
-    }
-    let module = link.guard("loading the kernels", || {
-        let entry = |kernel: &&Kernel| wgpu::PassthroughShaderEntryPoint {
-            name: kernel.entry_point().into(),
-            workgroup_size: (kernel.threads, 1, 1),
-        };
-        let descriptor = wgpu::ShaderModuleDescriptorPassthrough {
-            label: Some("raykd"),
-            spirv: Some(words.into()),
-            entry_points: raykd_kernels::KERNELS.iter().map(entry).collect(),
-            ..Default::default()
-        };
-        // SAFETY: the module was validated by spirv-val when it was made, and no other value of its constant makes it
-        // invalid; its kernels keep to their buffers, which robust buffer access bounds.
-        unsafe { link.device.create_shader_module_passthrough(descriptor) }
-    })?;
-    Ok((module, entry_points))
-}
-
 #[cfg(test)]
 mod tests {
     use super::{
@@ -657,31 +603,8 @@ mod tests {
     #[test]
     fn kernels_find_the_rest_of_products_with_two_roundings_too() {
         let mut gpu = Gpu::open(None).unwrap();
-        (gpu.module, gpu.entry_points) = load(&gpu.link, false).unwrap();
-        gpu.pipelines = Mutex::default();
+        gpu.round_twice().unwrap();
         let (_, verdict, rests) = gpu.judged().unwrap();
         assert!(rests && matches!(verdict, AdapterVerdict::Exact { .. }), "{verdict:?}");
-    }
-
-    #[test]
-    fn module_has_one_word_for_rounding_once() {
-        let before = words(raykd_kernels::SPIRV);
-        let mut after = before.clone();
-        round_once(&mut after);
-        let changed: Vec<_> = before.iter().zip(&after).filter(|(a, b)| a != b).collect();
-        assert_eq!(changed, [(&0, &1.0_f32.to_bits())]);
-        assert_eq!(instructions(&before).filter(|(_, i)| i[0] & 0xFFFF == 50).count(), 1);
-    }
-
-    #[test]
-    fn module_holds_every_kernel() {
-        let names = entry_points(&words(raykd_kernels::SPIRV));
-        for kernel in raykd_kernels::KERNELS {
-            assert!(
-                names.contains(kernel.entry_point()),
-                "{}: run `cargo xtask kernels`",
-                kernel.entry_point()
-            );
-        }
     }
 }

@@ -274,19 +274,16 @@ impl<L: Long> Looked<L> {
         // The quotient of a weight and the sum, both off, the latter by a 32nd at most: 32 / 31, and room for rounding.
         let part = all(1.25) * (unit * inverse).abs();
         let off = (part * ev, part * ew, part * error);
+        let [a, b, c] = self.depths;
+        let depth = u.times(L::of(a)).plus(v.times(L::of(b))).plus(w.times(L::of(c)));
+        let t = depth.over(det, inverse).over(L::of(Pair::float(line.way.z)), line.along);
+        let deep = most(a.hi.abs(), b.hi.abs(), c.hi.abs());
+        // `t` hangs on weights by how far the corners' depths are apart.
+        let spread = most(a.hi, b.hi, c.hi) - least(a.hi, b.hi, c.hi) + all(exp2(-22)) * deep;
+        let (mut near, mut later) = t.rounded(off.2 * spread + all(L::DEPTH) * deep);
         // A triangle across an axis is met where that says.
         let (distance, way) = self.level;
         let none = way.is(zero);
-        let (mut near, mut later) = (zero, zero);
-        if !One::<L>::every(!none) {
-            let [a, b, c] = self.depths;
-            let depth = u.times(L::of(a)).plus(v.times(L::of(b))).plus(w.times(L::of(c)));
-            let t = depth.over(det, inverse).over(L::of(Pair::float(line.way.z)), line.along);
-            let deep = most(a.hi.abs(), b.hi.abs(), c.hi.abs());
-            // `t` hangs on weights by how far the corners' depths are apart.
-            let spread = most(a.hi, b.hi, c.hi) - least(a.hi, b.hi, c.hi) + all(exp2(-22)) * deep;
-            (near, later) = t.rounded(off.2 * spread + all(L::DEPTH) * deep);
-        }
         if !One::<L>::every(none) {
             let unit = way.unit();
             let t = L::of(distance).over(L::of(Pair::float(way)), (way * unit).inverse() * unit);
