@@ -319,7 +319,7 @@ mod tests {
 
     #[test]
     fn only_the_rest_of_a_product_is_fused_and_by_the_constant() {
-        let lint = |negated: bool, own: bool, asked: bool, either: bool| {
+        let lint = |[negated, own, asked, either, glsl]: [bool; 5]| {
             lint(|b, k| {
                 let boolean = b.type_bool();
                 let answer = b.spec_constant_bit32(k.float, 0);
@@ -329,16 +329,16 @@ mod tests {
                 let product = b.f_mul(k.float, None, if own { y } else { k.x }, k.x).unwrap();
                 let c = if negated { b.f_negate(k.float, None, product).unwrap() } else { product };
                 let operands = [k.x, y, c].map(Operand::IdRef);
-                let rest = b.ext_inst(k.float, None, k.glsl, GlslStd450Op::Fma as u32, operands).unwrap();
+                let set = if glsl { k.glsl } else { b.ext_inst_import("OpenCL.std") };
+                let rest = b.ext_inst(k.float, None, set, GlslStd450Op::Fma as u32, operands).unwrap();
                 let asks = if asked { answer } else { y };
                 let yes = b.f_ord_greater_than(boolean, None, asks, k.x).unwrap();
                 drop(b.select(k.float, None, yes, rest, if either { y } else { rest }));
             })
         };
-        assert_eq!(lint(true, true, true, true), []);
-        for fault in 0..4 {
-            let [negated, own, asked, either] = [0, 1, 2, 3].map(|n| n != fault);
-            assert_refused(&lint(negated, own, asked, either), "OpExtInst Fma");
+        assert_eq!(lint([true; 5]), []);
+        for fault in 0..5 {
+            assert_refused(&lint([0, 1, 2, 3, 4].map(|n| n != fault)), "OpExtInst Fma");
         }
     }
 
