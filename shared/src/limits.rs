@@ -13,8 +13,22 @@ pub const TREELET: u32 = 32;
 /// The subtree of a node of at most this many references is built by one workgroup, down to treelets.
 pub const BRANCH: u32 = 256;
 
-/// References per workgroup in the passes over large nodes.
-pub const CHUNK: u32 = 512;
+/// Most of [`chunk`].
+pub const MOST_CHUNK: u32 = 2048;
+
+/// References per workgroup in the passes over large nodes, in a mesh of so many: few keep a device busy where there
+/// are not many, more save histograms.
+pub const fn chunk(references: u32) -> u32 {
+    if references < 1 << 16 {
+        256
+    } else if references < 1 << 19 {
+        512
+    } else if references < 1 << 21 {
+        1024
+    } else {
+        MOST_CHUNK
+    }
+}
 
 /// Node slots a treelet of `n` references may use, root excluded: bounds its memory.
 pub const fn treelet_nodes(n: u32) -> u32 {

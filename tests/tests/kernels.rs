@@ -12,7 +12,7 @@ use raykd::{
         },
     },
     rays::Random,
-    shared::{Content, limits::CHUNK},
+    shared::{Content, limits::chunk},
 };
 use raykd_tests::{
     cases, cpu, devices,
@@ -67,7 +67,10 @@ fn each_kernel_does_so_over_several_chunks_too() {
             if family == Family::Soup {
                 let tree = Scene::build(devices[0], &mesh, &options).unwrap().tree().unwrap();
                 let most = widest(&tree);
-                assert!(most > BLOCK as usize && size > 2 * CHUNK, "{builder}: {most} nodes on a level");
+                assert!(
+                    most > BLOCK as usize && size > 2 * chunk(size),
+                    "{builder}: {most} nodes on a level"
+                );
             }
             Job { mesh: &mesh, options: &options, seed: 1 }.compare(&devices).unwrap();
         }

@@ -24,7 +24,7 @@ use raykd_kernels::{
         boxes,
         branch::{self, SHARE, branches},
         count, emit, join,
-        marks::BITS,
+        marks::bits,
         place::{self, COPIERS},
         reference::Reference,
         scatter,
@@ -38,7 +38,7 @@ use raykd_kernels::{
 };
 use raykd_shared::{
     BuildParams, Node, TreeHeader,
-    limits::{BRANCH, CHUNK, TREELET},
+    limits::{BRANCH, TREELET, chunk},
     status,
 };
 use std::ops::Range;
@@ -302,7 +302,7 @@ impl Lists {
             refs,
             hists: [hists, treelets.view()],
             planes: arena.alloc("planes", given.active, 1)?,
-            bits: arena.alloc("bits", given.active, BITS)?,
+            bits: arena.alloc("bits", given.active, bits(given.references))?,
             sides: arena.alloc("sides", given.active, 1)?,
             targets: arena.alloc("targets", given.active, 1)?,
             size_words: [sizes[0].view(), sizes[1].view()],
@@ -349,7 +349,7 @@ impl Lists {
         let (mut level, mut round) = (Level::default(), Round { blocks: [1; 3], ..Round::default() });
         let mut args = [0u32; ARGS_WORDS as usize];
         if self.root_is_large() {
-            let pieces = given.references.div_ceil(CHUNK);
+            let pieces = given.references.div_ceil(chunk(given.references));
             level = Level { active: 1, chunks: pieces, refs: given.references, top: 2, ..level };
             for (entry, groups) in [(ARGS_ACTIVE, 1), (ARGS_BLOCKS, 1), (ARGS_CHUNKS, pieces)] {
                 put_groups(&mut args, entry, groups);
@@ -453,7 +453,7 @@ impl Lists {
         let (level, args) = (&self.levels[now], &self.args[now]);
         let (active, chunks, refs) = (&self.active[now], &self.chunks[now], &self.refs[now]);
         let (these_hists, next_hists) = (&self.hists[now], &self.hists[then]);
-        let bin = bin::Buffers { level, active, chunks, refs, hists: these_hists.out() };
+        let bin = bin::Buffers { params, level, active, chunks, refs, hists: these_hists.out() };
         let count = count::Buffers {
             params,
             positions,

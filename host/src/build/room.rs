@@ -8,7 +8,7 @@ use bytemuck::Pod;
 use raykd_kernels::build::sweep::FRESH_SHARE;
 use raykd_shared::{
     BuildParams,
-    limits::{BRANCH, CHUNK, TREELET},
+    limits::{BRANCH, TREELET, chunk},
     rule,
 };
 
@@ -34,9 +34,10 @@ fn most_of_levels(triangles: u32) -> u32 {
     bound(triangles) / 64 * 65 + 64
 }
 
-/// Most large nodes on a level, and most chunks of theirs, the last of which may be short.
-const fn most_active(level_refs: u32) -> u32 {
-    level_refs / BRANCH + level_refs / CHUNK + 4
+/// Most large nodes on a level, and most chunks of theirs, the last of which may be short, if the root has so many
+/// references.
+const fn most_active(level_refs: u32, references: u32) -> u32 {
+    level_refs / BRANCH + level_refs / chunk(references) + 4
 }
 
 /// Allocates, and keeps count.
@@ -130,7 +131,7 @@ impl Room {
         Self {
             level_refs,
             treelet_refs,
-            active: most_active(level_refs),
+            active: most_active(level_refs, references),
             treelets: treelet_refs / a_treelet + 64,
         }
     }
@@ -157,7 +158,7 @@ impl Room {
             Self {
                 level_refs,
                 treelet_refs: double(self.treelet_refs).min(rooms),
-                active: most_active(level_refs),
+                active: most_active(level_refs, triangles),
                 treelets: double(self.treelets),
             }
         })

@@ -20,7 +20,7 @@ use crate::{
 };
 use raykd_shared::{
     BuildParams, Node,
-    limits::{BRANCH, CHUNK, GROUPS_X},
+    limits::{BRANCH, GROUPS_X, chunk},
     status,
 };
 
@@ -126,7 +126,7 @@ fn put_children(
     place: impl Fn(u32) -> u32,
     bases: Bases,
     depth: u32,
-    small: u32,
+    params: &BuildParams,
     active: &Buf<UVec4>,
     planes: &Buf<UVec2>,
     sizes: &Buf<UVec2>,
@@ -137,7 +137,7 @@ fn put_children(
 ) {
     let pair = bases.top + 2 * place(PAIRS);
     let mut slot = place(ACTIVE);
-    let mut chunk = place(CHUNKS);
+    let mut first_chunk = place(CHUNKS);
     let mut reference = place(REFS);
     let mut branch = bases.branches + place(BRANCHES);
     let mut branch_room = bases.room + place(BRANCH_ROOM);
@@ -151,7 +151,7 @@ fn put_children(
     while child < 2 {
         let count = if child == 0 { size.x } else { size.y };
         // Its references come last in its room.
-        let its_room = room(count, small, 0);
+        let its_room = room(count, params.small, 0);
         let first = branch_room + its_room - count;
         let mut to = Item { first, count, extra: depth, ..item };
         if !is_leaf {
@@ -167,11 +167,11 @@ fn put_children(
         }
         if !is_leaf && count > BRANCH {
             to.first = reference;
-            to.extra = chunk;
+            to.extra = first_chunk;
             to.store(next_active, slot);
             starts.put(child, reference);
             slots.put(child, slot);
-            chunk += count.div_ceil(CHUNK);
+            first_chunk += count.div_ceil(chunk(params.references));
             slot += 1;
             reference += count;
         } else if !is_leaf || child == 0 {
@@ -199,6 +199,7 @@ fn put_chunks(
     parts: &[u32; BLOCKS],
     outer: &[u32; OUTER],
     rest: u32,
+    size_of_chunk: u32,
     planes: &Buf<UVec2>,
     sizes: &Buf<UVec2>,
     next_chunks: &mut Buf<u32>,
@@ -213,15 +214,15 @@ fn put_chunks(
             let size = sizes.at(k);
             let is_active = |count: u32| planes.at(k).x != Node::LEAF && count > BRANCH;
             let place = |kind: u32| outer.at(kind) + before(sums, parts, kind, child / 2);
-            let (mut slot, mut chunk) = (place(ACTIVE), place(CHUNKS));
+            let (mut slot, mut first) = (place(ACTIVE), place(CHUNKS));
             if child % 2 == 1 && is_active(size.x) {
                 slot += 1;
-                chunk += size.x.div_ceil(CHUNK);
+                first += size.x.div_ceil(size_of_chunk);
             }
             let count = if child % 2 == 0 { size.x } else { size.y };
             let mut piece = turn % sharers;
-            while is_active(count) && piece < count.div_ceil(CHUNK) {
-                next_chunks.put(chunk + piece, slot);
+            while is_active(count) && piece < count.div_ceil(size_of_chunk) {
+                next_chunks.put(first + piece, slot);
                 piece += sharers;
             }
             turn += LANES;
@@ -304,8 +305,7 @@ pub fn alloc(
         end(group, next_level, next_args);
         return;
     }
-    let small = params.small;
-    count_block(group, sums, parts, number, small, planes, sizes);
+    count_block(group, sums, parts, number, &params, planes, sizes);
     add_up(group, parts, outer, blocks, number);
     let bases = Bases::of(level);
     let fits = bases.fits(outer, &params);
@@ -319,7 +319,7 @@ pub fn alloc(
                     place,
                     bases,
                     depth,
-                    small,
+                    &params,
                     active,
                     planes,
                     sizes,
@@ -330,7 +330,8 @@ pub fn alloc(
                 );
             }
         });
-        put_chunks(group, sums, parts, outer, number - group.id * LANES, planes, sizes, next_chunks);
+        let (rest, size) = (number - group.id * LANES, chunk(params.references));
+        put_chunks(group, sums, parts, outer, rest, size, planes, sizes, next_chunks);
     }
     put_records(group, outer, bases, depth, fits, next_level, next_args, round, state);
 }

@@ -15,7 +15,10 @@ use crate::{
     math::{component, ratio, whole},
     mem::{Atomics, Buf, Slots},
 };
-use raykd_shared::limits::{BINS, BRANCH};
+use raykd_shared::{
+    BuildParams,
+    limits::{BINS, BRANCH},
+};
 
 // Where they stand in a histogram, for each axis.
 /// How many boxes start in a bin.
@@ -197,6 +200,7 @@ pub fn bin(
     group: Group,
     table: &mut [u32; TABLE],
     rate: &mut [u32; 3],
+    params: &Buf<BuildParams>,
     level: &Buf<u32>,
     active: &Buf<UVec4>,
     chunks: &Buf<u32>,
@@ -204,7 +208,7 @@ pub fn bin(
     hists: &mut Buf<u32>,
 ) {
     if group.id < level.at(LEVEL_CHUNKS) {
-        let (node, item, first, count) = chunk_of(group.id, chunks, active);
+        let (node, item, first, count) = chunk_of(group.id, params.at(0).references, chunks, active);
         fill(group, table, rate, &item, refs, first, count);
         add(group, table, hists, node);
     }
@@ -213,6 +217,7 @@ pub fn bin(
 kernel! {
     /// [`bin`] over all chunks of the root.
     group BIN = bin, threads 256, shared [table: TABLE, rate: 3], {
-        0 level: read u32, 1 active: read UVec4, 2 chunks: read u32, 3 refs: read UVec4, 4 hists: write u32,
+        0 params: read BuildParams, 1 level: read u32, 2 active: read UVec4, 3 chunks: read u32, 4 refs: read UVec4,
+        5 hists: write u32,
     }
 }

@@ -29,13 +29,13 @@ use crate::{
 };
 use raykd_shared::{
     BuildParams, Node,
-    limits::{BRANCH, CHUNK, MAX_DEPTH},
+    limits::{BRANCH, MAX_DEPTH, MOST_CHUNK},
     rule,
 };
 
 const LANES: u32 = 128;
 const _: () = assert!(
-    BRANCH <= CHUNK && BRANCH == 2 * LANES,
+    BRANCH <= MOST_CHUNK && BRANCH == 2 * LANES,
     "a branch has the marks of a chunk, a lane two references"
 );
 const _: () = assert!(WEIGHING <= LANES, "every border is weighed");

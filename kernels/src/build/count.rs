@@ -5,7 +5,7 @@ use super::{
     LEVEL_CHUNKS, LEVEL_DEPTH,
     bin::{HIST_WORDS, TABLE, histograms, read},
     chunk_of,
-    marks::{BITS, WORDS, mark},
+    marks::{self, WORDS, mark},
     split::{FOUND, WEIGHING, chosen, find},
 };
 use crate::{
@@ -65,8 +65,8 @@ pub fn count(
     next_sizes: &mut Buf<u32>,
 ) {
     if group.id < level.at(LEVEL_CHUNKS) {
-        let (node, item, start, number) = chunk_of(group.id, chunks, active);
         let params = params.at(0);
+        let (node, item, start, number) = chunk_of(group.id, params.references, chunks, active);
         let clips = (params.rule & rule::CLIP) != 0;
         read(group, table, hists, node);
         find(group, table, found, &params, level.at(LEVEL_DEPTH), &item);
@@ -84,7 +84,7 @@ pub fn count(
             let mut word = lane;
             while word < number.div_ceil(32) {
                 let (below, above) = (belows.at(word), aboves.at(word));
-                bits.put(group.id * BITS + word, UVec2::new(below, above));
+                bits.put(group.id * marks::bits(params.references) + word, UVec2::new(below, above));
                 sums.add(0, below.count_ones());
                 sums.add(1, above.count_ones());
                 word += step;

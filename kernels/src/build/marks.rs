@@ -10,16 +10,20 @@ use crate::{
     glam::UVec4,
     mem::{Atomics, Buf, Slots},
 };
-use raykd_shared::limits::CHUNK;
+use raykd_shared::limits::{MOST_CHUNK, chunk};
 
-/// Words of a bit for each reference of a chunk.
-pub const BITS: u32 = CHUNK / 32;
-/// The same.
-pub const WORDS: usize = BITS as usize;
+/// Words of a bit for each reference of the largest chunk.
+pub const WORDS: usize = (MOST_CHUNK / 32) as usize;
 /// Words whose sums are added up by one lane.
 const BLOCK: u32 = 8;
 /// Words of the sums.
-pub const BLOCKS: usize = (BITS / BLOCK) as usize;
+pub const BLOCKS: usize = WORDS / BLOCK as usize;
+
+/// Words of a bit for each reference of a chunk, in a mesh of so many `references`.
+#[inline(always)]
+pub const fn bits(references: u32) -> u32 {
+    chunk(references) / 32
+}
 
 /// Marks which of `number` references from `start` on go below and above `plane`. Boxes that straddle it, of triangles
 /// that do not, are clipped.

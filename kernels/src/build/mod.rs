@@ -58,7 +58,7 @@ use crate::{
 };
 use raykd_shared::{
     BuildParams, Node,
-    limits::{CHUNK, TREELET},
+    limits::{self, TREELET},
 };
 
 words! {
@@ -248,14 +248,21 @@ impl Item {
     }
 }
 
-/// What workgroup `chunk` of a level works on: its node's number, the node, and the range of references.
+/// What workgroup `chunk` of a level works on, in a mesh of so many `references`: its node's number, the node, and the
+/// range of references.
 #[inline(always)]
-pub fn chunk_of(chunk: u32, chunks: &Buf<u32>, active: &Buf<UVec4>) -> (u32, Item, u32, u32) {
+pub fn chunk_of(
+    chunk: u32,
+    references: u32,
+    chunks: &Buf<u32>,
+    active: &Buf<UVec4>,
+) -> (u32, Item, u32, u32) {
+    let size = limits::chunk(references);
     let node = chunks.at(chunk);
     let item = Item::load(active, node);
-    let from = (chunk - item.extra) * CHUNK;
+    let from = (chunk - item.extra) * size;
     let rest = item.count - from;
-    (node, item, item.first + from, if rest < CHUNK { rest } else { CHUNK })
+    (node, item, item.first + from, if rest < size { rest } else { size })
 }
 
 /// The plane of active node `node`.

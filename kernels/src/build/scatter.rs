@@ -6,7 +6,7 @@ use super::{
     alloc::TO_BRANCH,
     bin::{self, TABLE, enter_box, rates},
     chunk_of, cut,
-    marks::{BITS, BLOCKS, Marks, WORDS, scan},
+    marks::{self, BLOCKS, Marks, WORDS, scan},
     plane_of,
     reference::{Reference, triangle_at},
 };
@@ -19,8 +19,8 @@ use crate::{
 };
 use raykd_shared::{BuildParams, rule};
 
-/// Reads which references of the chunk go below and above, and adds up what the node's chunks before this one, from
-/// `first_chunk` on, send either way.
+/// Reads which references of the chunk go below and above, in so many `words` of `bits` from `from` on, and adds up
+/// what the node's chunks before this one, from `first_chunk` on, send either way.
 #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 fn read(
@@ -30,14 +30,14 @@ fn read(
     earlier: &mut [u32; 2],
     bits: &Buf<UVec2>,
     sides: &Buf<UVec2>,
-    words: u32,
+    (from, words): (u32, u32),
     first_chunk: u32,
 ) {
     let step = group.sharers();
     lanes!(group, ..step, |lane| {
         let mut word = lane;
         while word < words {
-            let both = bits.at(group.id * BITS + word);
+            let both = bits.at(from + word);
             belows.put(word, both.x);
             aboves.put(word, both.y);
             word += step;
@@ -192,12 +192,14 @@ pub fn scatter(
     hists: &mut Buf<u32>,
 ) {
     if group.id < level.at(LEVEL_CHUNKS) && next_level.at(LEVEL_FITS) != 0 {
-        let (node, item, start, number) = chunk_of(group.id, chunks, active);
+        let references = params.at(0).references;
+        let (node, item, start, number) = chunk_of(group.id, references, chunks, active);
         let plane = plane_of(planes, node);
         let clips = (params.at(0).rule & rule::CLIP) != 0;
         let range = (start, number);
         let words = number.div_ceil(32);
-        read(group, belows, aboves, earlier, bits, sides, words, item.extra);
+        let its_bits = (group.id * marks::bits(references), words);
+        read(group, belows, aboves, earlier, bits, sides, its_bits, item.extra);
         scan(group, belows, aboves, sums, blocks, words);
         let marks = Marks { belows, aboves, sums };
         let target = targets.at(node);

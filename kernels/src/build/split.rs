@@ -35,9 +35,18 @@ const INSTEAD: u32 = 2;
 const COSTS: u32 = INSTEAD + 2;
 const AXES: u32 = COSTS + PLANES;
 const PLACES: u32 = AXES + PLANES;
+// On a GPU, how many start and end in each four bins, in the order of the table.
+const FOURS: u32 = PLACES + PLANES;
 /// Words for all of it.
-pub const FOUND: usize = (PLACES + PLANES) as usize;
+pub const FOUND: usize = (FOURS + 6 * BINS / 4) as usize;
+const _: () = assert!(BINS == 32, "eight times four bins");
 const NONE: u32 = u32::MAX;
+
+/// Four words from `at` on.
+#[inline(always)]
+fn four_at<const WORDS: usize>(words: &[u32; WORDS], at: u32) -> [u32; 4] {
+    [words.at(at), words.at(at + 1), words.at(at + 2), words.at(at + 3)]
+}
 
 /// Nothing ends in the bin, or its first start is not told.
 const BEFORE_ALL: f32 = f32::NEG_INFINITY;
@@ -73,7 +82,14 @@ fn start(group: Group, table: &mut [u32; TABLE], found: &mut [u32; FOUND], leaf:
             table.put(FIRST_STARTS + word, if first == UNTOLD { BEFORE_ALL } else { told }.to_bits());
             word += step;
         }
-        // A GPU's lanes each add up their own, see [`Counts`].
+        // A GPU's lanes each add up their own, see [`Counts`], most of them from sums of four.
+        let mut four = lane;
+        while ON_GPU && four < 6 * BINS / 4 {
+            let first = BEFORE + STARTS + 4 * four;
+            let [a, b, c, d] = four_at(table, first);
+            found.put(FOURS + four, a + b + c + d);
+            four += step;
+        }
         let mut row = lane;
         while !ON_GPU && row < 6 {
             let first = BEFORE + (row >> 1) * BINS;
@@ -126,7 +142,7 @@ struct Counts<Bins> {
 impl<Bins: Listed> Counts<Bins> {
     /// Those of bin `bin`, whose word is `word`, and on.
     #[inline(always)]
-    fn of(table: &[u32; TABLE], bin: u32, word: u32) -> Self {
+    fn of(table: &[u32; TABLE], found: &[u32; FOUND], bin: u32, word: u32) -> Self {
         if !ON_GPU {
             // As `start` added them up.
             return Self {
@@ -136,27 +152,29 @@ impl<Bins: Listed> Counts<Bins> {
                 behind: Bins::counts(table, ENDS + word + 1),
             };
         }
-        // Added up by all lanes in step, which read the same words: they would wait longer for six that do it for all.
+        // Fours of bins on either side, then those of its own four. They are read side by side: a GPU would wait for
+        // each.
         let (mut below, mut above) = (0, 0);
-        let mut take = |i: u32, starts: u32, ends: u32| {
-            if i < bin {
-                below += starts;
-            } else {
-                above += ends;
-            }
+        let mut take = |is_below: bool, starts: u32, is_above: bool, ends: u32| {
+            below += if is_below { starts } else { 0 };
+            above += if is_above { ends } else { 0 };
         };
+        let (first, own) = (word - bin, bin / 4 * 4);
         let mut i = 0;
         while i < BINS {
-            // Read side by side: a GPU would wait for each.
-            let (s, e) = (STARTS + word - bin + i, ENDS + word - bin + i);
-            let starts = [table.at(s), table.at(s + 1), table.at(s + 2), table.at(s + 3)];
-            let ends = [table.at(e), table.at(e + 1), table.at(e + 2), table.at(e + 3)];
-            take(i, starts[0], ends[0]);
-            take(i + 1, starts[1], ends[1]);
-            take(i + 2, starts[2], ends[2]);
-            take(i + 3, starts[3], ends[3]);
-            i += 4;
+            let four = FOURS + (first - BEFORE + i) / 4;
+            let (starts, ends) = (four_at(found, four), four_at(found, four + (ENDS - STARTS) / 4));
+            take(i < own, starts[0], i > own, ends[0]);
+            take(i + 4 < own, starts[1], i + 4 > own, ends[1]);
+            take(i + 8 < own, starts[2], i + 8 > own, ends[2]);
+            take(i + 12 < own, starts[3], i + 12 > own, ends[3]);
+            i += 16;
         }
+        let (starts, ends) = (four_at(table, STARTS + first + own), four_at(table, ENDS + first + own));
+        take(own < bin, starts[0], own >= bin, ends[0]);
+        take(own + 1 < bin, starts[1], own + 1 >= bin, ends[1]);
+        take(own + 2 < bin, starts[2], own + 2 >= bin, ends[2]);
+        take(false, 0, true, ends[3]);
         let count = |n: u32| Bins::all(n as f32);
         Self {
             below: count(below),
@@ -179,14 +197,14 @@ struct Borders<Bins> {
 
 impl<Bins: Listed> Borders<Bins> {
     #[inline(always)]
-    fn new(table: &[u32; TABLE], bin: u32, axis: u32, lo: f32, hi: f32) -> Self {
+    fn new(table: &[u32; TABLE], found: &[u32; FOUND], bin: u32, axis: u32, lo: f32, hi: f32) -> Self {
         let all = Bins::all;
         let word = BEFORE + axis * BINS + bin;
         let number = Bins::numbers(bin);
         Self {
             number,
             at: all(lo) + all((hi - lo) * const { 1.0 / BINS as f32 }) * number,
-            counts: Counts::of(table, bin, word),
+            counts: Counts::of(table, found, bin, word),
             word,
         }
     }
@@ -263,7 +281,7 @@ fn find_by<Bins: Listed>(
         let mut axis = lane * Bins::WIDTH / BINS;
         while axis < 3 {
             let (lo, hi) = (component(item.lo, axis), component(item.hi, axis));
-            let borders = Borders::<Bins>::new(table, bin, axis, lo, hi);
+            let borders = Borders::<Bins>::new(table, found, bin, axis, lo, hi);
             if median {
                 let Borders { number, at, counts: Counts { below, above, .. }, .. } = borders;
                 let inside = at.exceeds(all(lo)) & all(hi).exceeds(at);
@@ -284,7 +302,11 @@ fn find_by<Bins: Listed>(
         // Costs are positive, so bits order as numbers do.
         let mut plane = first;
         while depth < params.max_depth && plane < first + Bins::WIDTH {
-            found.lower(COST, found.at(COSTS + plane));
+            let cost = found.at(COSTS + plane);
+            // Most are not, and lanes that change the same word wait for each other.
+            if cost < leaf {
+                found.lower(COST, cost);
+            }
             plane += 1;
         }
     });

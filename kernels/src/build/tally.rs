@@ -13,7 +13,7 @@ use crate::{
 };
 use raykd_shared::{
     BuildParams, Node,
-    limits::{BRANCH, CHUNK},
+    limits::{BRANCH, chunk},
 };
 
 // What is counted.
@@ -47,15 +47,15 @@ pub fn blocks_of(number: u32) -> u32 {
 
 /// What a child of so many references adds to a lane's sums.
 #[inline(always)]
-fn add(sums: &mut [u32; SUMS], lane: u32, count: u32, small: u32) {
+fn add(sums: &mut [u32; SUMS], lane: u32, count: u32, params: &BuildParams) {
     let mut bump = |kind: u32, by: u32| sums.put(word(kind, lane), sums.at(word(kind, lane)) + by);
     if count > BRANCH {
         bump(ACTIVE, 1);
-        bump(CHUNKS, count.div_ceil(CHUNK));
+        bump(CHUNKS, count.div_ceil(chunk(params.references)));
         bump(REFS, count);
     } else {
         bump(BRANCHES, 1);
-        bump(BRANCH_ROOM, room(count, small, 0));
+        bump(BRANCH_ROOM, room(count, params.small, 0));
     }
 }
 
@@ -66,7 +66,7 @@ pub fn count(
     sums: &mut [u32; SUMS],
     parts: &mut [u32; BLOCKS],
     number: u32,
-    small: u32,
+    params: &BuildParams,
     planes: &Buf<UVec2>,
     sizes: &Buf<UVec2>,
 ) {
@@ -82,11 +82,11 @@ pub fn count(
             if planes.at(k).x == Node::LEAF {
                 // The node itself as a leaf.
                 sums.put(word(BRANCHES, lane), 1);
-                sums.put(word(BRANCH_ROOM, lane), room(size.x, small, 0));
+                sums.put(word(BRANCH_ROOM, lane), room(size.x, params.small, 0));
             } else {
                 sums.put(word(PAIRS, lane), 1);
-                add(sums, lane, size.x, small);
-                add(sums, lane, size.y, small);
+                add(sums, lane, size.x, params);
+                add(sums, lane, size.y, params);
             }
         }
     });
@@ -107,7 +107,7 @@ pub fn tally(
 ) {
     let number = level.at(LEVEL_ACTIVE);
     if number > LANES {
-        count(group, sums, parts, number, params.at(0).small, planes, sizes);
+        count(group, sums, parts, number, &params.at(0), planes, sizes);
         lanes!(group, |lane| {
             if lane < KINDS {
                 blocks.put(group.id * KINDS + lane, total(KINDS, parts, lane));

@@ -80,7 +80,9 @@ const PICK: u32 = 6;
 const BELOW: u32 = 7;
 const ABOVE: u32 = 8;
 const MASK: u32 = 9;
-const OWN: usize = 10;
+/// Whether a box of the treelet may be flat on an axis. A CPU does not ask.
+const FLATS: u32 = 10;
+const OWN: usize = 11;
 
 /// Whether a lane weighs the faces of one member on an axis, for which it reads the boxes of four at a time. A
 /// CPU's lane weighs all, eight in a vector.
@@ -90,7 +92,7 @@ const BY_MEMBER: bool = ON_GPU;
 const WEIGHING: u32 = if BY_MEMBER { TREELET } else { 1 };
 
 /// Lanes that finish a node: one, and those that write the pad.
-const FINISHING: u32 = if BY_MEMBER { 12 } else { 1 };
+const FINISHING: u32 = if BY_MEMBER { 24 } else { 1 };
 
 /// No candidate: the node becomes a leaf.
 const NONE: u32 = u32::MAX;
@@ -129,21 +131,44 @@ fn box_at(boxes: &[u32; BOXES], at: u32) -> Bounds {
     }
 }
 
-/// How many of the `number` references whose low faces on an axis stand at `from` lie below and above planes
-/// at `low` and `high`. Read four at a time: what may follow them ends nowhere. The counts are floats: a GPU
-/// adds those in other units than it compares in, integers in the same.
+/// How many of the `number` references whose low faces on an axis stand at `from` lie below and above each of
+/// `planes`. Read four at a time: what may follow them starts and ends nowhere. The counts are floats: a GPU adds those
+/// in other units than it compares in, integers in the same.
 #[inline(always)]
-fn sides(boxes: &[u32; BOXES], from: u32, number: u32, low: f32, high: f32) -> [(f32, f32); 2] {
-    let mut sides = [(number as f32, 0.0); 2];
+fn sides<const N: usize>(
+    boxes: &[u32; BOXES],
+    from: u32,
+    number: u32,
+    flats: bool,
+    planes: [f32; N],
+) -> [(f32, f32); N] {
+    if flats {
+        sides_if::<N, true>(boxes, from, number, planes)
+    } else {
+        sides_if::<N, false>(boxes, from, number, planes)
+    }
+}
+
+/// [`sides`], where boxes may be flat or none is: only a flat one does not lie above a plane where it starts.
+#[inline(always)]
+fn sides_if<const N: usize, const FLATS: bool>(
+    boxes: &[u32; BOXES],
+    from: u32,
+    number: u32,
+    planes: [f32; N],
+) -> [(f32, f32); N] {
+    let mut sides = [(number as f32, 0.0); N];
     let one_if = |holds: bool| if holds { 1.0 } else { 0.0 };
     let mut count = |lo: u32, hi: u32| {
         let (lo, hi) = (f32::from_bits(lo), f32::from_bits(hi));
         let mut at_plane = |k: usize, at: f32| {
-            sides[k].0 -= one_if((lo >= at) & (hi > at));
+            sides[k].0 -= one_if((lo >= at) & (!FLATS | (hi > at)));
             sides[k].1 += one_if(hi > at);
         };
-        at_plane(0, low);
-        at_plane(1, high);
+        at_plane(0, planes[0]);
+        if N > 1 {
+            at_plane(N - 1, planes[N - 1]);
+        }
     };
     let mut i = from;
     while i < from + number {
@@ -166,12 +191,19 @@ pub fn scratch_base(first: u32, treelet: u32) -> u32 {
     2 * first + 9 * treelet
 }
 
-/// Writes what [`sides`] reads beyond the last box: it ends before every plane.
+/// Writes what [`sides`] reads beyond the last box: it starts and ends before every plane.
 #[inline(always)]
 fn put_pad(boxes: &mut [u32; BOXES], lane: u32, top: u32) {
     if BY_MEMBER && lane < FINISHING {
-        boxes.put((2 * (lane >> 2) + 1) * PITCH + top + (lane & 3), f32::NEG_INFINITY.to_bits());
+        boxes.put((lane >> 2) * PITCH + top + (lane & 3), f32::NEG_INFINITY.to_bits());
     }
+}
+
+/// Whether a box is flat on an axis.
+#[inline(always)]
+fn is_flat(bounds: &Bounds) -> bool {
+    let Bounds { lo, hi } = bounds;
+    (lo.x == hi.x) | (lo.y == hi.y) | (lo.z == hi.z)
 }
 
 /// Ready for the next node.
@@ -208,10 +240,18 @@ fn start(
             own.put(REFS, if small { 0 } else { item.count });
             own.put(DEPTH, item.extra);
             own.put(HELD, members);
+            own.put(FLATS, 0);
             clear(own);
         }
         put_pad(boxes, lane, members);
     });
+    if BY_MEMBER {
+        lanes!(group, ..members, |lane| {
+            if is_flat(&box_at(boxes, lane)) {
+                own.or(FLATS, 1);
+            }
+        });
+    }
 }
 
 /// The node at hand: the last one that waits.
@@ -236,18 +276,26 @@ impl Last {
 
 /// The cheapest candidate among the faces that a lane weighs, and its cost; none is as cheap as the leaf.
 #[inline(always)]
-fn candidate(group: &Group, boxes: &[u32; BOXES], node: Last, sah: &Sah, lane: u32) -> (f32, u32) {
+fn candidate(
+    group: &Group,
+    boxes: &[u32; BOXES],
+    own: &[u32; OWN],
+    node: Last,
+    sah: &Sah,
+    lane: u32,
+) -> (f32, u32) {
     #[cfg(not(target_arch = "spirv"))]
     if !BY_MEMBER {
         return of_all(group, boxes, node, sah);
     }
     let _ = group;
-    of_member(boxes, node, sah, lane)
+    of_member(boxes, own.at(FLATS) != 0, node, sah, lane)
 }
 
-/// [`candidate`] where the lanes share out the pairs of a member and an axis, axis by axis.
+/// [`candidate`] where the lanes share out the faces of few members, or else the pairs of a member and an axis, axis by
+/// axis.
 #[inline(always)]
-fn of_member(boxes: &[u32; BOXES], node: Last, sah: &Sah, lane: u32) -> (f32, u32) {
+fn of_member(boxes: &[u32; BOXES], flats: bool, node: Last, sah: &Sah, lane: u32) -> (f32, u32) {
     let mut best = sah.leaf;
     let mut pick = NONE;
     let mut weigh = |cost: f32, face: u32, member: u32| {
@@ -257,6 +305,18 @@ fn of_member(boxes: &[u32; BOXES], node: Last, sah: &Sah, lane: u32) -> (f32, u3
         }
     };
     let number = node.number;
+    if FACES * number <= TREELET {
+        let (member, face) = (lane / FACES, lane % FACES);
+        if member < number {
+            let across = sah.across(face / 2);
+            let at = f32::from_bits(boxes.at(face * PITCH + node.from + member));
+            if across.holds(at) {
+                let [(below, above)] = sides(boxes, (face & !1) * PITCH + node.from, number, flats, [at]);
+                weigh(across.cut(at, below, above), face, member);
+            }
+        }
+        return (best, pick);
+    }
     let mut pair = lane;
     while pair < 3 * number {
         let axis = (pair >= number) as u32 + (pair >= 2 * number) as u32;
@@ -266,7 +326,7 @@ fn of_member(boxes: &[u32; BOXES], node: Last, sah: &Sah, lane: u32) -> (f32, u3
         let low = f32::from_bits(boxes.at(first + member));
         let high = f32::from_bits(boxes.at(first + PITCH + member));
         if across.holds(low) | across.holds(high) {
-            let [at_low, at_high] = sides(boxes, first, number, low, high);
+            let [at_low, at_high] = sides(boxes, first, number, flats, [low, high]);
             weigh(across.cut(low, at_low.0, at_low.1), 2 * axis, member);
             weigh(across.cut(high, at_high.0, at_high.1), 2 * axis + 1, member);
         }
@@ -317,7 +377,7 @@ fn weigh(
     sah: &Sah,
 ) {
     lanes!(group, ..WEIGHING, |lane| {
-        let (best, pick) = candidate(&group, boxes, node, sah, lane);
+        let (best, pick) = candidate(&group, boxes, own, node, sah, lane);
         if pick != NONE {
             own.lower(COST, best.to_bits());
         }
@@ -391,6 +451,9 @@ fn divide(
             (under, over) = clip_plane(a, b, c, &bounds, axis, plane);
             goes_below = !under.is_empty();
             goes_above = !over.is_empty();
+            if is_flat(&under) | is_flat(&over) {
+                own.or(FLATS, 1);
+            }
         }
         halves.put(lane, Halves { under, over, number });
         if goes_below {
