@@ -19,9 +19,7 @@ pub const MOST_CHUNK: u32 = 2048;
 /// References per workgroup in the passes over large nodes, in a mesh of so many: few keep a device busy where there
 /// are not many, more save histograms.
 pub const fn chunk(references: u32) -> u32 {
-    if references < 1 << 16 {
-        256
-    } else if references < 1 << 19 {
+    if references < 1 << 19 {
         512
     } else if references < 1 << 21 {
         1024
