@@ -355,7 +355,7 @@ pub(crate) mod tests {
         let kind = b.type_function(void, []);
         b.begin_function(void, None, FunctionControl::NONE, kind).unwrap();
         b.begin_block(None).unwrap();
-        for operands in [[asked; 3], [asked, other, asked], [asked; 3]] {
+        for operands in [[asked; 3], [asked, other, asked], [asked, asked, other], [asked; 3]] {
             let operands = operands.map(Operand::IdRef);
             let answer = b.ext_inst(float, None, glsl, GlslStd450Op::Fma as u32, operands).unwrap();
             b.f_add(float, None, answer, other).unwrap();
@@ -372,9 +372,9 @@ pub(crate) mod tests {
         let id = Operand::IdRef(found.result_id.unwrap());
         let last: Vec<&Instruction> = m.functions[1].all_inst_iter().collect();
         let of = |op| last.iter().filter(|i| i.class.opcode == op).collect::<Vec<_>>();
-        assert_eq!(of(Op::ExtInst).len(), 1);
+        assert_eq!(of(Op::ExtInst).len(), 2);
         let summed: Vec<bool> = of(Op::FAdd).iter().map(|i| i.operands[0] == id).collect();
-        assert_eq!(summed, [true, false, true]);
+        assert_eq!(summed, [true, false, false, true]);
     }
 
     #[test]
