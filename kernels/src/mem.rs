@@ -97,6 +97,11 @@ pub trait Slots<T: Copy> {
     fn three(&self, i: u32) -> (T, T, T) {
         (self.at(i), self.at(i + 1), self.at(i + 2))
     }
+    /// Reads four elements from `i` on, side by side: read in turn, a GPU would wait for each.
+    #[inline(always)]
+    fn four(&self, i: u32) -> [T; 4] {
+        [self.at(i), self.at(i + 1), self.at(i + 2), self.at(i + 3)]
+    }
     /// Writes element `i`.
     fn put(&mut self, i: u32, value: T);
     /// Says that element `i` will be read, if there is one: a CPU, which runs few lanes at a time, then

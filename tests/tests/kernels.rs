@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 use raykd::{
-    BuildOptions, Builder, Device, KdTree, Scene,
+    BuildOptions, Builder, Device, KdTree, Mesh, Scene,
     internals::{
         Cpu,
         kernels::{
@@ -75,6 +75,17 @@ fn each_kernel_does_so_over_several_chunks_too() {
             Job { mesh: &mesh, options: &options, seed: 1 }.compare(&devices).unwrap();
         }
     }
+}
+
+/// Chunks of the usual size are all that other tests have. llvmpipe has no room for a mesh with the longest.
+#[test]
+fn longer_chunks_make_the_same_tree_on_every_device() {
+    let mesh = Mesh::teapot(91);
+    let chunk_of = |triangles: usize| chunk(u32::try_from(triangles).unwrap());
+    assert!(chunk_of(mesh.triangles().len()) > chunk(BINNED));
+    let built = |device| Scene::build(device, &mesh, &BuildOptions::default()).unwrap().tree().unwrap();
+    let digests: BTreeSet<_> = devices().iter().map(|named| built(&named.device).digest()).collect();
+    assert_eq!(digests.len(), 1, "{digests:?}");
 }
 
 /// Most nodes on a level.

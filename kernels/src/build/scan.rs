@@ -36,8 +36,7 @@ pub(super) fn serial(table: &mut impl Table, from: u32, count: u32) -> u32 {
     let mut sum = 0;
     let mut i = from;
     while i < from + count {
-        // Read side by side: a GPU would wait for each.
-        let (a, b, c, d) = (table.at(i), table.at(i + 1), table.at(i + 2), table.at(i + 3));
+        let [a, b, c, d] = table.four(i);
         table.put(i, sum);
         table.put(i + 1, sum + a);
         table.put(i + 2, sum + a + b);
@@ -55,7 +54,7 @@ pub(super) fn serial_back(table: &mut impl Table, from: u32, count: u32) {
     let mut i = from + count;
     while i > from {
         i -= 4;
-        let (a, b, c, d) = (table.at(i), table.at(i + 1), table.at(i + 2), table.at(i + 3));
+        let [a, b, c, d] = table.four(i);
         table.put(i + 3, sum + d);
         table.put(i + 2, sum + d + c);
         table.put(i + 1, sum + d + c + b);

@@ -42,12 +42,6 @@ pub const FOUND: usize = (FOURS + 6 * BINS / 4) as usize;
 const _: () = assert!(BINS == 32, "eight times four bins");
 const NONE: u32 = u32::MAX;
 
-/// Four words from `at` on.
-#[inline(always)]
-fn four_at<const WORDS: usize>(words: &[u32; WORDS], at: u32) -> [u32; 4] {
-    [words.at(at), words.at(at + 1), words.at(at + 2), words.at(at + 3)]
-}
-
 /// Nothing ends in the bin, or its first start is not told.
 const BEFORE_ALL: f32 = f32::NEG_INFINITY;
 /// Nothing starts in the bin.
@@ -85,8 +79,7 @@ fn start(group: Group, table: &mut [u32; TABLE], found: &mut [u32; FOUND], leaf:
         // A GPU's lanes each add up their own, see [`Counts`], most of them from sums of four.
         let mut four = lane;
         while ON_GPU && four < 6 * BINS / 4 {
-            let first = BEFORE + STARTS + 4 * four;
-            let [a, b, c, d] = four_at(table, first);
+            let [a, b, c, d] = table.four(BEFORE + STARTS + 4 * four);
             found.put(FOURS + four, a + b + c + d);
             four += step;
         }
@@ -152,8 +145,7 @@ impl<Bins: Listed> Counts<Bins> {
                 behind: Bins::counts(table, ENDS + word + 1),
             };
         }
-        // Fours of bins on either side, then those of its own four. They are read side by side: a GPU would wait for
-        // each.
+        // Fours of bins on either side, then those of its own four.
         let (mut below, mut above) = (0, 0);
         let mut take = |is_below: bool, starts: u32, is_above: bool, ends: u32| {
             below += if is_below { starts } else { 0 };
@@ -163,14 +155,14 @@ impl<Bins: Listed> Counts<Bins> {
         let mut i = 0;
         while i < BINS {
             let four = FOURS + (first - BEFORE + i) / 4;
-            let (starts, ends) = (four_at(found, four), four_at(found, four + (ENDS - STARTS) / 4));
+            let (starts, ends) = (found.four(four), found.four(four + (ENDS - STARTS) / 4));
             take(i < own, starts[0], i > own, ends[0]);
             take(i + 4 < own, starts[1], i + 4 > own, ends[1]);
             take(i + 8 < own, starts[2], i + 8 > own, ends[2]);
             take(i + 12 < own, starts[3], i + 12 > own, ends[3]);
             i += 16;
         }
-        let (starts, ends) = (four_at(table, STARTS + first + own), four_at(table, ENDS + first + own));
+        let (starts, ends) = (table.four(STARTS + first + own), table.four(ENDS + first + own));
         take(own < bin, starts[0], own >= bin, ends[0]);
         take(own + 1 < bin, starts[1], own + 1 >= bin, ends[1]);
         take(own + 2 < bin, starts[2], own + 2 >= bin, ends[2]);

@@ -84,7 +84,7 @@ const MASK: u32 = 9;
 const FLATS: u32 = 10;
 const OWN: usize = 11;
 
-/// Whether a lane weighs the faces of one member on an axis, for which it reads the boxes of four at a time. A
+/// Whether a lane weighs one face of a member, or both on an axis, for which it reads the boxes of four at a time. A
 /// CPU's lane weighs all, eight in a vector.
 const BY_MEMBER: bool = ON_GPU;
 
@@ -92,7 +92,7 @@ const BY_MEMBER: bool = ON_GPU;
 const WEIGHING: u32 = if BY_MEMBER { TREELET } else { 1 };
 
 /// Lanes that finish a node: one, and those that write the pad.
-const FINISHING: u32 = if BY_MEMBER { 24 } else { 1 };
+const FINISHING: u32 = if BY_MEMBER { 4 * FACES } else { 1 };
 
 /// No candidate: the node becomes a leaf.
 const NONE: u32 = u32::MAX;
@@ -172,9 +172,7 @@ fn sides_if<const N: usize, const FLATS: bool>(
     };
     let mut i = from;
     while i < from + number {
-        let lo = [boxes.at(i), boxes.at(i + 1), boxes.at(i + 2), boxes.at(i + 3)];
-        let k = i + PITCH;
-        let hi = [boxes.at(k), boxes.at(k + 1), boxes.at(k + 2), boxes.at(k + 3)];
+        let (lo, hi) = (boxes.four(i), boxes.four(i + PITCH));
         count(lo[0], hi[0]);
         count(lo[1], hi[1]);
         count(lo[2], hi[2]);
