@@ -15,7 +15,7 @@ mod tests {
         math::div,
         trace::{
             frame::Frame,
-            intersect::{Best, strict},
+            intersect::{Best, Intersector as _, strict::Strict},
         },
     };
 
@@ -24,7 +24,7 @@ mod tests {
         let header = TreeHeader { lo: [-4.0; 3], hi: [4.0; 3], scale: 1.0, ..bytemuck::Zeroable::zeroed() };
         let frame = Frame::of(ray, &header);
         let mut best = Best::NOTHING;
-        strict::test(&frame, 0, a, b, c, &mut best);
+        Strict.test_unseen(&frame, 0, Strict::lay_out(a, b, c), &mut best);
         best.triangle == 0
     }
 

@@ -380,10 +380,10 @@ pub fn ones(n: u32) -> u32 {
     if n >= 32 { u32::MAX } else { (1 << n) - 1 }
 }
 
-/// Absolute value, by clearing the sign bit.
+/// Absolute value.
 #[inline(always)]
 pub fn abs(a: f32) -> f32 {
-    f32::from_bits(a.to_bits() & 0x7FFF_FFFF)
+    a.abs()
 }
 
 /// Whether a number is not 0, but smaller than `floor` in size.
@@ -455,58 +455,43 @@ fn near_inverse(x: f32) -> f32 {
     r * (2.0 - x * r)
 }
 
-/// [`div`] without a division: Vulkan's may be off by 2.5 ULP. The quotient is estimated by `+ - *` and made
-/// exact in integers: the remainder of a quotient that is off by a few units fits 32 bits although the
-/// product does not.
+/// [`div`] without a division: Vulkan's may be off by 2.5 ULP. The quotient is estimated by `+ - *`, and corrected by
+/// what it leaves of the dividend, which is exact (Markstein 1990).
+///
+/// After the first correction the quotient is off by little more than half of a last digit, so what it leaves has 24
+/// digits, and comparing that with half of a last digit of the divisor rounds. There is no tie: an odd number of 25
+/// digits times the divisor has more than 24.
 #[inline]
 pub fn quotient(a: f32, b: f32) -> f32 {
     let (bits_a, bits_b) = (a.to_bits(), b.to_bits());
     let sign = (bits_a ^ bits_b) & 0x8000_0000;
     let (exp_a, exp_b) = ((bits_a >> 23) & 0xFF, (bits_b >> 23) & 0xFF);
-    let mant_a = (bits_a & 0x007F_FFFF) | 0x0080_0000;
-    let mant_b = (bits_b & 0x007F_FFFF) | 0x0080_0000;
+    // Both from 1 to 2, their quotient from 1/2 to 2.
     let x = f32::from_bits(0x3F80_0000 | (bits_b & 0x007F_FFFF));
     let y = f32::from_bits(0x3F80_0000 | (bits_a & 0x007F_FFFF));
     let r = near_inverse(x);
-    // q = floor(mant_a * 2^shift / mant_b) has 25 bits: 24 and one to round by.
-    let smaller = (mant_a < mant_b) as u32;
-    let shift = 24 + smaller;
-    let mut q = (y * r * exp2(shift as i32)) as u32;
-    let mut rem = (mant_a << shift).wrapping_sub(q.wrapping_mul(mant_b)) as i32;
-    let step = (rem as f32 * (r * 1.192_092_9e-7)) as i32;
-    q = q.wrapping_add(step as u32);
-    rem = rem.wrapping_sub(step.wrapping_mul(mant_b as i32));
-    let divisor = mant_b as i32;
-    if rem < 0 {
-        q -= 1;
-        rem += divisor;
-    }
-    if rem < 0 {
-        q -= 1;
-        rem += divisor;
-    }
-    if rem >= divisor {
-        q += 1;
-        rem -= divisor;
-    }
-    if rem >= divisor {
-        q += 1;
-        rem -= divisor;
-    }
-    let half = q >> 1;
-    let up = q & 1 & ((rem != 0) as u32 | (half & 1));
-    let exp = exp_a as i32 - exp_b as i32 + 127 - smaller as i32;
-    // Rounding up to 2^24 carries into the exponent by itself.
-    let magnitude = ((exp as u32) << 23).wrapping_add(half - 0x0080_0000 + up);
-    if exp_a == 0 {
-        f32::from_bits(sign)
-    } else if exp_b == 0 || exp >= 255 {
-        f32::from_bits(sign | 0x7F80_0000)
-    } else if exp <= 0 {
-        f32::from_bits(sign)
-    } else {
-        f32::from_bits(sign | magnitude)
-    }
+    let q = y * r;
+    let q = q + left_by(y, q, x) * r;
+    let left = left_by(y, q, x);
+    // The last digit of what comes above and below.
+    let (above, below) =
+        (if q >= 1.0 { exp2(-23) } else { exp2(-24) }, if q > 1.0 { exp2(-23) } else { exp2(-24) });
+    let up = if left > 0.5 * above * x { above } else { 0.0 };
+    let down = if left < -0.5 * below * x { below } else { 0.0 };
+    let q = (q + up) - down;
+    let exp = exp_a as i32 - exp_b as i32 + 127 - (y < x) as i32;
+    let magnitude = q.to_bits().wrapping_add((exp_a << 23).wrapping_sub(exp_b << 23));
+    let infinite = (exp_b == 0) | (exp >= 255);
+    let zero = (exp_a == 0) | (!infinite & (exp <= 0));
+    let size = if infinite { 0x7F80_0000 } else { magnitude };
+    f32::from_bits(sign | if zero { 0 } else { size })
+}
+
+/// What a quotient close to `a / b` leaves of `a`.
+#[inline(always)]
+fn left_by(a: f32, quotient: f32, b: f32) -> f32 {
+    let (product, rest) = two_product(quotient, b);
+    (a - product) - rest
 }
 
 /// `a / b` within `4.5 * 2^-24` of its size, by `+ - *`: much less work for a GPU than [`div`]. For normal `b` of less

@@ -3,6 +3,7 @@
 mod compile;
 mod error;
 mod lint;
+mod loops;
 mod postpass;
 mod toolchain;
 
@@ -47,6 +48,7 @@ pub struct EntryPoint {
 ///
 /// * Every float operation is decorated `NoContraction`, so that drivers neither fuse nor rearrange it.
 /// * Every entry point keeps signed zeros, infinities and NaNs and rounds to nearest even.
+/// * `while` loops are left where their condition is asked.
 /// * The memory model becomes GLSL450, under which barriers order memory as kernels expect.
 /// * Names, lines and sources go, and ids are numbered in the order in which they appear.
 ///

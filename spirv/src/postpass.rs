@@ -1,6 +1,6 @@
 //! What rust-gpu leaves undone for results that agree to the bit: see [`run`].
 
-use crate::Error;
+use crate::{Error, loops};
 use rspirv::{
     dr::{Instruction, Module, Operand},
     spirv::{
@@ -16,6 +16,7 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 /// Returns how many operations were decorated.
 pub(crate) fn run(module: &mut Module) -> Result<usize, Error> {
     strip(module);
+    loops::leave_where_asked(module);
     memory_model(module)?;
     rounds_once(module)?;
     float_controls(module);

@@ -47,11 +47,10 @@ impl<'a> OneByOne<'a> {
         let corners = self.mesh.triangles()[triangle as usize];
         let [a, b, c] = corners.map(|v| Vec3::from_slice(&self.positions[3 * v as usize..]));
         let mut best = Best::NOTHING;
-        let (a, b, c) = (a.extend(0.0), b.extend(0.0), c.extend(0.0));
         if self.exact {
-            Exact.test(frame, triangle, a, b, c, &mut best);
+            Exact.test_unseen(frame, triangle, Exact::lay_out(a, b, c), &mut best);
         } else {
-            Strict.test(frame, triangle, a, b, c, &mut best);
+            Strict.test_unseen(frame, triangle, Strict::lay_out(a, b, c), &mut best);
         }
         (frame.valid && best.triangle == triangle).then(|| {
             // A zero has no sign in hits.

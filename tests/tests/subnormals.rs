@@ -50,15 +50,15 @@ fn tested<I: Test>(
         for &id in mesh.kept().iter().filter(|_| frame.valid) {
             let [a, b, c] =
                 mesh.triangles()[id as usize].map(|v| Vec3::from_slice(&positions[3 * v as usize..]));
-            let (a, b, c) = I::lay_out(a, b, c);
+            let corners = I::lay_out(a, b, c);
             if alone {
                 best = Best::NOTHING;
             }
-            I::new(&frame).test(&frame, id, a, b, c, &mut best);
+            I::new(&frame).test_unseen(&frame, id, corners, &mut best);
             if best.triangle == id {
-                assert!(I::new(&frame).may_hit(&frame, a, b, c), "{ray:?} {id}");
+                assert!(I::new(&frame).look(&frame, corners).1, "{ray:?} {id}");
             }
-            each([a, b, c], &best);
+            each(corners.into(), &best);
         }
     }
 }

@@ -4,7 +4,10 @@ use super::{choice::HALFWAY, cost::usual_rays, grid::Grid};
 use crate::{BuildOptions, Builder, Device, Error, Hit, Mesh, Ray, Scene, Stepped, rays::Camera};
 use raykd_kernels::{
     glam::Vec3,
-    trace::{frame::Frame, intersect::strict::may_hit},
+    trace::{
+        frame::Frame,
+        intersect::{Intersector as _, strict::Strict},
+    },
 };
 use raykd_shared::TreeHeader;
 use std::{
@@ -97,7 +100,7 @@ pub(super) fn through(mesh: &Mesh) -> f64 {
         for &t in kept.iter().step_by(step) {
             let [a, b, c] = mesh.triangles()[t as usize].map(corner);
             all += 1;
-            passed += u32::from(may_hit(&frame, a, b, c));
+            passed += u32::from(Strict.look(&frame, Strict::lay_out(a, b, c)).1);
         }
     }
     f64::from(passed) / f64::from(all.max(1))

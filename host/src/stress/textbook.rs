@@ -12,7 +12,7 @@ use raykd_kernels::{
     math::{div, exponent, ldexp},
     trace::{
         frame::Frame,
-        intersect::{Best, strict::test},
+        intersect::{Best, Intersector as _, strict::Strict},
     },
 };
 
@@ -147,7 +147,7 @@ impl Walk<'_> {
             let triangle = self.tree.refs[r as usize];
             let [a, b, c] = self.corners(triangle);
             let mut best = self.best;
-            test(&self.frame, triangle, a, b, c, &mut best);
+            Strict.test_unseen(&self.frame, triangle, Strict::lay_out(a, b, c), &mut best);
             if best.t >= enter && best.t <= exit {
                 self.best = best;
             }

@@ -7,11 +7,11 @@
 use super::{
     apart::{self, Visits},
     frame::{Frame, flush},
-    intersect::{Best, Glance, Intersector, NORMAL, exact::Exact, filter::by, pair::Long},
+    intersect::{Best, Glance, NORMAL, exact::Exact, filter::by, pair::Long},
     job::{JOB_ANY, record},
     packet::{Leaves, Packet, Scaled, many, near, neighbours},
     traverse::{
-        leaf::{self, Choice, Filter},
+        leaf::{self, Choice, Filter, Listed},
         narrow::{MOST, Narrow, WORDS},
     },
 };
@@ -334,17 +334,10 @@ struct Apart<'a, 'b, const ANY: bool> {
 /// Adds to a list what may be hit.
 struct Keeping<'a>(&'a mut List);
 
-impl Filter for Keeping<'_> {
+impl Filter<Exact> for Keeping<'_> {
     #[inline(always)]
-    fn test<I: Intersector>(
-        &mut self,
-        by: I,
-        ray: &Frame,
-        triangle: (u32, u32),
-        corners: (Vec4, Vec4, Vec4),
-        best: &mut Best,
-    ) -> bool {
-        Narrow::<false>.test(by, ray, triangle, corners, best, self.0)
+    fn test(&mut self, by: Exact, ray: &Frame, triangle: Listed<Exact>, best: &mut Best) -> bool {
+        Narrow::<false>.test(by, ray, triangle, best, self.0)
     }
 }
 

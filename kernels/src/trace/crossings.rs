@@ -52,9 +52,9 @@ fn decide(ray: &Frame, corners: &Buf<Vec4>, mut listed: Listed) -> (Crossings, b
     let mut found = Crossings { leaving: 0, entering: 0 };
     let mut whole = true;
     while listed.first() != NONE {
-        let (a, b, c) = corners.three(3 * listed.first());
+        let triangle = corners.three(3 * listed.first());
         let mut best = Best { t: ray.t_max, ..Best::NOTHING };
-        whole &= Perturbed::<false>.test(ray, a.w.to_bits() & !NORMAL, a, b, c, &mut best);
+        whole &= Perturbed::<false>.test(ray, triangle.0.w.to_bits() & !NORMAL, triangle, (), &mut best);
         let crossed = best.triangle != MISS;
         found.leaving += (crossed & (best.det > 0.0)) as u32;
         found.entering += (crossed & (best.det < 0.0)) as u32;

@@ -10,10 +10,11 @@ use super::{
     apart,
     frame::{DUST, FARTHEST, FARTHEST_SCENE, Frame, NO_SHEAR, PAD, flush, reciprocal, slab},
     intersect::{
-        Best, Glance, NORMAL,
+        Best, Corners, Glance, NORMAL,
         bounds::{Edges, Starts, glance},
         filter::{Line, Turned},
         strict::{self, Sheared, sheared, weights},
+        vertices,
     },
     job::{JOB_APART, JOB_RAYS},
     traverse::crossing::crossed,
@@ -590,8 +591,8 @@ fn quotients<N: Sides>(a: N, sum: N) -> [f32; 8] {
 /// [`strict::test`], for the few cases that need it.
 #[cold]
 #[inline(never)]
-fn offer(ray: &Frame, (a, b, c): (Vec4, Vec4, Vec4), best: &mut Best) {
-    strict::test(ray, a.w.to_bits() & !NORMAL, a.truncate(), b.truncate(), c.truncate(), best);
+fn offer(ray: &Frame, corners: Corners, best: &mut Best) {
+    strict::test(ray, corners.0.w.to_bits() & !NORMAL, &strict::shear(ray, vertices(corners)), best);
 }
 
 /// Answers those of the rays from `first` to `end`, at most 64, that go together, and returns which are left, a bit

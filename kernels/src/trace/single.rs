@@ -203,7 +203,7 @@ impl<'a> Tree<'a> {
     }
 
     #[inline(always)]
-    fn walk<I: Intersector, C: Choice>(
+    fn walk<I: Intersector, C: Choice<I>>(
         &self,
         ray: &mut Frame,
         choice: C,

@@ -2,13 +2,13 @@
 
 use super::{
     frame::Frame,
-    intersect::{Best, Intersector, exact::Exact},
+    intersect::{Best, exact::Exact},
     job::OUTCOME_LEFT,
     listed::four,
-    traverse::leaf::Choice,
+    traverse::leaf::{Choice, Listed},
 };
 use crate::{
-    glam::{UVec4, Vec4},
+    glam::UVec4,
     mem::{Atomics, Buf, Slots},
 };
 #[cfg(not(target_arch = "spirv"))]
@@ -131,18 +131,18 @@ impl Tally {
     }
 }
 
-impl Choice for Tally {
+impl Choice<Exact> for Tally {
     #[inline(always)]
-    fn test<I: Intersector>(
+    fn test(
         self,
-        _by: I,
+        by: Exact,
         ray: &Frame,
-        (id, at): (u32, u32),
-        corners: (Vec4, Vec4, Vec4),
+        triangle: Listed<Exact>,
         best: &mut Best,
         own: &mut impl Slots<u32>,
     ) -> bool {
-        let seen = Exact.glance(ray, corners);
+        let Listed { id, at, corners, seen } = triangle;
+        let seen = by.glance(ray, corners, &seen);
         let passed = seen.later < ray.t_min || seen.near > best.t;
         if !passed && !Self::has(own, id) {
             let told = seen.sure & (seen.near > ray.t_min) & (seen.later < best.t);

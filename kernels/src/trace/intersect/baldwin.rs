@@ -10,7 +10,7 @@
 //! across from the first corner belongs to the triangle (`<= 1`; the paper has `< 1`).
 
 use super::{
-    Best, Intersector, NORMAL,
+    Best, Corners, Intersector, NORMAL,
     unit::{cross, dot, largest},
 };
 use crate::{
@@ -57,12 +57,14 @@ fn apply(row: Vec4, x: f32, y: f32) -> f32 {
 }
 
 impl Intersector for Baldwin {
+    type Seen = ();
+
     #[inline(always)]
     fn new(_ray: &Frame) -> Self {
         Self
     }
 
-    fn lay_out(a: Vec3, b: Vec3, c: Vec3) -> (Vec4, Vec4, Vec4) {
+    fn lay_out(a: Vec3, b: Vec3, c: Vec3) -> Corners {
         let (a, b, c) = (tidy(a, FLOOR), tidy(b, FLOOR), tidy(c, FLOOR));
         let (e, f) = (tidy(b - a, FLOOR), tidy(c - a, FLOOR));
         let normal = tidy(cross(e, f), SUM_FLOOR);
@@ -84,7 +86,12 @@ impl Intersector for Baldwin {
     }
 
     #[inline(always)]
-    fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool {
+    fn look(self, _ray: &Frame, _corners: Corners) -> ((), bool) {
+        ((), true)
+    }
+
+    #[inline(always)]
+    fn test(self, ray: &Frame, id: u32, (a, b, c): Corners, _seen: (), best: &mut Best) -> bool {
         let axis = b.w.to_bits() & 3;
         let (o, d) = (cycle(ray.origin, axis), cycle(ray.direction, axis));
         let from = flush(o.z + c.x * o.x + c.y * o.y + c.z, SUM_FLOOR);

@@ -1,10 +1,7 @@
 //! Between which numbers floats put the place where a ray meets a triangle's plane: enough to pass over what lies
 //! behind the ray, or behind a hit that it has.
 
-use super::{
-    Glance,
-    strict::{Sheared, shear},
-};
+use super::{Glance, strict::Sheared};
 use crate::{
     glam::Vec3,
     math::{Digits, component, exp2},
@@ -162,13 +159,12 @@ impl<N: Digits> Through<N> {
 
 /// What floats tell of `t`, as it is rounded, if the ray's line may pass through the triangle.
 #[inline(always)]
-pub(super) fn bounds(ray: &Frame, corners: (Vec3, Vec3, Vec3)) -> Glance {
-    let s = shear(ray, corners.0, corners.1, corners.2);
+pub(super) fn bounds(ray: &Frame, s: &Sheared, corners: (Vec3, Vec3, Vec3)) -> Glance {
     let starts = Starts {
         origin: [ray.origin.x, ray.origin.y, ray.origin.z],
         inverse: [ray.inverse.x, ray.inverse.y, ray.inverse.z],
     };
-    glance(&s, Edges::new(&s, ray.pad), &starts, component(ray.inverse, ray.main), ray.pad, corners)
+    glance(s, Edges::new(s, ray.pad), &starts, component(ray.inverse, ray.main), ray.pad, corners)
 }
 
 /// The same for one ray or several side by side.

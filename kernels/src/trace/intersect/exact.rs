@@ -13,15 +13,16 @@
 //! distances `t` that would.
 
 use super::{
-    Best, Glance, Intersector,
+    Best, Corners, Glance, Intersector,
     bounds::{Edges, bounds},
     filter::{First, Line, Verdict, all_turned, by, turned},
     integers,
     pair::Long,
-    strict::shear,
+    strict::{Sheared, shear},
     triple::Triple,
+    vertices,
 };
-use crate::{glam::Vec4, trace::frame::Frame};
+use crate::trace::frame::Frame;
 
 /// The test.
 #[derive(Clone, Copy, Debug)]
@@ -30,20 +31,21 @@ pub struct Exact;
 impl Exact {
     /// What floats tell.
     #[inline(always)]
-    pub fn glance(self, ray: &Frame, (a, b, c): (Vec4, Vec4, Vec4)) -> Glance {
-        bounds(ray, (a.truncate(), b.truncate(), c.truncate()))
+    pub(in crate::trace) fn glance(self, ray: &Frame, corners: Corners, seen: &Sheared) -> Glance {
+        bounds(ray, seen, vertices(corners))
     }
 
     /// [`Exact::test`] without that look.
     #[inline(always)]
-    pub fn settle(self, ray: &Frame, id: u32, (a, b, c): (Vec4, Vec4, Vec4), best: &mut Best) -> bool {
+    pub fn settle(self, ray: &Frame, id: u32, corners: Corners, best: &mut Best) -> bool {
         let mut whole = true;
-        let mut found = self.stage::<First>(ray, id, (a, b, c), best);
+        let mut found = self.stage::<First>(ray, id, corners, best);
         if !found.certain {
-            found = self.stage::<Triple>(ray, id, (a, b, c), best);
+            found = self.stage::<Triple>(ray, id, corners, best);
         }
         if !found.certain {
-            let answer = integers::cross(ray.origin, ray.heading, a.truncate(), b.truncate(), c.truncate());
+            let (a, b, c) = vertices(corners);
+            let answer = integers::cross(ray.origin, ray.heading, a, b, c);
             found = Verdict { certain: true, hit: answer.hit, t: answer.t, u: answer.u, v: answer.v };
             whole = answer.whole;
         }
@@ -55,21 +57,17 @@ impl Exact {
 
     /// What numbers of this kind tell of the triangle.
     #[inline(always)]
-    fn stage<L: Long<One = f32>>(
-        self,
-        ray: &Frame,
-        id: u32,
-        (a, b, c): (Vec4, Vec4, Vec4),
-        best: &Best,
-    ) -> Verdict {
-        let (a, b, c) = (a.truncate(), b.truncate(), c.truncate());
-        let (line, corners) = (Line::of(ray), all_turned((a, b, c), ray.main));
-        let (from, own) = (turned(ray.origin, 2), all_turned((a, b, c), 2));
+    fn stage<L: Long<One = f32>>(self, ray: &Frame, id: u32, corners: Corners, best: &Best) -> Verdict {
+        let vertices = vertices(corners);
+        let (line, corners) = (Line::of(ray), all_turned(vertices, ray.main));
+        let (from, own) = (turned(ray.origin, 2), all_turned(vertices, 2));
         by::<L>(&line, &corners, (&from, &own), best.t, id > best.triangle)
     }
 }
 
 impl Intersector for Exact {
+    type Seen = Sheared;
+
     const LOOPS: bool = true;
     const WHOLE: bool = true;
 
@@ -79,16 +77,17 @@ impl Intersector for Exact {
     }
 
     #[inline(always)]
-    fn may_hit(self, ray: &Frame, a: Vec4, b: Vec4, c: Vec4) -> bool {
-        Edges::new(&shear(ray, a.truncate(), b.truncate(), c.truncate()), ray.pad).may_hit()
+    fn look(self, ray: &Frame, corners: Corners) -> (Sheared, bool) {
+        let s = shear(ray, vertices(corners));
+        (s, Edges::new(&s, ray.pad).may_hit())
     }
 
     #[inline(always)]
-    fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool {
+    fn test(self, ray: &Frame, id: u32, corners: Corners, seen: Sheared, best: &mut Best) -> bool {
         // The triangle that a ray starts on, most of all, and one that it has met in another leaf.
-        let Glance { near, later, .. } = self.glance(ray, (a, b, c));
+        let Glance { near, later, .. } = self.glance(ray, corners, &seen);
         let passed = later < ray.t_min || near > best.t || near > ray.t_max || id == best.triangle;
-        passed || self.settle(ray, id, (a, b, c), best)
+        passed || self.settle(ray, id, corners, best)
     }
 }
 
@@ -188,7 +187,7 @@ mod tests {
             }
             let right = integers::cross(frame.origin, frame.heading, a, b, c);
             let in_range = right.hit && right.t >= frame.t_min;
-            let seen = bounds(&frame, (a, b, c));
+            let seen = bounds(&frame, &shear(&frame, (a, b, c)), (a, b, c));
             let (line, corners) = (Line::of(&frame), all_turned((a, b, c), frame.main));
             if right.hit {
                 assert!(seen.near <= right.t && right.t <= seen.later, "{ray:?} {a} {b} {c}");

@@ -76,9 +76,9 @@ impl Best {
     /// number.
     #[inline(always)]
     pub fn offer(&mut self, ray: &Frame, hit: Self) {
-        let inside = hit.t >= ray.t_min && hit.t <= ray.t_max;
-        let better = hit.t < self.t || (hit.t == self.t && hit.triangle < self.triangle);
-        if inside && better {
+        let inside = (hit.t >= ray.t_min) & (hit.t <= ray.t_max);
+        let better = (hit.t < self.t) | ((hit.t == self.t) & (hit.triangle < self.triangle));
+        if inside & better {
             *self = hit;
         }
     }
@@ -97,9 +97,19 @@ pub struct Glance<N: Number = f32> {
     pub leaving: N::Mask,
 }
 
-/// A triangle test. Triangles come as leaves keep them: what [`Intersector::lay_out`] made of them, `w` of
-/// the first vector not counted.
+/// A triangle as leaves keep it: what [`Intersector::lay_out`] made of it, `w` of the first vector not counted.
+pub type Corners = (Vec4, Vec4, Vec4);
+
+/// A triangle's vertices.
+#[inline(always)]
+pub(in crate::trace) fn vertices((a, b, c): Corners) -> (Vec3, Vec3, Vec3) {
+    (a.truncate(), b.truncate(), c.truncate())
+}
+
+/// A triangle test.
 pub trait Intersector: Copy {
+    /// What a first look at a triangle leaves for the test.
+    type Seen: Copy + Default;
     /// Whether its test has loops, which a driver may leave early.
     const LOOPS: bool = false;
     /// Whether it takes rays as [`Frame::whole`] makes them.
@@ -110,18 +120,22 @@ pub trait Intersector: Copy {
 
     /// What leaves keep of a triangle.
     #[inline(always)]
-    fn lay_out(a: Vec3, b: Vec3, c: Vec3) -> (Vec4, Vec4, Vec4) {
+    fn lay_out(a: Vec3, b: Vec3, c: Vec3) -> Corners {
         (a.extend(0.0), b.extend(0.0), c.extend(0.0))
     }
 
-    /// A cheap first look, false only for triangles that [`Intersector::test`] would not take; always true
-    /// where the test is as quick.
-    #[inline(always)]
-    fn may_hit(self, _ray: &Frame, _a: Vec4, _b: Vec4, _c: Vec4) -> bool {
-        true
-    }
+    /// A cheap first look: what it saw, and false only for triangles that [`Intersector::test`] would not take; always
+    /// true where the test is as quick.
+    fn look(self, ray: &Frame, corners: Corners) -> (Self::Seen, bool);
 
-    /// The whole test of triangle `id`: keeps the better of it and `best`. False if a driver left a loop of
-    /// it early.
-    fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool;
+    /// The whole test of triangle `id`, after a look: keeps the better of it and `best`. False if a driver left a loop
+    /// of it early.
+    fn test(self, ray: &Frame, id: u32, corners: Corners, seen: Self::Seen, best: &mut Best) -> bool;
+
+    /// The whole test of a triangle that was not looked at, whatever a look would say.
+    #[inline(always)]
+    fn test_unseen(self, ray: &Frame, id: u32, corners: Corners, best: &mut Best) -> bool {
+        let (seen, _) = self.look(ray, corners);
+        self.test(ray, id, corners, seen, best)
+    }
 }

@@ -9,11 +9,11 @@
 //! division.
 
 use super::{
-    Best, Intersector,
+    Best, Corners, Intersector,
     unit::{Unit, cross, dot},
+    vertices,
 };
 use crate::{
-    glam::Vec4,
     math::{abs, div, exp2, ldexp},
     trace::frame::{Frame, flush},
 };
@@ -37,7 +37,8 @@ pub struct Moeller {
 }
 
 /// Cramer's numerators and denominator, with the sign that makes the denominator positive.
-struct Solution {
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Solution {
     /// 0 for a parallel ray.
     det: f32,
     u: f32,
@@ -47,8 +48,8 @@ struct Solution {
 
 impl Moeller {
     #[inline(always)]
-    fn solve(self, ray: &Frame, a: Vec4, b: Vec4, c: Vec4) -> Solution {
-        let (a, b, c) = (a.truncate(), b.truncate(), c.truncate());
+    fn solve(self, ray: &Frame, corners: Corners) -> Solution {
+        let (a, b, c) = vertices(corners);
         let (ab, ac) = (self.unit.between(a, b), self.unit.between(a, c));
         let p = cross(ray.direction, ac);
         let det = dot(ab, p);
@@ -61,6 +62,8 @@ impl Moeller {
 }
 
 impl Intersector for Moeller {
+    type Seen = Solution;
+
     #[inline(always)]
     fn new(ray: &Frame) -> Self {
         let unit = Unit::new(ray);
@@ -70,15 +73,14 @@ impl Intersector for Moeller {
     }
 
     #[inline(always)]
-    fn may_hit(self, ray: &Frame, a: Vec4, b: Vec4, c: Vec4) -> bool {
-        let s = self.solve(ray, a, b, c);
+    fn look(self, ray: &Frame, corners: Corners) -> (Solution, bool) {
+        let s = self.solve(ray, corners);
         let most = s.det * NEARLY;
-        (s.u >= 0.0) & (s.v >= 0.0) & (s.u + s.v <= most) & (s.det > 0.0)
+        (s, (s.u >= 0.0) & (s.v >= 0.0) & (s.u + s.v <= most) & (s.det > 0.0))
     }
 
     #[inline(always)]
-    fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool {
-        let s = self.solve(ray, a, b, c);
+    fn test(self, ray: &Frame, id: u32, _corners: Corners, s: Solution, best: &mut Best) -> bool {
         if s.det > 0.0 && s.u >= 0.0 && s.v >= 0.0 {
             let inverse = div(1.0, s.det);
             let u = flush(s.u * inverse, WEIGHT_FLOOR);

@@ -23,14 +23,15 @@
 //! that, by the second rule.
 
 use super::{
-    Best, Intersector,
+    Best, Corners, Intersector,
     exact::Exact,
     filter::{Edge, First, Line, all_turned, look},
     integers,
     pair::Pair,
+    vertices,
 };
 use crate::{
-    glam::{Vec3, Vec4},
+    glam::Vec3,
     math::{exp2, product_difference_wide},
     trace::frame::Frame,
 };
@@ -158,6 +159,8 @@ fn by_pairs<const ORDERED: bool>(
 }
 
 impl<const ORDERED: bool> Intersector for Perturbed<ORDERED> {
+    type Seen = ();
+
     const LOOPS: bool = true;
     const WHOLE: bool = true;
 
@@ -167,13 +170,13 @@ impl<const ORDERED: bool> Intersector for Perturbed<ORDERED> {
     }
 
     #[inline(always)]
-    fn may_hit(self, ray: &Frame, a: Vec4, b: Vec4, c: Vec4) -> bool {
-        Exact.may_hit(ray, a, b, c)
+    fn look(self, ray: &Frame, corners: Corners) -> ((), bool) {
+        ((), Exact.look(ray, corners).1)
     }
 
     #[inline(always)]
-    fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool {
-        let (a, b, c) = (a.truncate(), b.truncate(), c.truncate());
+    fn test(self, ray: &Frame, id: u32, corners: Corners, _seen: (), best: &mut Best) -> bool {
+        let (a, b, c) = vertices(corners);
         let mut found = by_pairs::<ORDERED>(ray, id, (a, b, c), best);
         let mut whole = true;
         if !found.certain {

@@ -6,11 +6,12 @@
 //! the point is from the scene's origin: it is rounded to coordinates.
 
 use super::{
-    Best, Intersector,
+    Best, Corners, Intersector,
     unit::{Unit, cross, dot, largest},
+    vertices,
 };
 use crate::{
-    glam::{Vec3, Vec4},
+    glam::Vec3,
     math::{abs, component, cycle, div, exp2},
     trace::frame::{Frame, flush},
 };
@@ -32,15 +33,22 @@ fn side(unit: Unit, axis: u32, p: Vec3, q: Vec3, point: Vec3) -> f32 {
 }
 
 impl Intersector for Plane {
+    type Seen = ();
+
     #[inline(always)]
     fn new(ray: &Frame) -> Self {
         Self(Unit::new(ray))
     }
 
     #[inline(always)]
-    fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool {
+    fn look(self, _ray: &Frame, _corners: Corners) -> ((), bool) {
+        ((), true)
+    }
+
+    #[inline(always)]
+    fn test(self, ray: &Frame, id: u32, corners: Corners, _seen: (), best: &mut Best) -> bool {
         let Self(unit) = self;
-        let (a, b, c) = (a.truncate(), b.truncate(), c.truncate());
+        let (a, b, c) = vertices(corners);
         let normal = cross(unit.between(a, b), unit.between(a, c));
         let along = dot(normal, ray.direction);
         if along != 0.0 {

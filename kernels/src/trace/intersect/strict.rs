@@ -8,9 +8,9 @@
 //! edge functions are accurate, so is `t`, their mean of the vertices' depths, even where the ray grazes the
 //! triangle (see frame.rs).
 
-use super::{Best, Intersector};
+use super::{Best, Corners, Intersector, vertices};
 use crate::{
-    glam::{Vec3, Vec4},
+    glam::Vec3,
     math::{Digits, Number, component, cycle, div, exp2, product_difference, product_difference_wide},
     trace::frame::{Frame, flush},
 };
@@ -23,7 +23,9 @@ const WEIGHT_FLOOR: f32 = exp2(-40);
 pub(super) const PRODUCT_FLOOR: f32 = exp2(-39);
 
 /// A triangle's vertices seen from a ray: moved to its origin, sheared along it.
-pub(in crate::trace) struct Sheared<N = f32> {
+#[derive(Clone, Copy, Default)]
+#[allow(missing_debug_implementations, missing_docs, reason = "seen by tests alone")]
+pub struct Sheared<N = f32> {
     pub ax: N,
     pub ay: N,
     pub bx: N,
@@ -42,7 +44,7 @@ pub(in crate::trace) fn sheared<N: Number>(across: N, shear: N, z: N) -> N {
 }
 
 #[inline(always)]
-pub(super) fn shear(ray: &Frame, a: Vec3, b: Vec3, c: Vec3) -> Sheared {
+pub(in crate::trace) fn shear(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> Sheared {
     let ra = cycle(a - ray.origin, ray.main);
     let rb = cycle(b - ray.origin, ray.main);
     let rc = cycle(c - ray.origin, ray.main);
@@ -60,7 +62,8 @@ pub(super) fn shear(ray: &Frame, a: Vec3, b: Vec3, c: Vec3) -> Sheared {
 }
 
 impl<N: Digits> Sheared<N> {
-    /// Whether no edge function contradicts another, by rounded products alone.
+    /// Whether no edge function contradicts another, by rounded products alone: the cheap part of the test. Few
+    /// triangles get past it without being hit.
     #[inline(always)]
     pub(in crate::trace) fn agree(&self) -> N::Mask {
         let (up, uq) = (self.cx * self.by, self.cy * self.bx);
@@ -101,13 +104,6 @@ impl<N: Digits> Sheared<N> {
     }
 }
 
-/// Whether the ray's line may pass through the triangle: no edge function contradicts another. The cheap part
-/// of the test; few triangles get past it without being hit.
-#[inline(always)]
-pub fn may_hit(ray: &Frame, a: Vec3, b: Vec3, c: Vec3) -> bool {
-    shear(ray, a, b, c).agree()
-}
-
 /// The three edge functions, up to a common power of two: exact signs, sizes within `2^-22`.
 #[inline(always)]
 fn edges(s: &Sheared) -> (f32, f32, f32) {
@@ -146,11 +142,10 @@ pub(in crate::trace) fn weights<N: Digits>(u: N, v: N, w: N) -> (N, N, N, N) {
 
 /// The whole test of triangle `id`: keeps the better of it and `best`. Smaller `t` wins, then the smaller id.
 #[inline(always)]
-pub fn test(ray: &Frame, id: u32, a: Vec3, b: Vec3, c: Vec3, best: &mut Best) {
-    let s = shear(ray, a, b, c);
-    let (u, v, w) = edges(&s);
-    let negative = u < 0.0 || v < 0.0 || w < 0.0;
-    let positive = u > 0.0 || v > 0.0 || w > 0.0;
+pub(in crate::trace) fn test(ray: &Frame, id: u32, s: &Sheared, best: &mut Best) {
+    let (u, v, w) = edges(s);
+    let negative = (u < 0.0) | (v < 0.0) | (w < 0.0);
+    let positive = (u > 0.0) | (v > 0.0) | (w > 0.0);
     // Both: outside. Neither: the ray lies in the triangle's plane, a miss by contract.
     if negative != positive {
         let (u, v, w, det) = weights(u, v, w);
@@ -159,24 +154,27 @@ pub fn test(ray: &Frame, id: u32, a: Vec3, b: Vec3, c: Vec3, best: &mut Best) {
     }
 }
 
-/// The default: [`test()`].
+/// The default: signs of edge functions, exactly.
 #[derive(Clone, Copy, Debug)]
 pub struct Strict;
 
 impl Intersector for Strict {
+    type Seen = Sheared;
+
     #[inline(always)]
     fn new(_ray: &Frame) -> Self {
         Self
     }
 
     #[inline(always)]
-    fn may_hit(self, ray: &Frame, a: Vec4, b: Vec4, c: Vec4) -> bool {
-        may_hit(ray, a.truncate(), b.truncate(), c.truncate())
+    fn look(self, ray: &Frame, corners: Corners) -> (Sheared, bool) {
+        let s = shear(ray, vertices(corners));
+        (s, s.agree())
     }
 
     #[inline(always)]
-    fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool {
-        test(ray, id, a.truncate(), b.truncate(), c.truncate(), best);
+    fn test(self, ray: &Frame, id: u32, _corners: Corners, seen: Sheared, best: &mut Best) -> bool {
+        test(ray, id, &seen, best);
         true
     }
 }

@@ -10,11 +10,11 @@
 //! same for all triangles.
 
 use super::{
-    Best, Intersector,
+    Best, Corners, Intersector,
     strict::{PRODUCT_FLOOR, Sheared, shear},
+    vertices,
 };
 use crate::{
-    glam::Vec4,
     math::{component, div, exp2, exponent},
     trace::frame::{Frame, flush},
 };
@@ -25,8 +25,8 @@ pub struct Woop;
 
 /// The vertices seen from the ray, with products that do not underflow.
 #[inline(always)]
-fn seen(ray: &Frame, a: Vec4, b: Vec4, c: Vec4) -> Sheared {
-    let s = shear(ray, a.truncate(), b.truncate(), c.truncate());
+fn seen(ray: &Frame, corners: Corners) -> Sheared {
+    let s = shear(ray, vertices(corners));
     Sheared {
         ax: flush(s.ax, PRODUCT_FLOOR),
         ay: flush(s.ay, PRODUCT_FLOOR),
@@ -39,19 +39,21 @@ fn seen(ray: &Frame, a: Vec4, b: Vec4, c: Vec4) -> Sheared {
 }
 
 impl Intersector for Woop {
+    type Seen = Sheared;
+
     #[inline(always)]
     fn new(_ray: &Frame) -> Self {
         Self
     }
 
     #[inline(always)]
-    fn may_hit(self, ray: &Frame, a: Vec4, b: Vec4, c: Vec4) -> bool {
-        seen(ray, a, b, c).agree()
+    fn look(self, ray: &Frame, corners: Corners) -> (Sheared, bool) {
+        let s = seen(ray, corners);
+        (s, s.agree())
     }
 
     #[inline(always)]
-    fn test(self, ray: &Frame, id: u32, a: Vec4, b: Vec4, c: Vec4, best: &mut Best) -> bool {
-        let s = seen(ray, a, b, c);
+    fn test(self, ray: &Frame, id: u32, _corners: Corners, s: Sheared, best: &mut Best) -> bool {
         let u = s.cx * s.by - s.cy * s.bx;
         let v = s.ax * s.cy - s.ay * s.cx;
         let w = s.bx * s.ay - s.by * s.ax;

@@ -50,8 +50,8 @@ pub fn brute<I: Intersector>(
         while r < end {
             let id = kept.at(r);
             let (a, b, c) = triangle(positions, indices, id);
-            let (a, b, c) = I::lay_out(a, b, c);
-            let done = by.test(&ray, id, a, b, c, &mut best);
+            let corners = I::lay_out(a, b, c);
+            let done = by.test_unseen(&ray, id, corners, &mut best);
             if I::LOOPS {
                 whole &= done;
             }

@@ -57,5 +57,5 @@ pub fn thick(ray: &Frame, axis: u32, position: f32) -> (f32, f32) {
 #[inline(always)]
 pub fn crossed<N: Digits>(position: N, origin: N, inverse: N, pad: N) -> (N, N) {
     let at = (position - origin) * inverse;
-    (at, pad * inverse.abs())
+    (at, (pad * inverse).abs())
 }

@@ -1,44 +1,61 @@
 //! The visit of a leaf, the same for every traversal: each triangle it lists is tested.
 
 use crate::{
-    ON_GPU,
     glam::Vec4,
     math::high,
     mem::{Buf, Slots},
     trace::{
         frame::Frame,
-        intersect::{Best, Intersector, NORMAL},
+        intersect::{Best, Corners, Intersector, NORMAL},
     },
 };
-use raykd_shared::Node;
+use raykd_shared::{MISS, Node};
+
+/// A triangle as a leaf lists it, after a first look.
+#[derive(Clone, Copy, Debug)]
+pub struct Listed<I: Intersector> {
+    /// Its number.
+    pub id: u32,
+    /// The reference that lists it.
+    pub at: u32,
+    /// What leaves keep of it.
+    pub corners: Corners,
+    /// What the look saw.
+    pub seen: I::Seen,
+}
+
+impl<I: Intersector> Listed<I> {
+    /// No triangle.
+    #[inline(always)]
+    fn none() -> Self {
+        Self { id: MISS, at: 0, corners: (Vec4::ZERO, Vec4::ZERO, Vec4::ZERO), seen: I::Seen::default() }
+    }
+
+    /// [`Intersector::test`].
+    #[inline(always)]
+    pub fn test(self, by: I, ray: &Frame, best: &mut Best) -> bool {
+        by.test(ray, self.id, self.corners, self.seen, best)
+    }
+}
 
 /// Which hits count, by what a traversal makes of them.
-pub trait Filter {
-    /// Tests a triangle, given by its number and the reference that lists it; keeps the better of it and `best` if it
-    /// counts. False as [`Intersector::test`] is.
-    fn test<I: Intersector>(
-        &mut self,
-        by: I,
-        ray: &Frame,
-        triangle: (u32, u32),
-        corners: (Vec4, Vec4, Vec4),
-        best: &mut Best,
-    ) -> bool;
+pub trait Filter<I: Intersector> {
+    /// Tests a triangle; keeps the better of it and `best` if it counts. False as [`Intersector::test`] is.
+    fn test(&mut self, by: I, ray: &Frame, triangle: Listed<I>, best: &mut Best) -> bool;
 }
 
 /// Which hits of a query count.
-pub trait Choice: Copy {
+pub trait Choice<I: Intersector>: Copy {
     /// Begins a leaf.
     #[inline(always)]
     fn begin(self, _own: &mut impl Slots<u32>) {}
 
     /// As [`Filter::test`], with words in which a choice may keep something.
-    fn test<I: Intersector>(
+    fn test(
         self,
         by: I,
         ray: &Frame,
-        triangle: (u32, u32),
-        corners: (Vec4, Vec4, Vec4),
+        triangle: Listed<I>,
         best: &mut Best,
         own: &mut impl Slots<u32>,
     ) -> bool;
@@ -48,32 +65,24 @@ pub trait Choice: Copy {
 #[derive(Clone, Copy, Debug)]
 pub struct Every;
 
-impl Filter for Every {
+impl<I: Intersector> Filter<I> for Every {
     #[inline(always)]
-    fn test<I: Intersector>(
-        &mut self,
-        by: I,
-        ray: &Frame,
-        (id, _): (u32, u32),
-        (a, b, c): (Vec4, Vec4, Vec4),
-        best: &mut Best,
-    ) -> bool {
-        by.test(ray, id, a, b, c, best)
+    fn test(&mut self, by: I, ray: &Frame, triangle: Listed<I>, best: &mut Best) -> bool {
+        triangle.test(by, ray, best)
     }
 }
 
-impl Choice for Every {
+impl<I: Intersector> Choice<I> for Every {
     #[inline(always)]
-    fn test<I: Intersector>(
+    fn test(
         self,
         by: I,
         ray: &Frame,
-        (id, _): (u32, u32),
-        (a, b, c): (Vec4, Vec4, Vec4),
+        triangle: Listed<I>,
         best: &mut Best,
         _own: &mut impl Slots<u32>,
     ) -> bool {
-        by.test(ray, id, a, b, c, best)
+        triangle.test(by, ray, best)
     }
 }
 
@@ -81,18 +90,17 @@ impl Choice for Every {
 #[derive(Clone, Copy, Debug)]
 pub struct Except(pub u32);
 
-impl Choice for Except {
+impl<I: Intersector> Choice<I> for Except {
     #[inline(always)]
-    fn test<I: Intersector>(
+    fn test(
         self,
         by: I,
         ray: &Frame,
-        (id, _): (u32, u32),
-        (a, b, c): (Vec4, Vec4, Vec4),
+        triangle: Listed<I>,
         best: &mut Best,
         _own: &mut impl Slots<u32>,
     ) -> bool {
-        id == self.0 || by.test(ray, id, a, b, c, best)
+        triangle.id == self.0 || triangle.test(by, ray, best)
     }
 }
 
@@ -123,19 +131,18 @@ impl After {
     }
 }
 
-impl Choice for After {
+impl<I: Intersector> Choice<I> for After {
     #[inline(always)]
-    fn test<I: Intersector>(
+    fn test(
         self,
         by: I,
         ray: &Frame,
-        (id, _): (u32, u32),
-        (a, b, c): (Vec4, Vec4, Vec4),
+        triangle: Listed<I>,
         best: &mut Best,
         _own: &mut impl Slots<u32>,
     ) -> bool {
         let mut hit = *best;
-        let whole = by.test(ray, id, a, b, c, &mut hit);
+        let whole = triangle.test(by, ray, &mut hit);
         if self.precedes(&hit) {
             *best = hit;
         }
@@ -143,13 +150,10 @@ impl Choice for After {
     }
 }
 
-/// How far ahead triangles are loaded: on a GPU two at a time, for one wait for memory instead of two.
-const AHEAD: u32 = ON_GPU as u32;
-
 /// Tests the triangles of `leaf`, counting the hits that `filter` lets through. Returns whether it got through
 /// all: some software drivers leave a loop after so many rounds whatever its condition says.
 #[inline(always)]
-pub fn visit<I: Intersector, F: Filter>(
+pub fn visit<I: Intersector, F: Filter<I>>(
     by: I,
     ray: &Frame,
     leaf: Node,
@@ -163,25 +167,32 @@ pub fn visit<I: Intersector, F: Filter>(
     let mut r = leaf.first();
     let end = if arrived { r + leaf.count() } else { r };
     let mut whole = true;
-    while r < end {
-        // On a GPU lanes look for a triangle that may be hit, wait for each other, then test theirs together.
-        let mut found = false;
-        while r < end && !found {
-            let next = r + AHEAD;
-            let (a, b, c) = corners.three(3 * r);
-            let (d, e, f) = corners.three(3 * next);
-            let one = by.may_hit(ray, a, b, c);
-            // What lies past the leaf's end, or the buffer's, does not count.
-            let two = AHEAD == 1 && (by.may_hit(ray, d, e, f) & (next < end));
-            found = one | two;
-            r = if one | (next == end) { r + 1 } else { next + 1 };
-        }
-        if found {
-            let (a, b, c) = corners.three(3 * (r - 1));
-            let done = filter.test(by, ray, (a.w.to_bits() & !NORMAL, r - 1), (a, b, c), best);
-            // A test without loops costs nothing here.
-            if I::LOOPS {
-                whole &= done;
+    if r < end {
+        // Asks at its end: see docs/design.md, "Lessons from drivers and compilers".
+        loop {
+            // On a GPU lanes look for a triangle that may be hit, wait for each other, then test theirs together.
+            let mut found = Listed::<I>::none();
+            let is_found = loop {
+                if r >= end {
+                    break false;
+                }
+                let corners = corners.three(3 * r);
+                let (seen, may_hit) = by.look(ray, corners);
+                r += 1;
+                if may_hit {
+                    found = Listed { id: corners.0.w.to_bits() & !NORMAL, at: r - 1, corners, seen };
+                    break true;
+                }
+            };
+            if is_found {
+                let done = filter.test(by, ray, found, best);
+                // A test without loops costs nothing here.
+                if I::LOOPS {
+                    whole &= done;
+                }
+            }
+            if r >= end {
+                break;
             }
         }
     }

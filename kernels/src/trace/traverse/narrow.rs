@@ -6,7 +6,7 @@
 
 use super::{
     Steps,
-    leaf::Choice,
+    leaf::{Choice, Listed},
     stack::{ASIDE, walk_keeping},
 };
 #[cfg(not(target_arch = "spirv"))]
@@ -17,7 +17,7 @@ use crate::{
     mem::{Atomics, Buf, Slots, aside, scratch},
     trace::{
         frame::Frame,
-        intersect::{Best, Intersector, exact::Exact},
+        intersect::{Best, exact::Exact},
         job::{JOB_RAYS, OUTCOME_LEFT, OUTCOME_STATUS, load, loops_are_whole, ray_of, record},
         listed::{NONE, four},
         queries::SHARED,
@@ -113,7 +113,7 @@ impl Narrow {
     }
 }
 
-impl<const ANY: bool> Choice for Narrow<ANY> {
+impl<const ANY: bool> Choice<Exact> for Narrow<ANY> {
     #[inline(always)]
     fn begin(self, own: &mut impl Slots<u32>) {
         if ANY {
@@ -122,16 +122,16 @@ impl<const ANY: bool> Choice for Narrow<ANY> {
     }
 
     #[inline(always)]
-    fn test<I: Intersector>(
+    fn test(
         self,
-        _by: I,
+        by: Exact,
         ray: &Frame,
-        (id, at): (u32, u32),
-        corners: (Vec4, Vec4, Vec4),
+        triangle: Listed<Exact>,
         best: &mut Best,
         own: &mut impl Slots<u32>,
     ) -> bool {
-        let seen = Exact.glance(ray, corners);
+        let Listed { id, at, corners, seen } = triangle;
+        let seen = by.glance(ray, corners, &seen);
         let open = own.at(COUNT) <= MOST;
         let passed = seen.later < ray.t_min || seen.near > best.t || id == best.triangle;
         if open && !passed {

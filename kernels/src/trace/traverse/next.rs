@@ -1,8 +1,7 @@
 //! The next hits of a ray, several by one walk.
 
-use super::leaf::{After, Choice};
+use super::leaf::{After, Choice, Listed};
 use crate::{
-    glam::Vec4,
     mem::Slots,
     trace::{
         frame::Frame,
@@ -74,19 +73,18 @@ impl Next {
     }
 }
 
-impl Choice for Next {
+impl<I: Intersector> Choice<I> for Next {
     #[inline(always)]
-    fn test<I: Intersector>(
+    fn test(
         self,
         by: I,
         ray: &Frame,
-        (id, _): (u32, u32),
-        (a, b, c): (Vec4, Vec4, Vec4),
+        triangle: Listed<I>,
         best: &mut Best,
         own: &mut impl Slots<u32>,
     ) -> bool {
         let mut hit = Best { t: best.t, triangle: best.triangle, ..Best::NOTHING };
-        let whole = by.test(ray, id, a, b, c, &mut hit);
+        let whole = triangle.test(by, ray, &mut hit);
         if hit.triangle != best.triangle && self.0.precedes(&hit) {
             Self::insert(own, &hit);
             // Of a full list the last is what others must be better than.

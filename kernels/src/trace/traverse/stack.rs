@@ -9,7 +9,7 @@
 use super::{
     Steps,
     crossing::crossed,
-    leaf::{self, Choice, Filter},
+    leaf::{self, Choice, Filter, Listed},
 };
 use crate::{
     ON_GPU,
@@ -25,8 +25,8 @@ use raykd_shared::{MISS, Node, limits::MAX_DEPTH, status};
 
 /// A lane in an empty leaf takes the next entry at once while it has gone fewer rounds of steps than this since
 /// lanes tested triangles together: two of three leaves on a ray's way are empty, but a lane that never stops
-/// makes the others wait. Found by trying on an H200. On a CPU nobody waits.
-const IN_A_ROW: u32 = 12;
+/// makes the others wait. Found by trying on an H200 and an H100. On a CPU nobody waits.
+const IN_A_ROW: u32 = 8;
 
 /// Whether a ray goes to the far child first, and whether it goes to both; by whether its interval is `past`
 /// the near child, ends `before` the far one, and which of them is empty: such a leaf is not worth a visit
@@ -123,6 +123,62 @@ impl Place {
         self.exit = if over { exit } else { ends };
     }
 
+    /// Goes down to a leaf. Nothing beyond the best hit, at `t`, matters. On a GPU lanes wait for each other here, then
+    /// test triangles together.
+    #[inline(always)]
+    fn descend<const COUNT: bool>(
+        &mut self,
+        line: &Line,
+        pairs: &Buf<UVec4>,
+        stack: &mut impl Slots<UVec4>,
+        t: f32,
+        steps: &mut Steps,
+    ) {
+        let mut passed = 0;
+        if self.node.is_leaf() {
+            return;
+        }
+        // Asks at its end: see docs/design.md, "Lessons from drivers and compilers".
+        loop {
+            passed += 1;
+            self.down::<false, COUNT>(line, pairs, stack, steps);
+            // Lanes that have arrived lose less by a step in which they do nothing than all lose by asking after each
+            // step whether any has not. Found by trying on an H200 and an H100.
+            if ON_GPU {
+                self.down::<true, COUNT>(line, pairs, stack, steps);
+            }
+            // See [`IN_A_ROW`].
+            if ON_GPU && self.node.is_empty() & (self.top != 0) & (passed < IN_A_ROW) {
+                let entry = stack.at(self.top - 1);
+                // What lies beyond the best hit is left to `next`.
+                if f32::from_bits(entry.w) <= t {
+                    if COUNT {
+                        steps.visit(self.node);
+                    }
+                    self.take(entry, t);
+                }
+            }
+            if self.node.is_leaf() {
+                break;
+            }
+        }
+    }
+
+    /// Goes to the next entry that begins no farther than `t`; false if there is none.
+    #[inline(always)]
+    fn next(&mut self, stack: &impl Slots<UVec4>, t: f32) -> bool {
+        loop {
+            if self.top == 0 {
+                self.top = DONE;
+                break false;
+            }
+            self.take(stack.at(self.top - 1), t);
+            if self.enter <= t {
+                break true;
+            }
+        }
+    }
+
     /// Goes to the entry on top of the stack. Nothing beyond the best hit, at `t`, matters.
     #[inline(always)]
     fn take(&mut self, entry: UVec4, t: f32) {
@@ -153,18 +209,11 @@ struct Apart<'a, C, A, O> {
     own: &'a mut O,
 }
 
-impl<C: Choice, A: Slots<u32>, O: Slots<u32>> Filter for Apart<'_, C, A, O> {
+impl<I: Intersector, C: Choice<I>, A: Slots<u32>, O: Slots<u32>> Filter<I> for Apart<'_, C, A, O> {
     #[inline(always)]
-    fn test<I: Intersector>(
-        &mut self,
-        by: I,
-        ray: &Frame,
-        triangle: (u32, u32),
-        corners: (Vec4, Vec4, Vec4),
-        best: &mut Best,
-    ) -> bool {
+    fn test(&mut self, by: I, ray: &Frame, triangle: Listed<I>, best: &mut Best) -> bool {
         let mut hit = Best { t: best.t, triangle: best.triangle, ..Best::NOTHING };
-        let whole = self.choice.test(by, ray, triangle, corners, &mut hit, self.own);
+        let whole = self.choice.test(by, ray, triangle, &mut hit, self.own);
         if hit.triangle != best.triangle {
             best.t = hit.t;
             best.triangle = hit.triangle;
@@ -179,7 +228,7 @@ impl<C: Choice, A: Slots<u32>, O: Slots<u32>> Filter for Apart<'_, C, A, O> {
 /// Finds the closest hit of a ray by one triangle test, or if `any` will do the best one in the first leaf
 /// that has one, among those that `choice` lets through. With `COUNT`, says what it did.
 #[inline(always)]
-pub fn walk<I: Intersector, C: Choice, const COUNT: bool>(
+pub fn walk<I: Intersector, C: Choice<I>, const COUNT: bool>(
     ray: &mut Frame,
     pairs: &Buf<UVec4>,
     corners: &Buf<Vec4>,
@@ -194,7 +243,7 @@ pub fn walk<I: Intersector, C: Choice, const COUNT: bool>(
 /// [`walk`] with words in which `choice` keeps something.
 #[inline(always)]
 #[allow(clippy::too_many_arguments, reason = "what is kept where differs")]
-pub(in crate::trace) fn walk_keeping<I: Intersector, C: Choice, const COUNT: bool>(
+pub(in crate::trace) fn walk_keeping<I: Intersector, C: Choice<I>, const COUNT: bool>(
     ray: &mut Frame,
     pairs: &Buf<UVec4>,
     corners: &Buf<Vec4>,
@@ -216,7 +265,7 @@ pub(in crate::trace) fn walk_keeping<I: Intersector, C: Choice, const COUNT: boo
     let mut filter = Apart { choice, aside, own };
     // A hit as far as the ray goes is taken, and none beyond: the same as if the best one were there.
     let mut best = Best { t: ray.t_max, ..Best::NOTHING };
-    let mut running = ray.valid && ray.enter <= ray.exit;
+    let mut running = ray.valid & (ray.enter <= ray.exit);
     let mut stack = mem::stack::<UVec4, { MAX_DEPTH as usize }>();
     let root = pairs.at(0);
     let mut place = Place {
@@ -226,29 +275,7 @@ pub(in crate::trace) fn walk_keeping<I: Intersector, C: Choice, const COUNT: boo
         top: if running { 0 } else { DONE },
     };
     while running {
-        // Down to a leaf. On a GPU lanes wait for each other here, then test triangles together.
-        let mut passed = 0;
-        while !place.node.is_leaf() {
-            passed += 1;
-            place.down::<false, COUNT>(&line, pairs, &mut stack, steps);
-            // Lanes that have arrived lose less by two steps in which they do nothing than all lose by asking
-            // after each step whether any has not. Found by trying on an H200.
-            if ON_GPU {
-                place.down::<true, COUNT>(&line, pairs, &mut stack, steps);
-                place.down::<true, COUNT>(&line, pairs, &mut stack, steps);
-            }
-            // See [`IN_A_ROW`].
-            if ON_GPU && place.node.is_empty() & (place.top != 0) & (passed < IN_A_ROW) {
-                let entry = stack.at(place.top - 1);
-                // What lies beyond the best hit is left to the search below.
-                if f32::from_bits(entry.w) <= best.t {
-                    if COUNT {
-                        steps.visit(place.node);
-                    }
-                    place.take(entry, best.t);
-                }
-            }
-        }
+        place.descend::<COUNT>(&line, pairs, &mut stack, best.t, steps);
         if COUNT {
             steps.visit(place.node);
         }
@@ -267,17 +294,8 @@ pub(in crate::trace) fn walk_keeping<I: Intersector, C: Choice, const COUNT: boo
             place.top = DONE;
         }
         running = whole & !enough;
-        let mut searching = running;
-        while searching {
-            if place.top == 0 {
-                place.top = DONE;
-                running = false;
-                searching = false;
-            } else {
-                let entry = stack.at(place.top - 1);
-                place.take(entry, best.t);
-                searching = place.enter > best.t;
-            }
+        if running {
+            running = place.next(&stack, best.t);
         }
     }
     if place.top != DONE {
