@@ -461,6 +461,7 @@ fn near_inverse(x: f32) -> f32 {
 /// After the first correction the quotient is off by little more than half of a last digit, so what it leaves has 24
 /// digits, and comparing that with half of a last digit of the divisor rounds. There is no tie: an odd number of 25
 /// digits times the divisor has more than 24.
+// A CPU needs it seldom, and a page loads every copy.
 #[cfg_attr(target_arch = "spirv", inline)]
 #[cfg_attr(not(target_arch = "spirv"), cold, inline(never))]
 pub fn quotient(a: f32, b: f32) -> f32 {

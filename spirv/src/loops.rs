@@ -17,54 +17,47 @@ use std::collections::{HashMap, HashSet};
 pub(crate) fn leave_where_asked(module: &mut Module) -> usize {
     let never = module.types_global_values.iter().filter(|i| i.class.opcode == Op::ConstantFalse);
     let never: HashSet<Word> = never.filter_map(|i| i.result_id).collect();
-    let next = module.header.as_ref().map_or(0, |header| header.bound);
-    let mut turned = Turned { never, next, count: 0 };
+    let Some(header) = &mut module.header else { return 0 };
+    let mut count = 0;
     for function in &mut module.functions {
         // From the last to the first, so that what stands before keeps its place.
-        for header in (0..function.blocks.len()).rev() {
-            if let Some(found) = While::at(function, header, &turned.never) {
-                found.turn(function, &mut turned);
+        for head in (0..function.blocks.len()).rev() {
+            if let Some(found) = While::at(function, head, &never) {
+                found.turn(function, &mut header.bound);
+                count += 1;
             }
         }
     }
-    if let Some(header) = &mut module.header {
-        header.bound = turned.next;
-    }
-    turned.count
+    count
 }
 
-/// What was done so far.
-struct Turned {
-    /// The constants that are false.
-    never: HashSet<Word>,
-    /// The next id.
-    next: Word,
-    count: usize,
+/// A block, by its place in the function and its label.
+#[derive(Clone, Copy, PartialEq, Eq)]
+struct Place {
+    at: usize,
+    label: Word,
 }
 
-/// A loop of that form, by places of its blocks.
+/// A loop of that form.
 struct While {
+    /// Where it begins.
+    head: Word,
     /// Asks, and goes on to the body or to `skip`, which is empty.
-    asks: usize,
-    skip: usize,
+    asks: Place,
+    skip: Place,
     /// Where both meet, and choose for each value which of them it is of: (name, of the body, else).
-    meet: usize,
+    meet: Place,
     chosen: Vec<(Word, Word, Word)>,
-    /// Goes back to the loop's head, by what the body says, or always.
-    back: usize,
-    header: Word,
+    /// Goes back to the head, by what the body says, or always.
+    back: Place,
     says: Option<Word>,
     /// What comes after the loop.
-    after: usize,
+    after: Place,
 }
 
-/// The id of a block's or an operand's.
+/// The id that an operand names.
 fn id(operand: &Operand) -> Option<Word> {
     operand.id_ref_any()
-}
-
-fn label(function: &Function, block: usize) -> Option<Word> {
-    function.blocks[block].label_id()
 }
 
 /// The target of a block's last instruction, if it is a plain branch.
@@ -89,34 +82,35 @@ fn named(function: &Function, block: Word) -> usize {
 impl While {
     /// The one whose head is a block, if there is one.
     fn at(function: &Function, head: usize, never: &HashSet<Word>) -> Option<Self> {
-        let place = |id: Word| function.blocks.iter().position(|b| b.label_id() == Some(id));
-        let code = |block: usize| &function.blocks[block].instructions[..];
+        let place = |label: Word| {
+            let at = function.blocks.iter().position(|b| b.label_id() == Some(label))?;
+            Some(Place { at, label })
+        };
+        let code = |block: Place| &function.blocks[block.at].instructions[..];
+        let head = Place { at: head, label: function.blocks[head].label_id()? };
         let merge = code(head).iter().find(|i| i.class.opcode == Op::LoopMerge)?;
-        let (after, back) = (id(&merge.operands[0])?, id(&merge.operands[1])?);
-        let header = label(function, head)?;
+        let (after, back) = (place(id(&merge.operands[0])?)?, place(id(&merge.operands[1])?)?);
         let asks = place(branch(code(head))?)?;
         let (asked, yes, no) = conditional(code(asks))?;
         let selection = code(asks).iter().rev().nth(1).filter(|i| i.class.opcode == Op::SelectionMerge)?;
-        let meets = id(&selection.operands[0])?;
+        let meet = place(id(&selection.operands[0])?)?;
         // One of both ways is empty.
         let empty =
-            |way: Word| Some(place(way)?).filter(|&b| code(b).len() == 1 && branch(code(b)) == Some(meets));
+            |way: Word| place(way).filter(|&b| code(b).len() == 1 && branch(code(b)) == Some(meet.label));
         let (body, skip) = match (empty(yes), empty(no)) {
             (None, Some(skip)) => (yes, skip),
             (Some(skip), None) => (no, skip),
             _ => return None,
         };
-        let skipped = label(function, skip)?;
-        let meet = place(meets)?;
-        let (ends, chosen) = code(meet).split_last()?;
-        if ends.class.opcode != Op::Branch || id(&ends.operands[0]) != Some(back) {
+        let (_, chosen) = code(meet).split_last()?;
+        if branch(code(meet)) != Some(back.label) {
             return None;
         }
         let choose = |i: &Instruction| {
             let [a, from, b, other] = i.operands.iter().map(id).collect::<Option<Vec<_>>>()?[..] else {
                 return None;
             };
-            let of = match (from == skipped, other == skipped) {
+            let of = match (from == skip.label, other == skip.label) {
                 (true, false) => (b, a),
                 (false, true) => (a, b),
                 _ => return None,
@@ -124,9 +118,8 @@ impl While {
             (i.class.opcode == Op::Phi).then_some((i.result_id?, of.0, of.1))
         };
         let chosen: Vec<_> = chosen.iter().map(choose).collect::<Option<_>>()?;
-        let (back, after) = (place(back)?, place(after)?);
         let (again, to, out) = conditional(code(back))?;
-        if code(back).len() != 1 || to != header || Some(out) != label(function, after) {
+        if code(back).len() != 1 || to != head.label || out != after.label {
             return None;
         }
         // What sends the loop back is what was asked, or what the body says and false without it.
@@ -135,78 +128,64 @@ impl While {
             None if again == asked && body == yes => None,
             _ => return None,
         };
-        // Values leave a loop as its head's, or as its body's and others: a software driver runs a loop for lanes that
-        // have left it, too, and reads nothing for them.
-        let outer = |value: Word| {
-            let of = function
-                .blocks
-                .iter()
-                .position(|b| b.instructions.iter().any(|i| i.result_id == Some(value)));
-            of != Some(asks)
-        };
-        if says.is_none() && !chosen.iter().all(|&(_, _, otherwise)| outer(otherwise)) {
-            return None;
-        }
-        let alone = [(back, 1), (meet, 2), (skip, 1), (after, 1)];
-        let alone =
-            alone.iter().all(|&(b, times)| label(function, b).is_some_and(|l| named(function, l) == times));
+        // What leaves such a loop must not be read where it asks, unless it has two ways out: a software driver runs a
+        // loop for lanes that have left it, too, and reads nothing for them.
+        let read = |value: Word| code(asks).iter().any(|i| i.result_id == Some(value));
+        let kept = says.is_some() || !chosen.iter().any(|&(_, _, otherwise)| read(otherwise));
+        let ways = [(back, 1), (meet, 2), (skip, 1), (after, 1)];
+        let alone = ways.iter().all(|&(block, times)| named(function, block.label) == times);
         let plain = code(after).first()?.class.opcode != Op::Phi;
-        (alone && plain).then_some(Self { asks, skip, meet, chosen, back, header, says, after })
+        let head = head.label;
+        (kept && alone && plain).then_some(Self { head, asks, skip, meet, chosen, back, says, after })
     }
 
-    /// Leaves the loop where it asks.
-    fn turn(self, function: &mut Function, turned: &mut Turned) {
-        let (Some(after), Some(asks), Some(back)) =
-            (label(function, self.after), label(function, self.asks), label(function, self.back))
-        else {
-            return;
+    /// Leaves the loop where it asks. Takes new ids from `next` on.
+    fn turn(self, function: &mut Function, next: &mut Word) {
+        let Self { head, asks, skip, meet, chosen, back, says, after } = self;
+        let by = |op: Op, operands: &[Word]| {
+            Instruction::new(op, None, None, operands.iter().map(|&word| Operand::IdRef(word)).collect())
         };
-        turned.count += 1;
-        let by = |op: Op, operands: Vec<Word>| {
-            Instruction::new(op, None, None, operands.into_iter().map(Operand::IdRef).collect())
-        };
-        let skipped = label(function, self.skip);
-        let code = &mut function.blocks[self.asks].instructions;
+        let code = &mut function.blocks[asks.at].instructions;
         code.remove(code.len() - 2);
-        if let Some(last) = code.last_mut() {
-            for operand in last.operands.iter_mut().filter(|o| id(o) == skipped) {
-                *operand = Operand::IdRef(after);
+        for operand in code.last_mut().into_iter().flat_map(|last| &mut last.operands) {
+            if id(operand) == Some(skip.label) {
+                *operand = Operand::IdRef(after.label);
             }
         }
-        let choices = &mut function.blocks[self.meet].instructions;
+        let choices = &mut function.blocks[meet.at].instructions;
         let choices: Vec<Instruction> = choices.drain(..choices.len() - 1).collect();
-        function.blocks[self.back].instructions = vec![match self.says {
-            Some(says) => by(Op::BranchConditional, vec![says, self.header, after]),
-            None => by(Op::Branch, vec![self.header]),
+        function.blocks[back.at].instructions = vec![match says {
+            Some(says) => by(Op::BranchConditional, &[says, head, after.label]),
+            None => by(Op::Branch, &[head]),
         }];
         // In the loop values are those of the body. After it they are those of the body or the others, by where it was
         // left.
         let mut inside = HashMap::new();
         let mut outside = HashMap::new();
         let mut joined = Vec::new();
-        for (&(name, body, otherwise), choice) in self.chosen.iter().zip(&choices) {
+        for (&(name, body, otherwise), choice) in chosen.iter().zip(&choices) {
             inside.insert(name, body);
-            let value = if self.says.is_some() {
-                let operands = [otherwise, asks, body, back].map(Operand::IdRef).to_vec();
-                joined.push(Instruction::new(Op::Phi, choice.result_type, Some(turned.next), operands));
-                turned.next += 1;
-                turned.next - 1
+            let value = if says.is_some() {
+                let operands = [otherwise, asks.label, body, back.label].map(Operand::IdRef).to_vec();
+                joined.push(Instruction::new(Op::Phi, choice.result_type, Some(*next), operands));
+                *next += 1;
+                *next - 1
             } else {
                 otherwise
             };
             outside.insert(name, value);
         }
         for block in &mut function.blocks {
-            let head = block.label_id() == Some(self.header);
+            let is_head = block.label_id() == Some(head);
             for instruction in &mut block.instructions {
-                let of = if head && instruction.class.opcode == Op::Phi { &inside } else { &outside };
+                let of = if is_head && instruction.class.opcode == Op::Phi { &inside } else { &outside };
                 for word in instruction.operands.iter_mut().filter_map(Operand::id_ref_any_mut) {
                     *word = of.get(word).copied().unwrap_or(*word);
                 }
             }
         }
-        function.blocks[self.after].instructions.splice(..0, joined);
-        function.blocks.remove(self.skip);
+        function.blocks[after.at].instructions.splice(..0, joined);
+        function.blocks.remove(skip.at);
     }
 }
 
@@ -214,7 +193,7 @@ impl While {
 mod tests {
     use super::*;
     use rspirv::{
-        dr::Builder,
+        dr::{Block, Builder},
         spirv::{FunctionControl, LoopControl, SelectionControl},
     };
 
@@ -280,14 +259,26 @@ mod tests {
         blocks.map(|b| b.instructions.iter().map(|i| i.class.opcode).collect()).collect()
     }
 
+    /// The function once its loop was turned.
+    fn turned(form: Form) -> Module {
+        let mut module = function(form);
+        assert_eq!(leave_where_asked(&mut module), 1);
+        module
+    }
+
+    /// Its seven blocks: before the loop, head, asking, body, where both meet, going back, after the loop.
+    fn parts(module: &Module) -> &[Block; 7] {
+        module.functions[0].blocks[..].try_into().unwrap_or_else(|_| panic!("{:?}", shape(module)))
+    }
+
+    fn name(block: &Block) -> Word {
+        block.label_id().unwrap()
+    }
+
     #[test]
     fn a_loop_is_left_where_it_asks() {
-        let mut module = function(Form::While);
-        assert_eq!(leave_where_asked(&mut module), 1);
-        let [before, head, asks, body, meet, back, after] = &module.functions[0].blocks[..] else {
-            panic!("{:?}", shape(&module))
-        };
-        let name = |block: &rspirv::dr::Block| block.label_id().unwrap();
+        let mut module = turned(Form::While);
+        let [before, head, asks, body, meet, back, after] = parts(&module);
         // By the condition to the body or out of the loop; from its end always back.
         let asked = asks.instructions[1].result_id.unwrap();
         assert_eq!(operands(&asks.instructions[2]), [asked, name(body), name(after)]);
@@ -311,12 +302,8 @@ mod tests {
 
     #[test]
     fn a_loop_that_its_body_leaves_too_has_two_ways_out() {
-        let mut module = function(Form::Two);
-        assert_eq!(leave_where_asked(&mut module), 1);
-        let [_, head, asks, body, _, back, after] = &module.functions[0].blocks[..] else {
-            panic!("{:?}", shape(&module))
-        };
-        let name = |block: &rspirv::dr::Block| block.label_id().unwrap();
+        let module = turned(Form::Two);
+        let [_, head, asks, body, _, back, after] = parts(&module);
         let more = body.instructions[1].result_id.unwrap();
         assert_eq!(operands(&back.instructions[0]), [more, name(head), name(after)]);
         let (i, next) = (head.instructions[0].result_id.unwrap(), body.instructions[0].result_id.unwrap());

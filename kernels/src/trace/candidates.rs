@@ -11,7 +11,7 @@ use super::{
     job::{JOB_ANY, record},
     packet::{Leaves, Packet, Scaled, many, near, neighbours},
     traverse::{
-        leaf::{self, Choice, Filter, Listed},
+        leaf::{self, Choice, Filter, LeafTriangle},
         narrow::{MOST, Narrow, WORDS},
     },
 };
@@ -336,7 +336,7 @@ struct Keeping<'a>(&'a mut List);
 
 impl Filter<Exact> for Keeping<'_> {
     #[inline(always)]
-    fn test(&mut self, by: Exact, ray: &Frame, triangle: Listed<Exact>, best: &mut Best) -> bool {
+    fn test(&mut self, by: Exact, ray: &Frame, triangle: LeafTriangle<Exact>, best: &mut Best) -> bool {
         Narrow::<false>.test(by, ray, triangle, best, self.0)
     }
 }

@@ -422,8 +422,8 @@ impl<N: Sides> Packet<N> {
 
     /// What floats tell of a triangle, and for which rays it may be hit; nothing if for none of some.
     #[inline(always)]
-    pub(super) fn glance(&self, (a, b, c): (Vec4, Vec4, Vec4), some: u32) -> Option<(N::Mask, Glance<N>)> {
-        let s = self.sheared((a, b, c));
+    pub(super) fn glance(&self, corners: Corners, some: u32) -> Option<(N::Mask, Glance<N>)> {
+        let s = self.sheared(corners);
         let edges = Edges::new(&s, self.pad);
         let may = edges.may_hit();
         if N::bits(may) & some == 0 {
@@ -431,13 +431,12 @@ impl<N: Sides> Packet<N> {
         }
         let ([ox, oy, oz, _], [ix, iy, iz, _]) = (self.origins, self.inverses);
         let starts = Starts { origin: [ox, oy, oz], inverse: [ix, iy, iz] };
-        let corners = (a.truncate(), b.truncate(), c.truncate());
-        Some((may, glance(&s, edges, &starts, self.along, self.pad, corners)))
+        Some((may, glance(&s, edges, &starts, self.along, self.pad, vertices(corners))))
     }
 
     /// A triangle seen along the rays.
     #[inline(always)]
-    fn sheared(&self, (a, b, c): (Vec4, Vec4, Vec4)) -> Sheared<N> {
+    fn sheared(&self, (a, b, c): Corners) -> Sheared<N> {
         let seen = |v: Vec4, k: usize| N::turned(v, self.turns[k]) - self.seats[k];
         let (az, bz, cz) = (seen(a, 2), seen(b, 2), seen(c, 2));
         Sheared {
@@ -518,7 +517,7 @@ impl<N: Sides> Bests<N> {
 
     /// [`strict::test`] of one triangle for one ray.
     #[inline(always)]
-    fn test_one(&mut self, packet: &Packet<N>, ray: usize, corners: (Vec4, Vec4, Vec4)) {
+    fn test_one(&mut self, packet: &Packet<N>, ray: usize, corners: Corners) {
         let one = |numbers: N| numbers.numbers()[ray];
         let three = |numbers: &[N; 4]| Vec3::new(one(numbers[0]), one(numbers[1]), one(numbers[2]));
         let numbers = self;

@@ -5,7 +5,7 @@ use super::{
     intersect::{Best, exact::Exact},
     job::OUTCOME_LEFT,
     listed::four,
-    traverse::leaf::{Choice, Listed},
+    traverse::leaf::{Choice, LeafTriangle},
 };
 use crate::{
     glam::UVec4,
@@ -137,12 +137,12 @@ impl Choice<Exact> for Tally {
         self,
         by: Exact,
         ray: &Frame,
-        triangle: Listed<Exact>,
+        triangle: LeafTriangle<Exact>,
         best: &mut Best,
         own: &mut impl Slots<u32>,
     ) -> bool {
-        let Listed { id, at, corners, seen } = triangle;
-        let seen = by.glance(ray, corners, &seen);
+        let LeafTriangle { id, at, corners, seen: sheared } = triangle;
+        let seen = by.glance(ray, corners, &sheared);
         let passed = seen.later < ray.t_min || seen.near > best.t;
         if !passed && !Self::has(own, id) {
             let told = seen.sure & (seen.near > ray.t_min) & (seen.later < best.t);

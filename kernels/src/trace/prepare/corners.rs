@@ -4,13 +4,13 @@ use crate::{
     glam::{Vec3, Vec4},
     mem::{Buf, Slots},
     mesh::triangle,
-    trace::intersect::{Intersector, NORMAL, baldwin::Baldwin, strict::Strict},
+    trace::intersect::{Corners, Intersector, NORMAL, baldwin::Baldwin, strict::Strict},
 };
 use raykd_shared::TreeHeader;
 
 /// What leaves keep of triangle `id` for a test; the first vector's `w` holds its number, see [`NORMAL`].
 #[inline(always)]
-pub fn kept<I: Intersector>(id: u32, (a, b, c): (Vec3, Vec3, Vec3)) -> (Vec4, Vec4, Vec4) {
+pub fn kept<I: Intersector>(id: u32, (a, b, c): (Vec3, Vec3, Vec3)) -> Corners {
     let (a, b, c) = I::lay_out(a, b, c);
     (a.truncate().extend(f32::from_bits(id | NORMAL)), b, c)
 }

@@ -13,7 +13,7 @@ use raykd_shared::{MISS, Node};
 
 /// A triangle as a leaf lists it, after a first look.
 #[derive(Clone, Copy, Debug)]
-pub struct Listed<I: Intersector> {
+pub struct LeafTriangle<I: Intersector> {
     /// Its number.
     pub id: u32,
     /// The reference that lists it.
@@ -24,7 +24,7 @@ pub struct Listed<I: Intersector> {
     pub seen: I::Seen,
 }
 
-impl<I: Intersector> Listed<I> {
+impl<I: Intersector> LeafTriangle<I> {
     /// No triangle.
     #[inline(always)]
     fn none() -> Self {
@@ -41,7 +41,7 @@ impl<I: Intersector> Listed<I> {
 /// Which hits count, by what a traversal makes of them.
 pub trait Filter<I: Intersector> {
     /// Tests a triangle; keeps the better of it and `best` if it counts. False as [`Intersector::test`] is.
-    fn test(&mut self, by: I, ray: &Frame, triangle: Listed<I>, best: &mut Best) -> bool;
+    fn test(&mut self, by: I, ray: &Frame, triangle: LeafTriangle<I>, best: &mut Best) -> bool;
 }
 
 /// Which hits of a query count.
@@ -55,7 +55,7 @@ pub trait Choice<I: Intersector>: Copy {
         self,
         by: I,
         ray: &Frame,
-        triangle: Listed<I>,
+        triangle: LeafTriangle<I>,
         best: &mut Best,
         own: &mut impl Slots<u32>,
     ) -> bool;
@@ -67,7 +67,7 @@ pub struct Every;
 
 impl<I: Intersector> Filter<I> for Every {
     #[inline(always)]
-    fn test(&mut self, by: I, ray: &Frame, triangle: Listed<I>, best: &mut Best) -> bool {
+    fn test(&mut self, by: I, ray: &Frame, triangle: LeafTriangle<I>, best: &mut Best) -> bool {
         triangle.test(by, ray, best)
     }
 }
@@ -78,7 +78,7 @@ impl<I: Intersector> Choice<I> for Every {
         self,
         by: I,
         ray: &Frame,
-        triangle: Listed<I>,
+        triangle: LeafTriangle<I>,
         best: &mut Best,
         _own: &mut impl Slots<u32>,
     ) -> bool {
@@ -96,7 +96,7 @@ impl<I: Intersector> Choice<I> for Except {
         self,
         by: I,
         ray: &Frame,
-        triangle: Listed<I>,
+        triangle: LeafTriangle<I>,
         best: &mut Best,
         _own: &mut impl Slots<u32>,
     ) -> bool {
@@ -137,7 +137,7 @@ impl<I: Intersector> Choice<I> for After {
         self,
         by: I,
         ray: &Frame,
-        triangle: Listed<I>,
+        triangle: LeafTriangle<I>,
         best: &mut Best,
         _own: &mut impl Slots<u32>,
     ) -> bool {
@@ -168,10 +168,11 @@ pub fn visit<I: Intersector, F: Filter<I>>(
     let end = if arrived { r + leaf.count() } else { r };
     let mut whole = true;
     if r < end {
-        // Asks at its end: see docs/design.md, "Lessons from drivers and compilers".
+        // Asked at its end, a loop costs a GPU fewer registers. The one inside has two ends: of what is loaded in a
+        // loop with one, llvmpipe keeps nothing for lanes that have left it.
         loop {
             // On a GPU lanes look for a triangle that may be hit, wait for each other, then test theirs together.
-            let mut found = Listed::<I>::none();
+            let mut found = LeafTriangle::<I>::none();
             let is_found = loop {
                 if r >= end {
                     break false;
@@ -180,7 +181,7 @@ pub fn visit<I: Intersector, F: Filter<I>>(
                 let (seen, may_hit) = by.look(ray, corners);
                 r += 1;
                 if may_hit {
-                    found = Listed { id: corners.0.w.to_bits() & !NORMAL, at: r - 1, corners, seen };
+                    found = LeafTriangle { id: corners.0.w.to_bits() & !NORMAL, at: r - 1, corners, seen };
                     break true;
                 }
             };

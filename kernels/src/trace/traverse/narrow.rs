@@ -6,7 +6,7 @@
 
 use super::{
     Steps,
-    leaf::{Choice, Listed},
+    leaf::{Choice, LeafTriangle},
     stack::{ASIDE, walk_keeping},
 };
 #[cfg(not(target_arch = "spirv"))]
@@ -126,12 +126,12 @@ impl<const ANY: bool> Choice<Exact> for Narrow<ANY> {
         self,
         by: Exact,
         ray: &Frame,
-        triangle: Listed<Exact>,
+        triangle: LeafTriangle<Exact>,
         best: &mut Best,
         own: &mut impl Slots<u32>,
     ) -> bool {
-        let Listed { id, at, corners, seen } = triangle;
-        let seen = by.glance(ray, corners, &seen);
+        let LeafTriangle { id, at, corners, seen: sheared } = triangle;
+        let seen = by.glance(ray, corners, &sheared);
         let open = own.at(COUNT) <= MOST;
         let passed = seen.later < ray.t_min || seen.near > best.t || id == best.triangle;
         if open && !passed {

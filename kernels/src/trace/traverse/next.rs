@@ -1,6 +1,6 @@
 //! The next hits of a ray, several by one walk.
 
-use super::leaf::{After, Choice, Listed};
+use super::leaf::{After, Choice, LeafTriangle};
 use crate::{
     mem::Slots,
     trace::{
@@ -79,7 +79,7 @@ impl<I: Intersector> Choice<I> for Next {
         self,
         by: I,
         ray: &Frame,
-        triangle: Listed<I>,
+        triangle: LeafTriangle<I>,
         best: &mut Best,
         own: &mut impl Slots<u32>,
     ) -> bool {
