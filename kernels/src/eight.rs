@@ -261,6 +261,10 @@ impl Digits for Eight {
         Self(avx2!(_mm256_div_ps(self.0, divisor.0)))
     }
     #[inline(always)]
+    fn reciprocal(self) -> Self {
+        Self::all(1.0).over(self)
+    }
+    #[inline(always)]
     fn inverse(self) -> Self {
         Self::all(1.0).over(self)
     }

@@ -61,6 +61,8 @@ pub trait Digits: Number + Neg<Output = Self> {
     fn signed(self, sign: Self) -> Self;
     /// [`div()`], of several numbers only where operands and result are 0 or normal.
     fn over(self, divisor: Self) -> Self;
+    /// [`div()`] of 1 by this, where both it and the result are normal.
+    fn reciprocal(self) -> Self;
     /// The reciprocal of a number of size 1 to 2, within `2^-22`: for quotients that have bounds of their errors. Which
     /// of the numbers it is depends on the machine.
     fn inverse(self) -> Self;
@@ -200,6 +202,10 @@ impl Digits for f32 {
     #[inline(always)]
     fn over(self, divisor: Self) -> Self {
         div(self, divisor)
+    }
+    #[inline(always)]
+    fn reciprocal(self) -> Self {
+        if ON_GPU { reciprocal(self) } else { 1.0 / self }
     }
     #[inline(always)]
     fn inverse(self) -> Self {
@@ -419,15 +425,9 @@ pub fn ldexp(a: f32, e: i32) -> f32 {
     let sign = bits & 0x8000_0000;
     let field = ((bits >> 23) & 0xFF) as i32;
     let moved = field + e;
-    if field == 255 {
-        a
-    } else if field == 0 || moved <= 0 {
-        f32::from_bits(sign)
-    } else if moved >= 255 {
-        f32::from_bits(sign | 0x7F80_0000)
-    } else {
-        f32::from_bits((bits & 0x807F_FFFF) | ((moved as u32) << 23))
-    }
+    let size = if moved >= 255 { sign | INFINITE } else { bits.wrapping_add((e as u32) << 23) };
+    let number = if (field == 0) | (moved <= 0) { sign } else { size };
+    f32::from_bits(if field == 255 { bits } else { number })
 }
 
 /// `a / b`, correctly rounded to nearest even where operands and result are normal numbers.
@@ -465,28 +465,54 @@ fn near_inverse(x: f32) -> f32 {
 #[cfg_attr(target_arch = "spirv", inline)]
 #[cfg_attr(not(target_arch = "spirv"), cold, inline(never))]
 pub fn quotient(a: f32, b: f32) -> f32 {
-    let (bits_a, bits_b) = (a.to_bits(), b.to_bits());
-    let sign = (bits_a ^ bits_b) & 0x8000_0000;
-    let (exp_a, exp_b) = ((bits_a >> 23) & 0xFF, (bits_b >> 23) & 0xFF);
+    let sign = (a.to_bits() ^ b.to_bits()) & 0x8000_0000;
+    let (exp_a, exp_b) = (exponent_bits(a) >> 23, exponent_bits(b) >> 23);
     // Both from 1 to 2, their quotient from 1/2 to 2.
-    let x = f32::from_bits(0x3F80_0000 | (bits_b & 0x007F_FFFF));
-    let y = f32::from_bits(0x3F80_0000 | (bits_a & 0x007F_FFFF));
-    let r = near_inverse(x);
-    let q = y * r;
-    let q = q + left_by(y, q, x) * r;
-    let left = left_by(y, q, x);
-    // The last digit of what comes above and below.
-    let (above, below) =
-        (if q >= 1.0 { exp2(-23) } else { exp2(-24) }, if q > 1.0 { exp2(-23) } else { exp2(-24) });
-    let up = if left > 0.5 * above * x { above } else { 0.0 };
-    let down = if left < -0.5 * below * x { below } else { 0.0 };
-    let q = (q + up) - down;
+    let (y, x) = (mantissa(a), mantissa(b));
+    let q = rounded_quotient(y, x);
     let exp = exp_a as i32 - exp_b as i32 + 127 - (y < x) as i32;
     let magnitude = q.to_bits().wrapping_add((exp_a << 23).wrapping_sub(exp_b << 23));
     let infinite = (exp_b == 0) | (exp >= 255);
     let zero = (exp_a == 0) | (!infinite & (exp <= 0));
-    let size = if infinite { 0x7F80_0000 } else { magnitude };
+    let size = if infinite { INFINITE } else { magnitude };
     f32::from_bits(sign | if zero { 0 } else { size })
+}
+
+/// The bits of infinity.
+const INFINITE: u32 = 0x7F80_0000;
+
+/// The bits of a number that are its exponent's.
+#[inline(always)]
+pub fn exponent_bits(a: f32) -> u32 {
+    a.to_bits() & INFINITE
+}
+
+/// The size of a normal number, times a power of two by which that is from 1 to 2.
+#[inline(always)]
+fn mantissa(a: f32) -> f32 {
+    f32::from_bits(0x3F80_0000 | (a.to_bits() & 0x007F_FFFF))
+}
+
+/// The quotient of two numbers from 1 to 2.
+#[inline(always)]
+fn rounded_quotient(y: f32, x: f32) -> f32 {
+    let r = near_inverse(x);
+    let q = y * r;
+    let q = q + left_by(y, q, x) * r;
+    let left = left_by(y, q, x);
+    // Its last digit. From 1 on that is twice as large, but none is rounded to 1 that is not 1.
+    let digit = if q >= 1.0 { exp2(-23) } else { exp2(-24) };
+    let half = 0.5 * digit * x;
+    let up = if left > half { digit } else { 0.0 };
+    let down = if left < -half { digit } else { 0.0 };
+    (q + up) - down
+}
+
+/// [`quotient`] of 1 and a number, where both that and the result are normal.
+#[inline(always)]
+fn reciprocal(a: f32) -> f32 {
+    let size = rounded_quotient(1.0, mantissa(a)).to_bits();
+    f32::from_bits(size.wrapping_add(exp2(0).to_bits()).wrapping_sub(exponent_bits(a))).signed(a)
 }
 
 /// What a quotient close to `a / b` leaves of `a`.
@@ -597,6 +623,16 @@ mod tests {
             let x = f32::from_bits(exp2(0).to_bits() + bits);
             let off = f64::from(near_inverse(x)) * f64::from(x) - 1.0;
             assert!(off.abs() <= f64::from(exp2(-22)), "{x}: {off}");
+        }
+    }
+
+    #[test]
+    fn reciprocals_are_rounded_correctly() {
+        for mantissa in 0..1 << 23 {
+            // From 2^-126 to 2^125.
+            let exponent = 1 + mantissa % 252;
+            let a = f32::from_bits((mantissa & 1) << 31 | exponent << 23 | mantissa);
+            assert_eq!(reciprocal(a).to_bits(), (1.0 / a).to_bits(), "{a:e}");
         }
     }
 }

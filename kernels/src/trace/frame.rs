@@ -14,7 +14,7 @@
 
 use crate::{
     glam::{Vec3, Vec4},
-    math::{Digits, abs, component, cycle, exp2, exponent, high, is_nan, ldexp},
+    math::{Digits, abs, component, cycle, exp2, exponent, exponent_bits, high, is_nan, ldexp},
 };
 use raykd_shared::{Ray, TreeHeader};
 
@@ -39,7 +39,8 @@ pub(super) const FARTHEST_SCENE: i32 = 50;
 /// What is smaller counts as 0, for origins (in scaled units, where scenes are at least `2^-10` wide) and for
 /// the shear: with coordinates of at least `2^-60` of the scene's width no sheared vertex is subnormal, and a
 /// ray strays by a small fraction of what rounding does.
-pub(super) const DUST: f32 = exp2(-70);
+pub(super) const DUST: f32 = exp2(SMALLEST);
+const SMALLEST: i32 = -70;
 pub(super) const NO_SHEAR: f32 = exp2(-30);
 
 /// A ray in the form traversal and triangle test need.
@@ -89,7 +90,7 @@ pub fn flush<N: Digits>(a: N, floor: f32) -> N {
 #[inline(always)]
 pub(super) fn reciprocal<N: Digits>(d: N) -> N {
     let least = N::all(exp2(-STEEPEST));
-    N::all(1.0).over(N::choose(d.abs().below(least), least.signed(d), d))
+    N::choose(d.abs().below(least), least.signed(d), d).reciprocal()
 }
 
 /// The part of `enter..exit` in which the ray is in the slab `lo..hi`, widened by `slack` in space; empty, with
@@ -110,9 +111,26 @@ pub fn slab<N: Digits>(lo: f32, hi: f32, origin: N, inverse: N, slack: N, enter:
 #[inline(always)]
 fn bound(t: f32, stretch: i32, least: f32) -> f32 {
     let scaled = ldexp(t, stretch);
-    let lost = scaled == 0.0 && exponent(t) > -127;
+    let lost = (scaled == 0.0) & (exponent_bits(t) > 0);
     if lost & ((t < 0.0) == (least < 0.0)) { least } else { scaled }
 }
+
+/// `v * 2^e`, component by component: 0 where that is below `2^least`, or where it was below [`NORMAL`], and of the same
+/// sign then if `SIGNED`. Nothing may become infinite.
+#[inline(always)]
+fn scaled<const SIGNED: bool>(v: Vec3, e: i32, least: i32) -> Vec3 {
+    // The largest bits of an exponent that is too small; those of the result are `e` more.
+    let none = if least + 126 > e { ((least + 126 - e) as u32) << 23 } else { 0 };
+    let kept = if SIGNED { 0x8000_0000 } else { 0 };
+    let scaled = |a: f32| {
+        let moved = a.to_bits().wrapping_add((e as u32) << 23);
+        f32::from_bits(if exponent_bits(a) > none { moved } else { a.to_bits() & kept })
+    };
+    Vec3::new(scaled(v.x), scaled(v.y), scaled(v.z))
+}
+
+/// The exponent of the smallest normal number.
+const NORMAL: i32 = -126;
 
 impl Frame {
     /// No ray.
@@ -148,30 +166,27 @@ impl Frame {
     #[inline(always)]
     pub fn new(first: Vec4, second: Vec4, header: &TreeHeader) -> Self {
         let direction = Vec3::new(first.w, second.x, second.y);
-        let (dx, dy, dz) = (exponent(direction.x), exponent(direction.y), exponent(direction.z));
-        let mut top = if dy > dx { dy } else { dx };
-        top = if dz > top { dz } else { top };
-        let scale = exponent(header.scale);
-        let d = Vec3::new(ldexp(direction.x, -top), ldexp(direction.y, -top), ldexp(direction.z, -top));
-        let place = Vec3::new(ldexp(first.x, scale), ldexp(first.y, scale), ldexp(first.z, scale));
-        let origin = Vec3::new(flush(place.x, DUST), flush(place.y, DUST), flush(place.z, DUST));
-        let (ox, oy, oz) = (exponent(origin.x), exponent(origin.y), exponent(origin.z));
-        let number = !is_nan(second.z) && !is_nan(second.w);
-        let valid = top > -127 && top < 128 && number && ox < FARTHEST && oy < FARTHEST && oz < FARTHEST;
+        let (dx, dy, dz) =
+            (abs(direction.x).to_bits(), abs(direction.y).to_bits(), abs(direction.z).to_bits());
+        let most = dx.max(dy).max(dz);
+        let main = if dx == most { 0 } else { 1 + (dy < most) as u32 };
+        let (top, scale) = ((most >> 23) as i32 - 127, exponent(header.scale));
+        let d = scaled::<true>(direction, -top, NORMAL);
+        let heading = scaled::<true>(direction, HEADING - top, NORMAL);
+        let place = Vec3::new(first.x, first.y, first.z);
+        // Before scaling; so is what is infinite or no number.
+        let too_far = FARTHEST + 127 - scale;
+        let too_far = (if too_far < 255 { too_far as u32 } else { 255 }) << 23;
+        let close = (exponent_bits(place.x) < too_far)
+            & (exponent_bits(place.y) < too_far)
+            & (exponent_bits(place.z) < too_far);
+        let number = !is_nan(second.z) & !is_nan(second.w);
+        let valid = (top > -127) & (top < 128) & number & close;
+        let origin = scaled::<false>(place, scale, SMALLEST);
+        let place = scaled::<true>(place, scale, NORMAL);
         // An invalid ray goes on as a harmless one, to keep the numbers below finite.
         let d = if valid { d } else { Vec3::new(1.0, 0.0, 0.0) };
         let origin = if valid { origin } else { Vec3::ZERO };
-        let longer = HEADING - top;
-        let heading =
-            Vec3::new(ldexp(direction.x, longer), ldexp(direction.y, longer), ldexp(direction.z, longer));
-
-        let mut main = 0;
-        if abs(d.y) > abs(d.x) {
-            main = 1;
-        }
-        if abs(d.z) > abs(component(d, main)) {
-            main = 2;
-        }
         let inverse = Vec3::new(reciprocal(d.x), reciprocal(d.y), reciprocal(d.z));
         let turned = cycle(d, main);
         let along = component(inverse, main);
@@ -181,7 +196,7 @@ impl Frame {
         far = high(far, high(abs(lo[2] - origin.z), abs(hi[2] - origin.z)));
         // Only scenes without triangles come below this; it keeps subnormals from mattering there too.
         far = high(far, exp2(-40));
-        let valid = valid && exponent(far) < FARTHEST_SCENE;
+        let valid = valid & (far < exp2(FARTHEST_SCENE));
         let pad = PAD * far;
         let stretch = scale + top;
         let t_min = bound(second.z, stretch, exp2(-126));
@@ -213,5 +228,28 @@ impl Frame {
     #[inline(always)]
     pub fn whole(self) -> Self {
         Self { origin: self.place, ..self }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn vectors_are_scaled_as_numbers_are() {
+        for power in 0..255_u32 {
+            for mantissa in [0, 1, 0x40_0000, 0x7F_FFFF] {
+                let a = f32::from_bits(power << 23 | mantissa);
+                for e in (-254..=254).filter(|e| exponent(a) + e < 128) {
+                    let (v, right) = (Vec3::new(a, -a, a), ldexp(a, e));
+                    let bits = |v: Vec3| v.to_array().map(f32::to_bits);
+                    let signed = Vec3::new(right, -right, right);
+                    assert_eq!(bits(scaled::<true>(v, e, NORMAL)), bits(signed), "{a:e} * 2^{e}");
+                    let right = flush(right, DUST);
+                    let unsigned = Vec3::new(right, flush(-right, DUST), right);
+                    assert_eq!(bits(scaled::<false>(v, e, SMALLEST)), bits(unsigned), "{a:e} * 2^{e}");
+                }
+            }
+        }
     }
 }
