@@ -115,11 +115,11 @@ fn bound(t: f32, stretch: i32, least: f32) -> f32 {
     if lost & ((t < 0.0) == (least < 0.0)) { least } else { scaled }
 }
 
-/// `v * 2^e`, component by component: 0 where that is below `2^least`, or where it was below [`NORMAL`], and of the same
+/// `v * 2^e`, component by component: 0 where that is less than `2^least` in size, or it was not normal; of the same
 /// sign then if `SIGNED`. Nothing may become infinite.
 #[inline(always)]
 fn scaled<const SIGNED: bool>(v: Vec3, e: i32, least: i32) -> Vec3 {
-    // The largest bits of an exponent that is too small; those of the result are `e` more.
+    // The largest bits of an exponent that is too small: bits are 127 more than exponents, the result's `e` more.
     let none = if least + 126 > e { ((least + 126 - e) as u32) << 23 } else { 0 };
     let kept = if SIGNED { 0x8000_0000 } else { 0 };
     let scaled = |a: f32| {
