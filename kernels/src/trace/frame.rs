@@ -116,7 +116,7 @@ fn bound(t: f32, stretch: i32, least: f32) -> f32 {
 }
 
 /// `v * 2^e`, component by component: 0 where that is less than `2^least` in size, or it was not normal; of the same
-/// sign then if `SIGNED`. Nothing may become infinite.
+/// sign then if `SIGNED`. Results that would be infinite mean nothing.
 #[inline(always)]
 fn scaled<const SIGNED: bool>(v: Vec3, e: i32, least: i32) -> Vec3 {
     // The largest bits of an exponent that is too small: bits are 127 more than exponents, the result's `e` more.
@@ -174,7 +174,7 @@ impl Frame {
         let d = scaled::<true>(direction, -top, NORMAL);
         let heading = scaled::<true>(direction, HEADING - top, NORMAL);
         let place = Vec3::new(first.x, first.y, first.z);
-        // Before scaling; so is what is infinite or no number.
+        // From these bits of an exponent on a coordinate is too far off, is infinite or no number.
         let too_far = FARTHEST + 127 - scale;
         let too_far = (if too_far < 255 { too_far as u32 } else { 255 }) << 23;
         let close = (exponent_bits(place.x) < too_far)
