@@ -264,10 +264,6 @@ impl Digits for Eight {
     fn reciprocal(self) -> Self {
         Self::all(1.0).over(self)
     }
-    #[inline(always)]
-    fn inverse(self) -> Self {
-        Self::all(1.0).over(self)
-    }
 }
 
 /// Eight doubles, four and four.

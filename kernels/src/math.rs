@@ -65,7 +65,10 @@ pub trait Digits: Number + Neg<Output = Self> {
     fn reciprocal(self) -> Self;
     /// The reciprocal of a number of size 1 to 2, within `2^-22`: for quotients that have bounds of their errors. Which
     /// of the numbers it is depends on the machine.
-    fn inverse(self) -> Self;
+    #[inline(always)]
+    fn inverse(self) -> Self {
+        self.reciprocal()
+    }
 }
 
 /// Eight numbers, one of each of eight rays.
@@ -205,11 +208,11 @@ impl Digits for f32 {
     }
     #[inline(always)]
     fn reciprocal(self) -> Self {
-        if ON_GPU { reciprocal(self) } else { 1.0 / self }
+        if ON_GPU { rounded_reciprocal(self) } else { 1.0 / self }
     }
     #[inline(always)]
     fn inverse(self) -> Self {
-        if ON_GPU { near_inverse(abs(self)).signed(self) } else { 1.0 / self }
+        if ON_GPU { near_inverse(abs(self)).signed(self) } else { self.reciprocal() }
     }
 }
 
@@ -510,7 +513,7 @@ fn rounded_quotient(y: f32, x: f32) -> f32 {
 
 /// [`quotient`] of 1 and a number, where both that and the result are normal.
 #[inline(always)]
-fn reciprocal(a: f32) -> f32 {
+fn rounded_reciprocal(a: f32) -> f32 {
     let size = rounded_quotient(1.0, mantissa(a)).to_bits();
     f32::from_bits(size.wrapping_add(exp2(0).to_bits()).wrapping_sub(exponent_bits(a))).signed(a)
 }
@@ -632,7 +635,7 @@ mod tests {
             // From 2^-126 to 2^125.
             let exponent = 1 + mantissa % 252;
             let a = f32::from_bits((mantissa & 1) << 31 | exponent << 23 | mantissa);
-            assert_eq!(reciprocal(a).to_bits(), (1.0 / a).to_bits(), "{a:e}");
+            assert_eq!(rounded_reciprocal(a).to_bits(), (1.0 / a).to_bits(), "{a:e}");
         }
     }
 }

@@ -122,11 +122,11 @@ fn scaled<const SIGNED: bool>(v: Vec3, e: i32, least: i32) -> Vec3 {
     // The largest bits of an exponent that is too small: bits are 127 more than exponents, the result's `e` more.
     let none = if least + 126 > e { ((least + 126 - e) as u32) << 23 } else { 0 };
     let kept = if SIGNED { 0x8000_0000 } else { 0 };
-    let scaled = |a: f32| {
+    let one = |a: f32| {
         let moved = a.to_bits().wrapping_add((e as u32) << 23);
         f32::from_bits(if exponent_bits(a) > none { moved } else { a.to_bits() & kept })
     };
-    Vec3::new(scaled(v.x), scaled(v.y), scaled(v.z))
+    Vec3::new(one(v.x), one(v.y), one(v.z))
 }
 
 /// The exponent of the smallest normal number.
