@@ -358,6 +358,23 @@ pub fn cycle(v: Vec3, axis: u32) -> Vec3 {
     }
 }
 
+/// A vector whose component on `axis` has changed places with the last.
+#[inline(always)]
+pub fn exchange(v: Vec3, axis: u32) -> Vec3 {
+    let (first, second) = (axis == 0, axis == 1);
+    Vec3::new(
+        if first { v.z } else { v.x },
+        if second { v.z } else { v.y },
+        if first {
+            v.x
+        } else if second {
+            v.y
+        } else {
+            v.z
+        },
+    )
+}
+
 /// The smaller of two numbers (`a` if they are equal).
 #[inline(always)]
 pub fn low(a: f32, b: f32) -> f32 {

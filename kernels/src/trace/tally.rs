@@ -142,7 +142,7 @@ impl Choice<Exact> for Tally {
         own: &mut impl Slots<u32>,
     ) -> bool {
         let LeafTriangle { id, at, corners, seen: sheared } = triangle;
-        let seen = by.glance(ray, corners, &sheared);
+        let seen = by.glance(ray, corners, sheared);
         let passed = seen.later < ray.t_min || seen.near > best.t;
         if !passed && !Self::has(own, id) {
             let told = seen.sure & (seen.near > ray.t_min) & (seen.later < best.t);

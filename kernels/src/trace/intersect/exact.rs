@@ -18,7 +18,7 @@ use super::{
     filter::{First, Line, Verdict, all_turned, by, turned},
     integers,
     pair::Long,
-    strict::{Sheared, shear},
+    strict::Mirrored,
     triple::Triple,
     vertices,
 };
@@ -31,8 +31,8 @@ pub struct Exact;
 impl Exact {
     /// What floats tell.
     #[inline(always)]
-    pub(in crate::trace) fn glance(self, ray: &Frame, corners: Corners, seen: &Sheared) -> Glance {
-        bounds(ray, seen, vertices(corners))
+    pub(in crate::trace) fn glance(self, ray: &Frame, corners: Corners, seen: Mirrored) -> Glance {
+        bounds(ray, &seen.righted(ray), vertices(corners))
     }
 
     /// [`Exact::test`] without that look.
@@ -66,7 +66,7 @@ impl Exact {
 }
 
 impl Intersector for Exact {
-    type Seen = Sheared;
+    type Seen = Mirrored;
 
     const LOOPS: bool = true;
     const WHOLE: bool = true;
@@ -77,15 +77,15 @@ impl Intersector for Exact {
     }
 
     #[inline(always)]
-    fn look(self, ray: &Frame, corners: Corners) -> (Sheared, bool) {
-        let s = shear(ray, vertices(corners));
-        (s, Edges::new(&s, ray.pad).may_hit())
+    fn look(self, ray: &Frame, corners: Corners) -> (Mirrored, bool) {
+        let seen = Mirrored::new(ray, vertices(corners));
+        (seen, Edges::new(seen.image(), ray.pad).may_hit())
     }
 
     #[inline(always)]
-    fn test(self, ray: &Frame, id: u32, corners: Corners, seen: Sheared, best: &mut Best) -> bool {
+    fn test(self, ray: &Frame, id: u32, corners: Corners, seen: Mirrored, best: &mut Best) -> bool {
         // The triangle that a ray starts on, most of all, and one that it has met in another leaf.
-        let Glance { near, later, .. } = self.glance(ray, corners, &seen);
+        let Glance { near, later, .. } = self.glance(ray, corners, seen);
         let passed = later < ray.t_min || near > best.t || near > ray.t_max || id == best.triangle;
         passed || self.settle(ray, id, corners, best)
     }
@@ -103,7 +103,7 @@ test!(brute_exact::BRUTE_EXACT = Exact);
 
 #[cfg(test)]
 mod tests {
-    use super::super::pair::Pair;
+    use super::super::{pair::Pair, strict::shear};
     use super::*;
     use crate::{glam::Vec3, math::exp2};
     use bytemuck::Zeroable as _;

@@ -10,8 +10,11 @@
 
 use super::{Best, Corners, Intersector, vertices};
 use crate::{
+    ON_GPU,
     glam::Vec3,
-    math::{Digits, Number, component, cycle, div, exp2, product_difference, product_difference_wide},
+    math::{
+        Digits, Number, component, cycle, div, exchange, exp2, product_difference, product_difference_wide,
+    },
     trace::frame::{Frame, flush},
 };
 
@@ -44,20 +47,61 @@ pub(in crate::trace) fn sheared<N: Number>(across: N, shear: N, z: N) -> N {
 }
 
 #[inline(always)]
-pub(in crate::trace) fn shear(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> Sheared {
-    let ra = cycle(a - ray.origin, ray.main);
-    let rb = cycle(b - ray.origin, ray.main);
-    let rc = cycle(c - ray.origin, ray.main);
-    Sheared {
-        ax: sheared(ra.x, ray.shear_x, ra.z),
-        ay: sheared(ra.y, ray.shear_y, ra.z),
-        bx: sheared(rb.x, ray.shear_x, rb.z),
-        by: sheared(rb.y, ray.shear_y, rb.z),
-        cx: sheared(rc.x, ray.shear_x, rc.z),
-        cy: sheared(rc.y, ray.shear_y, rc.z),
-        az: ra.z,
-        bz: rb.z,
-        cz: rc.z,
+pub(in crate::trace) fn shear(ray: &Frame, corners: (Vec3, Vec3, Vec3)) -> Sheared {
+    <Mirrored>::new(ray, corners).righted(ray)
+}
+
+/// A vector with its component on `axis` last.
+#[inline(always)]
+fn turned<const IMAGE: bool>(v: Vec3, axis: u32) -> Vec3 {
+    if IMAGE { exchange(v, axis) } else { cycle(v, axis) }
+}
+
+/// A [`Sheared`] triangle or, if `IMAGE`, its mirror image where the main axis is not the last one: that has changed
+/// places with the last, which takes four selections a corner; moving all three on takes six. The image's edge functions
+/// have the opposite signs, so whether they agree can be asked of it. A CPU branches instead of selecting.
+#[derive(Clone, Copy, Default)]
+#[allow(missing_debug_implementations, reason = "nobody outside sees inside")]
+pub struct Mirrored<const IMAGE: bool = ON_GPU>(Sheared);
+
+impl<const IMAGE: bool> Mirrored<IMAGE> {
+    #[inline(always)]
+    pub(in crate::trace) fn new(ray: &Frame, (a, b, c): (Vec3, Vec3, Vec3)) -> Self {
+        let (mut x, mut y) = (ray.shear_x, ray.shear_y);
+        if IMAGE && ray.main != 2 {
+            (x, y) = (y, x);
+        }
+        let ra = turned::<IMAGE>(a - ray.origin, ray.main);
+        let rb = turned::<IMAGE>(b - ray.origin, ray.main);
+        let rc = turned::<IMAGE>(c - ray.origin, ray.main);
+        Self(Sheared {
+            ax: sheared(ra.x, x, ra.z),
+            ay: sheared(ra.y, y, ra.z),
+            bx: sheared(rb.x, x, rb.z),
+            by: sheared(rb.y, y, rb.z),
+            cx: sheared(rc.x, x, rc.z),
+            cy: sheared(rc.y, y, rc.z),
+            az: ra.z,
+            bz: rb.z,
+            cz: rc.z,
+        })
+    }
+
+    /// As it is.
+    #[inline(always)]
+    pub(in crate::trace) fn image(&self) -> &Sheared {
+        &self.0
+    }
+
+    /// The triangle itself.
+    #[inline(always)]
+    pub(in crate::trace) fn righted(self, ray: &Frame) -> Sheared {
+        let s = self.0;
+        if IMAGE && ray.main != 2 {
+            Sheared { ax: s.ay, ay: s.ax, bx: s.by, by: s.bx, cx: s.cy, cy: s.cx, ..s }
+        } else {
+            s
+        }
     }
 }
 
@@ -159,7 +203,7 @@ pub(in crate::trace) fn test(ray: &Frame, id: u32, s: &Sheared, best: &mut Best)
 pub struct Strict;
 
 impl Intersector for Strict {
-    type Seen = Sheared;
+    type Seen = Mirrored;
 
     #[inline(always)]
     fn new(_ray: &Frame) -> Self {
@@ -167,16 +211,44 @@ impl Intersector for Strict {
     }
 
     #[inline(always)]
-    fn look(self, ray: &Frame, corners: Corners) -> (Sheared, bool) {
-        let s = shear(ray, vertices(corners));
-        (s, s.agree())
+    fn look(self, ray: &Frame, corners: Corners) -> (Mirrored, bool) {
+        let seen = Mirrored::new(ray, vertices(corners));
+        (seen, seen.image().agree())
     }
 
     #[inline(always)]
-    fn test(self, ray: &Frame, id: u32, _corners: Corners, seen: Sheared, best: &mut Best) -> bool {
-        test(ray, id, &seen, best);
+    fn test(self, ray: &Frame, id: u32, _corners: Corners, seen: Mirrored, best: &mut Best) -> bool {
+        test(ray, id, &seen.righted(ray), best);
         true
     }
 }
 
 test!(brute_strict::BRUTE_STRICT = Strict);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable as _;
+    use raykd_shared::{Ray, TreeHeader};
+
+    #[test]
+    fn a_mirror_image_is_righted() {
+        let header = TreeHeader { lo: [-2.0; 3], hi: [2.0; 3], scale: 1.0, ..TreeHeader::zeroed() };
+        let corners = (Vec3::new(0.1, 0.7, -1.3), Vec3::new(1.9, -0.3, 0.6), Vec3::new(-0.8, 1.1, 1.7));
+        for main in 0..3 {
+            let mut ray =
+                Ray { origin: [-1.5, 0.25, 0.5], direction: [0.3, -0.7, 0.45], t_min: 0.0, t_max: 9.0 };
+            ray.direction[main] = 1.25;
+            let ray = Frame::of(&ray, &header);
+            let seen = |p: Vec3| {
+                let p = cycle(p - ray.origin, ray.main);
+                [p.x - ray.shear_x * p.z, p.y - ray.shear_y * p.z, p.z]
+            };
+            let s = Mirrored::<true>::new(&ray, corners).righted(&ray);
+            assert_eq!(ray.main, main as u32);
+            assert_eq!([s.ax, s.ay, s.az], seen(corners.0));
+            assert_eq!([s.bx, s.by, s.bz], seen(corners.1));
+            assert_eq!([s.cx, s.cy, s.cz], seen(corners.2));
+        }
+    }
+}

@@ -131,7 +131,7 @@ impl<const ANY: bool> Choice<Exact> for Narrow<ANY> {
         own: &mut impl Slots<u32>,
     ) -> bool {
         let LeafTriangle { id, at, corners, seen: sheared } = triangle;
-        let seen = by.glance(ray, corners, &sheared);
+        let seen = by.glance(ray, corners, sheared);
         let open = own.at(COUNT) <= MOST;
         let passed = seen.later < ray.t_min || seen.near > best.t || id == best.triangle;
         if open && !passed {
