@@ -90,7 +90,8 @@ pub enum Error {
         /// What happened.
         what: String,
     },
-    /// A kernel raised a status that more room cannot cure.
+    /// A kernel stopped, and nothing that it wrote counts. A software driver (llvmpipe) left a loop early: run the job
+    /// on the CPU. Or a tree is deeper than its header says, or no room was enough for a build.
     #[error("a kernel stopped: {0}")]
     Kernel(&'static str),
     /// A file of measured costs is of no use.
@@ -134,10 +135,10 @@ pub enum Error {
         /// The most it may be.
         most: f32,
     },
-    /// A triangle test was asked for what only the default one does.
+    /// A triangle test was asked for a query or a traversal that it does not support, see [`Intersector::goes_with`].
     #[error(
-        "intersector {name} works with the traversals stack and brute, for closest and any hits; {asked} needs {}the \
-         default, {}",
+        "intersector {name} works with the traversals stack and brute{}; {asked} needs {}the default, {}",
+        if *exact { ", for closest and any hits" } else { "" },
         if *exact { "exact or " } else { "" },
         Intersector::default()
     )]
@@ -229,6 +230,7 @@ impl From<TreeError> for Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Traversal;
 
     #[test]
     fn a_refused_intersector_names_the_real_default() {
@@ -238,5 +240,19 @@ mod tests {
             assert!(error.ends_with(&format!("the default, {}", Intersector::default().name())), "{error}");
         }
         assert_eq!(Intersector::default().name(), "strict");
+    }
+
+    #[test]
+    fn a_refused_intersector_is_told_what_it_does() {
+        let told = |refused: Result<(), Error>| refused.unwrap_err().to_string();
+        assert_eq!(
+            told(Intersector::Exact.goes_with(Traversal::Ropes)),
+            "intersector exact works with the traversals stack and brute; traversal ropes needs the default, strict"
+        );
+        assert_eq!(
+            told(Intersector::Woop.check_query("counting steps")),
+            "intersector woop works with the traversals stack and brute, for closest and any hits; counting steps \
+             needs exact or the default, strict"
+        );
     }
 }

@@ -7,6 +7,6 @@ pub enum Query {
     /// The hit with the smallest `t`; of several, the one with the lowest triangle number.
     #[default]
     Closest,
-    /// Some hit, if there is one: enough for shadows.
+    /// Some hit, if there is one: enough for shadows. Which one depends on the tree and the traversal.
     Any,
 }

@@ -21,7 +21,7 @@ use raykd_kernels::{
 use raykd_shared::{TreeHeader, limits::MAX_DEPTH};
 
 choices! {
-    /// How rays find their way through the tree. All find the same hits, bit by bit.
+    /// How rays find their way through the tree. All find the same closest hits, bit for bit.
     /// [`Traversal::Stack`] is the first, [`Traversal::Brute`] the last.
     pub enum Traversal {
         /// A full stack: the fastest

@@ -2,6 +2,11 @@
 
     python dask_rays.py mesh.ply rays.npy hits.npy --workers 2
     python dask_rays.py mesh.ply rays.npy hits.npy --device gpu:0 gpu:1
+
+On a cluster, with a worker for each device:
+
+    dask scheduler
+    RAYKD_DEVICE=gpu:0 dask worker tcp://host:8786 --nthreads 1
     RAYKD_DEVICE=gpu:1 dask worker tcp://host:8786 --nthreads 1
     python dask_rays.py mesh.ply rays.npy hits.npy --scheduler tcp://host:8786
 

@@ -120,8 +120,8 @@ class Scene:
     needs what trees cost on the device: ``costs`` names a file that ``raykd calibrate -o`` wrote. Left out, they are
     taken from the cache that the program has, too, or measured once, with a warning, and kept there.
 
-    Hits do not depend on device, threads, builder and traversal. Scenes may be used by several threads at once; the
-    interpreter's lock is released while rays are traced.
+    Closest hits do not depend on device, threads, builder and traversal. Scenes may be used by several threads at once;
+    the interpreter's lock is released while rays are traced.
 
     >>> scene = Scene([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], device="cpu")
     >>> scene.closest([[0.25, 0.25, 1], [2, 2, 1]], [0, 0, -1]).t.tolist()

@@ -1,7 +1,7 @@
 """raykd beside Open3D's RaycastingScene: what agrees, and where they part.
 
     pip install open3d-cpu
-    python -m pytest tests/of_open3d.py
+    python -m pytest python/tests/of_open3d.py
 
 What is asked is what Open3D's own tests ask, and more. Open3D is large, so it is no requirement of the tests. On
 Debian it needs libgl1, libgomp1, libusb-1.0-0 and libx11-6.

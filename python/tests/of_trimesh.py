@@ -1,6 +1,6 @@
 """trimesh's own tests of rays, from its source package, run against raykd's intersector in place of Embree's.
 
-    python tests/of_trimesh.py
+    python python/tests/of_trimesh.py
 
 The source package has the tests but neither the models nor the module that they get them by, so both are made here
 of the same names. Tests that need a model or data that cannot be made are left out, by name.

@@ -106,7 +106,7 @@ impl Scene {
         Ok(scene)
     }
 
-    /// Chooses how rays find their way through the tree. All ways give the same hits.
+    /// Chooses how rays find their way through the tree. All ways give the same closest hits.
     pub fn traverse(&mut self, traversal: &str) -> Result<(), JsError> {
         self.scene.traverse_by(traversal.parse().map_err(error)?).map_err(error)
     }

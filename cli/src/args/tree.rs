@@ -5,7 +5,7 @@ use clap::ValueEnum;
 use raykd::{BuildOptions, Builder, Intersector, Traversal};
 use std::path::PathBuf;
 
-/// How the tree is built, by these options or by `auto`. Hits do not depend on it.
+/// How the tree is built, by these options or by `auto`. Closest hits do not depend on it.
 #[derive(Clone, Debug, clap::Args)]
 pub(crate) struct HowArgs {
     #[command(flatten)]
@@ -84,7 +84,7 @@ pub(crate) struct AmountArgs {
 /// How rays find triangles.
 #[derive(Clone, Debug, clap::Args)]
 pub(crate) struct WalkArgs {
-    /// The way through the tree; hits do not depend on it, steps do
+    /// The way through the tree; closest hits do not depend on it, steps do
     #[arg(long, value_name = "NAME", default_value_t, conflicts_with = "quality")]
     #[arg(value_parser = one_of(Traversal::ALL, Traversal::name, Traversal::about))]
     pub traversal: Traversal,

@@ -53,7 +53,7 @@ pub struct BuildOptions {
     /// that costs least. It has never to save a ray through its own node more than there is to save, nor in
     /// nodes of more than `long` more than half a test: an object that is small in its scene is split, too.
     pub price: f32,
-    /// In nodes of more references the price is a hundredth (2^-7): long leaves hold up the rays beside.
+    /// In nodes of more references a reference costs 2^-7 of `price`: long leaves hold up the rays beside.
     pub long: u32,
     /// Most references a triangle, on average, at least 1: `price` and `long` are doubled until the tree
     /// keeps to it. A scene that needs more gets slow. [`Builder::Median`] weighs no costs, [`Builder::Zhou`]

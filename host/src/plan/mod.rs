@@ -2,7 +2,7 @@
 //!
 //! A [`Calibration`] holds what each [`Choice`] cost on teapots of several sizes; [`choose`] reads between them and
 //! adds up what the whole job would take. If that is long enough, a coarse copy of the mesh is looked at first: how
-//! many steps a ray takes there, as against a teapot. All choices give the same hits.
+//! many steps a ray takes there, as against a teapot. All choices give the same closest hits.
 //!
 //! ```no_run
 //! # fn main() -> Result<(), raykd::Error> {

@@ -8,8 +8,9 @@ use crate::{
 use raykd_kernels::{glam::Vec4, trace::prepare::corners::transforms};
 
 impl Scene {
-    /// Chooses how rays find their way through the tree from now on, except for [`Scene::all`]; the hits stay the
-    /// same. Makes what the traversal needs beside the tree, once.
+    /// Chooses how rays find their way through the tree from now on, for closest and any hits and for [`Scene::steps`];
+    /// closest hits stay the same. Other queries use the full stack, and `Scene::encode` refuses another traversal.
+    /// Makes what the traversal needs beside the tree, once.
     ///
     /// # Errors
     /// It does not go with the scene's triangle test, see [`Intersector::goes_with`]; what it needs does not fit

@@ -148,8 +148,8 @@ impl Scene {
     /// [own_wgpu]: https://docs.rs/crate/raykd/latest/source/examples/own_wgpu.rs
     ///
     /// # Errors
-    /// The scene is not on a GPU, its traversal is not the usual one, a buffer is too small or lacks a usage, or the
-    /// device failed.
+    /// The scene is not on a GPU, its traversal is not the usual one, rays and hits are parts of one buffer, a buffer
+    /// is too small or lacks a usage, or the device failed.
     pub fn encode<'a>(
         &self,
         encoder: &mut wgpu::CommandEncoder,
@@ -194,7 +194,8 @@ impl Scene {
     /// ```
     ///
     /// # Errors
-    /// The scene is not on a GPU, a buffer is too small or lacks a usage, or the device failed.
+    /// The scene is not on a GPU, rays and crossings are parts of one buffer, a buffer is too small or lacks a usage,
+    /// or the device failed.
     pub fn encode_crossings<'a>(
         &self,
         encoder: &mut wgpu::CommandEncoder,
