@@ -58,8 +58,8 @@ fn turned<const IMAGE: bool>(v: Vec3, axis: u32) -> Vec3 {
 }
 
 /// A [`Sheared`] triangle or, if `IMAGE`, its mirror image where the main axis is not the last one: that has changed
-/// places with the last, which takes four selections a corner; moving all three on takes six. The image's edge functions
-/// have the opposite signs, so whether they agree can be asked of it. A CPU branches instead of selecting.
+/// places with the last, which takes four selections a corner; moving all three on takes six. The image's edge
+/// functions have the opposite signs, so whether they agree can be asked of it. A CPU branches instead of selecting.
 #[derive(Clone, Copy, Default)]
 #[allow(missing_debug_implementations, reason = "nobody outside sees inside")]
 pub struct Mirrored<const IMAGE: bool = ON_GPU>(Sheared);
