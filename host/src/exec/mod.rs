@@ -843,7 +843,7 @@ impl Device {
             #[cfg(feature = "gpu")]
             Machine::Gpu(gpu) => gpu.run(steps, profile, self.pool.is_some(), back),
         };
-        watch::tell(self, steps);
+        watch::tell(self, steps)?;
         timing
     }
 }
