@@ -61,6 +61,7 @@ mod picture;
 pub mod plan;
 mod query;
 mod quoted;
+mod random;
 pub mod rays;
 mod read;
 mod scene;
@@ -68,6 +69,7 @@ mod scene;
 pub mod stress;
 mod traversal;
 mod tree;
+mod vector;
 
 pub use build::{BuildOptions, BuildTimes, Builder, KernelTimes};
 pub use error::{Error, TreeError};

@@ -78,7 +78,7 @@ pub(crate) use scenes::of_user;
 #[doc(hidden)]
 pub use teapot::teapot_level_for;
 
-use crate::rays::below;
+use crate::vector::below;
 use raw::{Raw, fits};
 use raykd_shared::limits::MAX_TRIANGLES;
 use std::borrow::Cow;
