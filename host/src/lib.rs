@@ -54,6 +54,7 @@ mod clock;
 mod error;
 mod exec;
 mod intersector;
+mod lock;
 pub mod mesh;
 mod output;
 mod picture;

@@ -24,7 +24,7 @@ use buffer::{PIECE, whole_bytes};
 use bytemuck::allocation::zeroed_vec;
 use std::{fmt, sync::Arc};
 #[cfg(feature = "gpu")]
-use std::sync::{Mutex, PoisonError};
+use {crate::lock::lock, std::sync::Mutex};
 
 /// A machine that kernels run on: the processor, by rayon, or a Vulkan device, by wgpu. Clones are the same machine.
 #[derive(Clone, Debug)]
@@ -513,7 +513,7 @@ impl Device {
     /// What the last build noted, if notes are kept.
     pub(crate) fn past(&self) -> Option<Past> {
         #[cfg(feature = "gpu")]
-        return *self.notes.as_ref()?.lock().unwrap_or_else(PoisonError::into_inner);
+        return *lock(self.notes.as_ref()?);
         #[cfg(not(feature = "gpu"))]
         None
     }
@@ -523,7 +523,7 @@ impl Device {
     pub(crate) fn note(&self, past: Option<Past>) {
         #[cfg(feature = "gpu")]
         if let Some(notes) = &self.notes {
-            *notes.lock().unwrap_or_else(PoisonError::into_inner) = past;
+            *lock(notes) = past;
         }
     }
 

@@ -6,6 +6,7 @@ use crate::{
     clock::Instant,
     exec::{Buffer, OnDevice, Step, To},
     intersector::Bound,
+    lock::lock,
     rays::AnyRay,
     traversal::Traversal,
 };
@@ -19,7 +20,7 @@ use std::{
     iter,
     ops::{AddAssign, Range},
     panic::resume_unwind,
-    sync::{Mutex, PoisonError},
+    sync::Mutex,
     thread,
     time::Duration,
 };
@@ -130,7 +131,7 @@ fn by_two<P>(
     trace: impl Fn(P) -> Result<Traced, Error> + Sync,
 ) -> Result<Traced, Error> {
     let parts = Mutex::new(parts);
-    let next = || parts.lock().unwrap_or_else(PoisonError::into_inner).next();
+    let next = || lock(&parts).next();
     let work = || alone(iter::from_fn(next), &trace);
     thread::scope(|scope| {
         // Where there are no more threads, this one does it all.
