@@ -5,7 +5,7 @@
 //! Else it is cut by a constrained Delaunay triangulation, which keeps every corner, those on a straight edge too,
 //! so that neighbours still meet without gaps; inside is what an odd number of edges encloses.
 
-use super::error::{MeshError, Place, Spot};
+use super::error::{MeshError, Place, Spot, malformed};
 use super::raw::{Polygon, Raw};
 use super::repair::{exponent, power_of_two};
 use crate::vector::{cross, sub};
@@ -68,7 +68,7 @@ pub(super) fn cut(raw: &mut Raw) -> Result<(), MeshError> {
                 let corners = triangles + 2;
                 let what =
                     format!("this concave face of {corners} corners takes too long to cut into triangles");
-                return Err(MeshError::Malformed { at: Place { file: None, spot: spot() }, what });
+                return Err(malformed(Place { file: None, spot: spot() }, what));
             }
         }
         if bent {
