@@ -476,8 +476,12 @@ mod tests {
 
     /// A scene on both devices, with these digests of tree and hits.
     fn pair(cpu: [&str; 2], gpu: [&str; 2]) -> Vec<Row> {
+        named("box", cpu, gpu)
+    }
+
+    fn named(scene: &str, cpu: [&str; 2], gpu: [&str; 2]) -> Vec<Row> {
         let row = |device, [digest, hits]: [&str; 2]| Row {
-            scene: "box".to_owned(),
+            scene: scene.to_owned(),
             device,
             triangles: 12,
             digest: digest.to_owned(),
@@ -501,6 +505,20 @@ mod tests {
         let rows = pair(["t", "h"], ["t", "h"]);
         assert!(!differ(&rows));
         assert!(printed(&rows).contains("box: CPU and GPU gave byte-identical trees and hits"));
+    }
+
+    #[test]
+    fn all_scenes_are_told() {
+        let told = printed(&[pair(["t", "h"], ["t", "h"]), named("ball", ["x", "y"], ["x", "y"])].concat());
+        for scene in ["box", "ball"] {
+            assert!(
+                told.contains(&format!("{scene}: CPU and GPU gave byte-identical trees and hits")),
+                "{told}"
+            );
+            // In the tables of builds, rays, sets (on both devices) and trees.
+            let rows = told.lines().filter(|line| line.starts_with(&format!("{scene} ")));
+            assert_eq!(rows.count(), 5, "{told}");
+        }
     }
 
     #[test]

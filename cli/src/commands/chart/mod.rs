@@ -226,3 +226,19 @@ fn made(machines: &Machines) -> Vec<String> {
     made.push(format!("raykd {}", command.join(" ")));
     made
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cases_are_told_and_what_was_traced() {
+        let (traced, cases) = (BTreeMap::from([("cpu", 32_768)]), vec![Verdict::example(4.0, 2.0)]);
+        let (case, mut told) = (verdict::say(&cases), Vec::new());
+        Checked { traced, cases, costs: Vec::new() }.write(&mut told).unwrap();
+        let told = String::from_utf8(told).unwrap();
+        let end = format!("{case}\nOn the CPU 32,768 rays were traced; for more that rate goes on.\n");
+        assert!(told.ends_with(&end) && case.starts_with("Of 1 case"), "{told}");
+        assert!(told.contains("best in hindsight") && told.contains("1e3"), "{told}");
+    }
+}
