@@ -13,8 +13,12 @@ fn told(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr)
 }
 
-/// A calibration's file, by which this choice is the best one.
+/// A calibration's file for one thread, by which this choice is the best one.
 fn favouring(name: &str) -> String {
+    favouring_on(&Device::cpu_with_threads(1).unwrap(), name)
+}
+
+fn favouring_on(device: &Device, name: &str) -> String {
     let cost = |choice: &str, triangles: u32| {
         json!({
             "choice": choice,
@@ -34,7 +38,7 @@ fn favouring(name: &str) -> String {
     json!({
         "version": env!("CARGO_PKG_VERSION"),
         "device": "cpu",
-        "name": Device::cpu_with_threads(1).unwrap().name(),
+        "name": device.name(),
         "looks": [[100, [seen, seen]], [1000, [seen, seen]]],
         "costs": costs,
     })
@@ -89,12 +93,17 @@ fn auto_tells_what_it_chose_in_words() {
     assert!(told(&bench).contains("CPU: auto: halfway tree for 700 rays: predicted"), "{}", told(&bench));
 }
 
+/// Puts a calibration into a folder that serves as cache, for so many threads.
+fn into_cache(folder: &Path, threads: usize) {
+    let device = Device::cpu_with_threads(threads).unwrap();
+    let name = cache_file(&device).unwrap();
+    fs::write(folder.join(name.file_name().unwrap()), favouring_on(&device, "halfway")).unwrap();
+}
+
 #[test]
 fn auto_is_checked_against_what_everything_takes() {
     let folder = tempfile::tempdir().unwrap();
-    let device = Device::cpu_with_threads(1).unwrap();
-    let name = cache_file(&device).unwrap();
-    fs::write(folder.path().join(name.file_name().unwrap()), favouring("halfway")).unwrap();
+    into_cache(folder.path(), 1);
     let line = ["calibrate", "--check", "teapot:2", "--threads", "1", "--device", "cpu", "--json"];
     let output = command(&line).env("RAYKD_CACHE", folder.path()).output().unwrap();
     assert!(output.status.success(), "{}", told(&output));
@@ -170,6 +179,7 @@ fn a_page_and_its_figures() {
     let peer = r#"[{"scene": "teapot", "peer": "a <b>", "build_ms": 2, "mrays_a": 1, "mrays_b": 4, "mrays_c": 2,
         "mrays_d": 3, "mrays_d_any": null, "wrong": 7, "unclear": 0, "any_differs": 0}]"#;
     fs::write(&peers, peer).unwrap();
+    into_cache(folder.path(), 2);
     let output = command(&[
         "chart",
         "teapot:2",
