@@ -162,27 +162,23 @@ impl Task for BenchArgs {
     }
 
     fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
-        run(self, out)
-    }
-}
-
-fn run(args: &BenchArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
-    let notes = Notes::new(args.json);
-    if let Some(path) = &args.compare_with {
-        let before = changes::read(path)?;
-        let runs =
-            (0..changes::RUNS).map(|_| Ok(rows(args, &notes)?.0)).collect::<anyhow::Result<Vec<_>>>()?;
+        let notes = Notes::new(self.json);
+        if let Some(path) = &self.compare_with {
+            let before = changes::read(path)?;
+            let runs =
+                (0..changes::RUNS).map(|_| Ok(rows(self, &notes)?.0)).collect::<anyhow::Result<Vec<_>>>()?;
+            notes.clear();
+            return changes::tell(&before, &runs.concat(), self.json, out);
+        }
+        let (rows, machines) = rows(self, &notes)?;
         notes.clear();
-        return changes::tell(&before, &runs.concat(), args.json, out);
+        if self.json {
+            write_json(out, &rows)?;
+        } else {
+            print(&rows, &machines, out)?;
+        }
+        Ok(if differ(&rows) { ExitCode::FAILURE } else { ExitCode::SUCCESS })
     }
-    let (rows, machines) = rows(args, &notes)?;
-    notes.clear();
-    if args.json {
-        write_json(out, &rows)?;
-    } else {
-        print(&rows, &machines, out)?;
-    }
-    Ok(if differ(&rows) { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
 /// Measures all scenes on all devices.

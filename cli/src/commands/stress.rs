@@ -155,29 +155,25 @@ impl Task for StressArgs {
     }
 
     fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
-        run(self, out)
+        if self.list {
+            return list(out);
+        }
+        let notes = Notes::new(self.json);
+        let methods = methods(&self.methods)?;
+        let failed = self.replay.as_deref().map(read).transpose()?;
+        let machines = Machines::choose(self.on.device, &self.on.more, &notes)?;
+        let rows = match failed {
+            Some(failed) => replay(&failed, self.read, &machines, &notes)?,
+            None => stress(self, &methods, &machines, &notes)?,
+        };
+        notes.clear();
+        if self.json {
+            write_json(out, &rows)?;
+        } else {
+            print(&rows, &machines, out)?;
+        }
+        Ok(if rows.iter().all(|row| row.ok) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
     }
-}
-
-fn run(args: &StressArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
-    if args.list {
-        return list(out);
-    }
-    let notes = Notes::new(args.json);
-    let methods = methods(&args.methods)?;
-    let failed = args.replay.as_deref().map(read).transpose()?;
-    let machines = Machines::choose(args.on.device, &args.on.more, &notes)?;
-    let rows = match failed {
-        Some(failed) => replay(&failed, args.read, &machines, &notes)?,
-        None => stress(args, &methods, &machines, &notes)?,
-    };
-    notes.clear();
-    if args.json {
-        write_json(out, &rows)?;
-    } else {
-        print(&rows, &machines, out)?;
-    }
-    Ok(if rows.iter().all(|row| row.ok) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 fn list(out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {

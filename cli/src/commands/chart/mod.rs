@@ -84,47 +84,45 @@ impl Task for ChartArgs {
     }
 
     fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
-        run(self, out)?;
+        let notes = Notes::new(false);
+        let start = Instant::now();
+        let peers = self.peers.as_deref().map(peers::read).transpose()?.unwrap_or_default();
+        let folder = &self.output;
+        output::check_folder(folder)?;
+        let (inputs, machines) =
+            (inputs(&self.scenes, &notes)?, Machines::choose(self.on.device, &self.on.more, &notes)?);
+        let effort = Effort { quick: self.quick, rays: self.rays.unwrap_or(0) as usize };
+        let mut jobs = data::scenes(&inputs, &machines, effort);
+        jobs.extend(data::accuracy(&inputs[0], &machines, effort));
+        jobs.extend(data::growth(&machines, effort));
+        jobs.extend(data::calibrations(&machines, effort));
+        let data = data::run(jobs, &notes)?;
+        notes.stage("drawing");
+        let (mut drawn, mut files) = (Vec::new(), Vec::new());
+        for figure in figures(&data, &inputs, &peers) {
+            let svg = draw::svg(&figure)?;
+            let png = draw::png(&figure)?;
+            let parts = [svg.as_bytes().to_vec(), png, figure.grid.csv().into_bytes()];
+            files.extend(
+                ENDINGS
+                    .into_iter()
+                    .zip(parts)
+                    .map(|(ending, part)| (format!("{}.{ending}", figure.file), part)),
+            );
+            drawn.push((figure, svg));
+        }
+        let made = made(&machines);
+        let page = page::page("raykd in charts", &drawn, &made);
+        files.push((INDEX.to_owned(), page.into_bytes()));
+        output::write_folder(folder, &files)?;
+        notes.clear();
+        for (figure, _) in &drawn {
+            writeln!(out, "{}: {}\n", figure.title, figure.say)?;
+        }
+        let took = start.elapsed().as_secs();
+        writeln!(out, "{} figures in {}, {took} s", count(drawn.len() as u64), folder.join(INDEX).display())?;
         Ok(ExitCode::SUCCESS)
     }
-}
-
-fn run(args: &ChartArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
-    let notes = Notes::new(false);
-    let start = Instant::now();
-    let peers = args.peers.as_deref().map(peers::read).transpose()?.unwrap_or_default();
-    let folder = &args.output;
-    output::check_folder(folder)?;
-    let (inputs, machines) =
-        (inputs(&args.scenes, &notes)?, Machines::choose(args.on.device, &args.on.more, &notes)?);
-    let effort = Effort { quick: args.quick, rays: args.rays.unwrap_or(0) as usize };
-    let mut jobs = data::scenes(&inputs, &machines, effort);
-    jobs.extend(data::accuracy(&inputs[0], &machines, effort));
-    jobs.extend(data::growth(&machines, effort));
-    jobs.extend(data::calibrations(&machines, effort));
-    let data = data::run(jobs, &notes)?;
-    notes.stage("drawing");
-    let (mut drawn, mut files) = (Vec::new(), Vec::new());
-    for figure in figures(&data, &inputs, &peers) {
-        let svg = draw::svg(&figure)?;
-        let png = draw::png(&figure)?;
-        let parts = [svg.as_bytes().to_vec(), png, figure.grid.csv().into_bytes()];
-        files.extend(
-            ENDINGS.into_iter().zip(parts).map(|(ending, part)| (format!("{}.{ending}", figure.file), part)),
-        );
-        drawn.push((figure, svg));
-    }
-    let made = made(&machines);
-    let page = page::page("raykd in charts", &drawn, &made);
-    files.push((INDEX.to_owned(), page.into_bytes()));
-    output::write_folder(folder, &files)?;
-    notes.clear();
-    for (figure, _) in &drawn {
-        writeln!(out, "{}: {}\n", figure.title, figure.say)?;
-    }
-    let took = start.elapsed().as_secs();
-    writeln!(out, "{} figures in {}, {took} s", count(drawn.len() as u64), folder.join(INDEX).display())?;
-    Ok(())
 }
 
 fn inputs(names: &[String], notes: &Notes) -> anyhow::Result<Vec<Input>> {
