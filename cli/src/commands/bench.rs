@@ -238,9 +238,7 @@ fn bench(
     notes: &Notes,
 ) -> Result<Row, Error> {
     let (name, mesh) = (&input.name, &input.mesh);
-    let stage = |what: &str| {
-        notes.stage(format_args!("{name}: {what} on the {}", device.kind().name().to_uppercase()))
-    };
+    let stage = |what: &str| notes.stage_on(name, what, device);
     stage("building");
     let options = amount.options.clone().with_profile(args.profile);
     let mut built = measure::build(device, mesh, &options)?;

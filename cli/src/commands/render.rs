@@ -8,7 +8,7 @@ use crate::{
     measure::ms,
     notes::Notes,
     png_file,
-    report::count,
+    report::{capitals, count},
     task::{On, Task},
 };
 use anyhow::{Context as _, bail};
@@ -118,7 +118,7 @@ impl Task for RenderArgs {
             let spent =
                 [before.upload + before.build + before.layout, rays.upload + rays.trace + rays.download];
             let spent = spent.map(ms);
-            Ok((picture, format!("{}, {}", device.kind().name().to_uppercase(), device.name()), spent))
+            Ok((picture, format!("{}, {}", capitals(device), device.name()), spent))
         };
         let (picture, device, [before, shown]) = machine.run(&notes, draw)?;
         notes.stage("writing the picture");

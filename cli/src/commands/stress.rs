@@ -6,7 +6,7 @@ use crate::{
     input::Input,
     machine::Machines,
     notes::Notes,
-    report::{Table, count, three, write_json},
+    report::{Table, capitals, count, three, write_json},
     task::{On, Task},
 };
 use anyhow::{Context as _, bail};
@@ -242,12 +242,7 @@ fn stress(
         for device in machines.iter() {
             let methods: Vec<_> = methods.iter().filter(|method| trial.runs(method, device)).collect();
             for method in methods {
-                notes.stage(format_args!(
-                    "{}: {} on the {}",
-                    wish.display(),
-                    method.name(),
-                    device.kind().name().to_uppercase()
-                ));
+                notes.stage_on(wish.display(), method.name(), device);
                 match row(&mut trial, method, device, args.rays, None) {
                     Ok(row) => rows.push(row),
                     Err(error) if machines.can_spare(device, &error) => {
@@ -336,7 +331,7 @@ fn leaks(
                     notes.stage(format_args!(
                         "{name}: {} on the {}, {} of {} rays, {} Mray/s",
                         method.name(),
-                        device.kind().name().to_uppercase(),
+                        capitals(device),
                         count(done),
                         count(args.rays),
                         three(rate)

@@ -4,6 +4,7 @@ mod table;
 
 pub(crate) use table::Table;
 
+use raykd::Device;
 use std::io::{StdoutLock, Write as _};
 
 /// Three significant digits, thousands apart: `0.00123`, `1.23`, `12.3`, `123`, `1,230`.
@@ -39,6 +40,11 @@ pub(crate) fn count(n: u64) -> String {
         text.push(digit);
     }
     text
+}
+
+/// `CPU` or `GPU`.
+pub(crate) fn capitals(device: &Device) -> String {
+    device.kind().name().to_uppercase()
 }
 
 /// Bytes with a unit: `640 B`, `12.3 kB`, `1.20 MB`.

@@ -1,6 +1,6 @@
 //! What charts are drawn from: measured numbers, and how they are measured.
 
-use crate::report::count;
+use crate::report::{capitals, count};
 use crate::{
     args::ReadArgs,
     input::Input,
@@ -312,7 +312,7 @@ pub(super) fn accuracy<'a>(input: &'a Input, machines: &'a Machines, effort: Eff
 pub(super) fn calibrations<'a>(machines: &'a Machines, effort: Effort) -> Vec<Job<'a>> {
     let job = |device: &'a Device| -> Job<'a> {
         (
-            format!("costs on the {}", device.kind().name().to_uppercase()),
+            format!("costs on the {}", capitals(device)),
             Box::new(move |data| {
                 let cached =
                     raykd::plan::cache_file(device).and_then(|path| Calibration::load(&path, device));

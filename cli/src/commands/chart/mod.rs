@@ -13,7 +13,7 @@ mod totals;
 mod trees;
 mod verdict;
 
-use crate::report::{Table, count};
+use crate::report::{Table, capitals, count};
 use crate::{
     args::WhichArgs,
     files::Files,
@@ -204,10 +204,8 @@ impl Checked {
 
 /// Machine, driver, date, commit and command.
 fn made(machines: &Machines) -> Vec<String> {
-    let mut made: Vec<String> = machines
-        .iter()
-        .map(|device| format!("{}: {}", device.kind().name().to_uppercase(), device.name()))
-        .collect();
+    let mut made: Vec<String> =
+        machines.iter().map(|device| format!("{}: {}", capitals(device), device.name())).collect();
     let now = humantime::format_rfc3339_seconds(SystemTime::now());
     // Of the checkout that this was built in, if it still is one.
     let git = Command::new("git")
