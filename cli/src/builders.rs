@@ -5,7 +5,7 @@ use crate::{
     machine::{Machines, at_fault},
     measure::{self, mrays, ms},
     notes::Notes,
-    report::{Table, bytes, count, three, write_json},
+    report::{Table, bytes, capitals, count, three, write_json},
 };
 use raykd::{
     BuildOptions, Builder, Device, Error, Mesh, Query, internals::teapot_level_for, rays::sets::Sets,
@@ -65,12 +65,7 @@ pub(super) fn compare(
     let mut rows = Vec::new();
     for device in machines.iter() {
         for &builder in Builder::ALL {
-            notes.stage(format_args!(
-                "{}: {} on the {}",
-                input.name,
-                builder.name(),
-                device.kind().name().to_uppercase()
-            ));
+            notes.stage_on(&input.name, builder.name(), device);
             let options = options.clone().with_builder(builder).with_profile(false);
             match row(device, input, &options, &mut sets) {
                 Ok(row) => rows.push(row),
@@ -189,11 +184,7 @@ pub(super) fn scaling(
         for triangles in [1_000, 3_000, 10_000, 30_000, 100_000, 300_000, 1_000_000, 3_000_000, 10_000_000] {
             let mesh = Mesh::teapot(teapot_level_for(triangles));
             let number = mesh.triangles().len();
-            notes.stage(format_args!(
-                "{} triangles on the {}",
-                count(number as u64),
-                device.kind().name().to_uppercase()
-            ));
+            notes.stage(format_args!("{} triangles on the {}", count(number as u64), capitals(device)));
             let options = options.clone().with_profile(false);
             let built = match measure::build(device, &mesh, &options) {
                 Ok(built) => built,

@@ -120,7 +120,7 @@ fn compare(
     notes: &Notes,
 ) -> Result<Vec<Row>, Error> {
     let mesh = &input.mesh;
-    notes.stage(format_args!("{}: building on the {}", input.name, device.kind().name().to_uppercase()));
+    notes.stage_on(&input.name, "building", device);
     let mut scene = Scene::build(device, mesh, &how.options)?;
     if sets.is_none() {
         let camera = || rays::Camera::framing(mesh.bounds()).rays(PICTURE, PICTURE);
@@ -135,11 +135,7 @@ fn compare(
     let traversals = Traversal::ALL.iter().copied().filter(|&way| how.brute || way != Traversal::Brute);
     traversals
         .map(|traversal| {
-            notes.stage(format_args!(
-                "{}: {traversal} on the {}",
-                input.name,
-                device.kind().name().to_uppercase()
-            ));
+            notes.stage_on(&input.name, traversal, device);
             row(&mut scene, traversal, sets)
         })
         .collect()

@@ -1,6 +1,6 @@
 //! What trees cost on a device, for `--quality auto`: measured once, and kept.
 
-use crate::{hints, notes::Notes};
+use crate::{hints, notes::Notes, report::capitals};
 use raykd::{
     Device, Error,
     plan::{Calibration, create_cache_file},
@@ -15,7 +15,7 @@ pub(super) fn measure(device: &Device, notes: &Notes) -> Result<Calibration, Err
     let calibration = Calibration::measure(device, |done| {
         notes.stage(format_args!(
             "measuring what trees cost on the {}, {:.0} %",
-            device.kind().name().to_uppercase(),
+            capitals(device),
             100.0 * done
         ));
     })?;
@@ -24,7 +24,7 @@ pub(super) fn measure(device: &Device, notes: &Notes) -> Result<Calibration, Err
         notes.note(format_args!(
             "most costs of the {} varied from round to round: if the machine did other work, run `raykd calibrate` \
              again without it",
-            device.kind().name().to_uppercase()
+            capitals(device)
         ));
     }
     Ok(calibration)
@@ -57,10 +57,7 @@ fn kept_or(
             "for this run"
         }
     };
-    notes.note(format_args!(
-        "measuring what trees cost on this {}, {once}",
-        device.kind().name().to_uppercase()
-    ));
+    notes.note(format_args!("measuring what trees cost on this {}, {once}", capitals(device)));
     let calibration = measure()?;
     if let Err(error) = place.map_or(Ok(()), |path| calibration.save(&path)) {
         notes.note(format_args!("costs could not be kept: {error}"));

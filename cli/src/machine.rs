@@ -4,6 +4,7 @@ use crate::{
     args::{MachineArgs, One, Which},
     hints,
     notes::Notes,
+    report::capitals,
 };
 use raykd::{Device, DeviceKind, Error};
 use std::io::{self, Write};
@@ -101,7 +102,7 @@ impl Machines {
     pub(super) fn write_names(&self, out: &mut impl Write) -> io::Result<()> {
         for device in self.iter() {
             let software = if is_software(device) { " (software)" } else { "" };
-            writeln!(out, "{}  {}{software}", device.kind().name().to_uppercase(), device.name())?;
+            writeln!(out, "{}  {}{software}", capitals(device), device.name())?;
         }
         Ok(())
     }

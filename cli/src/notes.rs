@@ -1,6 +1,8 @@
 //! What goes to standard error while a command works: the stage it is at, and remarks.
 
+use crate::report::capitals;
 use indicatif::{ProgressBar, ProgressStyle};
+use raykd::Device;
 use std::{
     cell::Cell,
     fmt::Display,
@@ -52,6 +54,11 @@ impl Notes {
     /// Says what happens now.
     pub(super) fn stage(&self, what: impl Display) {
         self.bar.set_message(what.to_string());
+    }
+
+    /// Says what happens now to something, and on which device.
+    pub(super) fn stage_on(&self, it: impl Display, what: impl Display, device: &Device) {
+        self.stage(format_args!("{it}: {what} on the {}", capitals(device)));
     }
 
     /// Says something to remember.

@@ -9,7 +9,9 @@ use std::{io::StdoutLock, process::ExitCode};
 /// A command with its options.
 pub(super) trait Task {
     /// Which devices it was told to run on; nothing if it cannot be told.
-    fn on(&self) -> Option<On<'_>>;
+    fn on(&self) -> Option<On<'_>> {
+        None
+    }
 
     /// What it reads and writes.
     fn files(&self) -> Files;

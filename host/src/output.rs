@@ -1,11 +1,11 @@
 //! Output files that appear whole or not at all, and keep the mode and the owner of what they replace.
 
-use crate::Error;
+use crate::{Error, lock::lock};
 use std::{
     fs::{self, File, Metadata},
     io::{self, BufWriter, ErrorKind, Write},
     path::{Path, PathBuf, is_separator},
-    sync::{Mutex, MutexGuard, PoisonError},
+    sync::{Mutex, MutexGuard},
 };
 use tempfile::{Builder, NamedTempFile, TempDir};
 
@@ -13,7 +13,7 @@ use tempfile::{Builder, NamedTempFile, TempDir};
 static TEMPORARY: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
 fn temporary() -> MutexGuard<'static, Vec<PathBuf>> {
-    TEMPORARY.lock().unwrap_or_else(PoisonError::into_inner)
+    lock(&TEMPORARY)
 }
 
 /// Removes all temporary files, for a program that is about to end: as long as the result lives none is made, and none

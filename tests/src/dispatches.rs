@@ -14,7 +14,10 @@ use raykd::{
     rays::Random,
     shared::TreeView,
 };
-use std::{cell::RefCell, rc::Rc};
+use std::{
+    cell::{Cell, RefCell},
+    rc::Rc,
+};
 
 /// What is run: everything raykd does with a mesh and rays.
 #[derive(Clone, Copy, Debug)]
@@ -27,12 +30,15 @@ pub struct Job<'a> {
     pub seed: u64,
 }
 
-/// One dispatch: the kernel, and name, hash and (if asked for) words of the buffers it may write.
-#[derive(Debug)]
+/// One dispatch: the kernel, and name and hash of the buffers it may write.
+#[derive(Debug, PartialEq, Eq)]
 struct Dispatch {
     kernel: &'static str,
-    buffers: Vec<(&'static str, u64, Vec<u32>)>,
+    buffers: Vec<(&'static str, u64)>,
 }
+
+/// The words of those buffers.
+type Words = Vec<Vec<u32>>;
 
 /// A hash that is quick for many words. A step takes different sums to different sums, so one word that differs is
 /// always seen.
@@ -175,29 +181,56 @@ impl Job<'_> {
     }
 
     /// Runs on a device, one dispatch at a time, in buffers that start as garbage. After each, `meddle` may do
-    /// something to its buffers. Only dispatch `kept` keeps its words.
-    fn record(&self, device: &Device, meddle: Meddle, kept: Option<usize>) -> Result<Vec<Dispatch>, Error> {
-        let log = Rc::new(RefCell::new(Vec::new()));
+    /// something to its buffers; then `see` is given its number, what it was and what it left. Ends where `see` gives
+    /// something back, which this gives back too.
+    fn until<R: 'static>(
+        &self,
+        device: &Device,
+        meddle: Meddle,
+        mut see: impl FnMut(usize, Dispatch, Words) -> Option<R> + 'static,
+    ) -> Result<Option<R>, Error> {
+        let found = Rc::new(RefCell::new(None));
         let watcher = {
-            let log = Rc::clone(&log);
+            let (found, mut number) = (Rc::clone(&found), 0);
             move |device: &Device, step: &Step<'_>| {
                 meddle(device, step);
-                let mut log = log.borrow_mut();
                 let mut buffers = Vec::new();
+                let mut left = Words::new();
                 for (slot, &buffer) in step.kernel.slots.iter().zip(&step.buffers) {
                     if slot.access == Access::Write {
                         let words: Buffer<u32> = buffer.view();
-                        let words = device.read(&words, 0, words.elements()).expect("buffers can be read");
-                        let hash = hash(&words);
-                        let keep = kept == Some(log.len());
-                        buffers.push((slot.name, hash, if keep { words } else { Vec::new() }));
+                        let words = device.read(&words, 0, words.elements())?;
+                        buffers.push((slot.name, hash(&words)));
+                        left.push(words);
                     }
                 }
-                log.push(Dispatch { kernel: step.kernel.name(), buffers });
+                let seen = see(number, Dispatch { kernel: step.kernel.name(), buffers }, left);
+                number += 1;
+                found.replace(seen);
+                // An error ends the job.
+                if found.borrow().is_none() { Ok(()) } else { Err(Error::Kernel("enough was seen")) }
             }
         };
-        watching(Box::new(watcher), || self.run(device))?;
-        Ok(log.take())
+        let done = watching(Box::new(watcher), || self.run(device));
+        found.take().map_or_else(|| done.map(|()| None), |found| Ok(Some(found)))
+    }
+
+    /// Runs on a device, for others to be compared with it.
+    ///
+    /// # Errors
+    /// The device failed.
+    pub fn record<'a>(&'a self, device: &'a Device) -> Result<Record<'a>, Error> {
+        let dispatches = Rc::new(RefCell::new(Vec::new()));
+        let log = Rc::clone(&dispatches);
+        self.until(
+            device,
+            |_, _| {},
+            move |_, dispatch, _| {
+                log.borrow_mut().push(dispatch);
+                None::<()>
+            },
+        )?;
+        Ok(Record { job: self, device, dispatches: dispatches.take().into() })
     }
 
     /// Names of the kernels it runs, in order.
@@ -205,7 +238,7 @@ impl Job<'_> {
     /// # Errors
     /// The device failed.
     pub fn kernels(&self, device: &Device) -> Result<Vec<&'static str>, Error> {
-        Ok(self.record(device, |_, _| {}, None)?.iter().map(|dispatch| dispatch.kernel).collect())
+        Ok(self.record(device)?.dispatches.iter().map(|dispatch| dispatch.kernel).collect())
     }
 
     /// Compares devices with the first one, dispatch by dispatch. Each kernel finds the same buffers on both, or
@@ -214,41 +247,54 @@ impl Job<'_> {
     /// # Errors
     /// They differ.
     pub fn compare(&self, devices: &[&Device]) -> Result<(), Failure> {
-        self.compare_meddled(devices, |_, _| {})
+        let record = self.record(devices[0])?;
+        devices[1..].iter().try_for_each(|device| record.compare(device, |_, _| {}))
     }
+}
 
-    /// Compares with devices whose buffers `meddle` may change after each dispatch: a planted fault.
+/// What the dispatches of a job left on a device.
+#[derive(Debug)]
+pub struct Record<'a> {
+    job: &'a Job<'a>,
+    device: &'a Device,
+    dispatches: Rc<[Dispatch]>,
+}
+
+impl Record<'_> {
+    /// Runs the job on another device, up to the first dispatch that differs. `meddle` may change buffers after each
+    /// dispatch: a planted fault.
     ///
     /// # Errors
     /// They differ.
-    pub fn compare_meddled(&self, devices: &[&Device], meddle: Meddle) -> Result<(), Failure> {
-        let a = self.record(devices[0], |_, _| {}, None)?;
-        for device in &devices[1..] {
-            let b = self.record(device, meddle, None)?;
-            let differ = |(a, b): (&Dispatch, &Dispatch)| a.kernel != b.kernel || a.buffers != b.buffers;
-            if let Some(number) = a.iter().zip(&b).position(differ) {
-                return Err(Failure(format!(
-                    "{}: {}",
-                    device.name(),
-                    self.tell(devices[0], device, meddle, number)?
-                )));
+    pub fn compare(&self, device: &Device, meddle: Meddle) -> Result<(), Failure> {
+        let (expected, seen) = (Rc::clone(&self.dispatches), Rc::new(Cell::new(0)));
+        let count = Rc::clone(&seen);
+        let differs = self.job.until(device, meddle, move |number, dispatch, words| {
+            count.set(number + 1);
+            let differs = expected.get(number).is_some_and(|expected| *expected != dispatch);
+            differs.then_some((number, dispatch, words))
+        })?;
+        match differs {
+            Some((number, dispatch, words)) => {
+                Err(Failure(format!("{}: {}", device.name(), self.tell(number, &dispatch, &words)?)))
             }
-            same(device.name(), &[a.len()], &[b.len()])?;
+            None => same(device.name(), &[self.dispatches.len()], &[seen.get()]),
         }
-        Ok(())
     }
 
-    /// Runs again to tell what differs in dispatch `number`.
-    fn tell(&self, a: &Device, b: &Device, meddle: Meddle, number: usize) -> Result<String, Error> {
-        let a = &self.record(a, |_, _| {}, Some(number))?[number];
-        let b = &self.record(b, meddle, Some(number))?[number];
-        if a.kernel != b.kernel {
-            return Ok(format!("dispatch {number} is {}, expected {}", b.kernel, a.kernel));
+    /// Tells what differs in dispatch `number`: runs again up to it, for what it should have left.
+    fn tell(&self, number: usize, found: &Dispatch, words: &[Vec<u32>]) -> Result<String, Error> {
+        let expected = &self.dispatches[number];
+        if found.kernel != expected.kernel {
+            return Ok(format!("dispatch {number} is {}, expected {}", found.kernel, expected.kernel));
         }
-        let mut buffers = a.buffers.iter().zip(&b.buffers);
-        let first = buffers.find_map(|((name, _, a), (_, _, b))| same(name, a, b).err());
+        let right =
+            self.job.until(self.device, |_, _| {}, move |at, _, words| (at == number).then_some(words))?;
+        let right = right.expect("as many dispatches as before");
+        let mut buffers = found.buffers.iter().zip(right.iter().zip(words));
+        let first = buffers.find_map(|((name, _), (right, words))| same(name, right, words).err());
         let first = first.map_or("not the same from run to run".to_owned(), |e| e.to_string());
-        Ok(format!("dispatch {number}, kernel {}, buffer {first}", b.kernel))
+        Ok(format!("dispatch {number}, kernel {}, buffer {first}", found.kernel))
     }
 }
 

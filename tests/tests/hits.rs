@@ -158,7 +158,9 @@ fn random_rays_at_the_teapot_agree_everywhere() {
 #[test]
 fn a_gpu_traces_millions_of_rays_in_their_order() {
     const RAYS: usize = (2 << 20) + 12_345;
-    let mesh = Mesh::teapot(2);
+    // A square, folded along its diagonal: nearly every ray hits, and no two alike.
+    let corners = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.1], [0.0, 1.0, 0.0]];
+    let mesh = Mesh::new(corners, vec![[0, 1, 2], [0, 2, 3]]).unwrap();
     let some = raykd::rays::random(mesh.bounds(), 9973, 5);
     let none = Ray { direction: [0.0; 3], ..some[0] };
     // A length that no part is a multiple of, so each part has other rays.
@@ -170,6 +172,7 @@ fn a_gpu_traces_millions_of_rays_in_their_order() {
         let [cpu, gpu] = [&by_cpu, &by_gpu].map(|scene| scene.trace(query, &rays).unwrap());
         same("hits", &cpu.hits, &gpu.hits).unwrap();
         assert_eq!([cpu.invalid, gpu.invalid], [3, 3]);
+        assert!(cpu.hits.iter().filter(|hit| hit.is_hit()).count() > RAYS / 2);
     }
     // Fewer come back at once, but in more than one piece of a transfer.
     let fewer = &rays[..600_000];

@@ -58,7 +58,7 @@ fn memory_used_again_shows_in_no_scene_and_no_tracer() {
         for size in [5, 2, 6, 3, 1, 4, 4] {
             let mesh = Mesh::teapot(size);
             // On memory that starts as garbage, used again or not.
-            let scene = watching(Box::new(|_, _| ()), || Scene::build(&device, &mesh, &options)).unwrap();
+            let scene = watching(Box::new(|_, _| Ok(())), || Scene::build(&device, &mesh, &options)).unwrap();
             let usual = Scene::build(&fresh, &mesh, &options).unwrap();
             assert!(scene.tree().unwrap() == usual.tree().unwrap(), "{builder}, teapot {size}");
             let hits = scene.closest(&rays).unwrap();

@@ -15,6 +15,7 @@ use std::{
     fs,
     ops::Range,
     path::{Path, PathBuf},
+    sync::LazyLock,
 };
 use tempfile::TempDir;
 
@@ -31,9 +32,12 @@ fn build(device: &Device, mesh: &Mesh, builder: Builder) -> Scene {
 
 /// A small scene's file.
 fn teapot() -> Vec<u8> {
-    let (_folder, path) = place();
-    build(cpu(), &Mesh::teapot(2), Builder::Binned).save(&path).unwrap();
-    fs::read(path).unwrap()
+    static FILE: LazyLock<Vec<u8>> = LazyLock::new(|| {
+        let (_folder, path) = place();
+        build(cpu(), &Mesh::teapot(2), Builder::Binned).save(&path).unwrap();
+        fs::read(path).unwrap()
+    });
+    FILE.clone()
 }
 
 /// What opening these bytes as a file says.

@@ -212,7 +212,9 @@ fn a_driver_that_ends_loops_early_gives_an_error_and_no_wrong_hit() {
         let reference = Scene::build(cpu(), &mesh, &BuildOptions::default()).unwrap();
         let rays = rays(&mesh, reference.tree().unwrap().view(), 200, 3_075_607_215_347_662_595);
         let expected = reference.closest(&rays).unwrap();
-        for &traversal in Traversal::ALL {
+        // By the other two, `hits.rs` traces the same rays at the same meshes.
+        let others = |traversal: &&Traversal| ![Traversal::Stack, Traversal::Brute].contains(traversal);
+        for &traversal in Traversal::ALL.iter().filter(others) {
             scene.traverse_by(traversal).unwrap();
             if let Some(found) = unless_cut(scene.closest(&rays)).unwrap() {
                 same(traversal.name(), &expected, &found).unwrap();

@@ -163,8 +163,10 @@ fn what_a_driver_cuts_short_is_an_error() {
             let positions = [&corners[..n], &[last]].concat().concat();
             let mesh = Mesh::new(positions, (0..=n as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect())
                 .unwrap();
+            // No tree is asked.
+            let leaf = BuildOptions::default().with_max_depth(0);
             let brute = |device| {
-                let mut scene = Scene::build(device, &mesh, &BuildOptions::default()).unwrap();
+                let mut scene = Scene::build(device, &mesh, &leaf).unwrap();
                 scene.intersect_by(Intersector::Exact).unwrap();
                 unless_cut(scene.brute(&[ray])).unwrap()
             };

@@ -162,27 +162,23 @@ impl Task for BenchArgs {
     }
 
     fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
-        run(self, out)
-    }
-}
-
-fn run(args: &BenchArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
-    let notes = Notes::new(args.json);
-    if let Some(path) = &args.compare_with {
-        let before = changes::read(path)?;
-        let runs =
-            (0..changes::RUNS).map(|_| Ok(rows(args, &notes)?.0)).collect::<anyhow::Result<Vec<_>>>()?;
+        let notes = Notes::new(self.json);
+        if let Some(path) = &self.compare_with {
+            let before = changes::read(path)?;
+            let runs =
+                (0..changes::RUNS).map(|_| Ok(rows(self, &notes)?.0)).collect::<anyhow::Result<Vec<_>>>()?;
+            notes.clear();
+            return changes::tell(&before, &runs.concat(), self.json, out);
+        }
+        let (rows, machines) = rows(self, &notes)?;
         notes.clear();
-        return changes::tell(&before, &runs.concat(), args.json, out);
+        if self.json {
+            write_json(out, &rows)?;
+        } else {
+            print(&rows, &machines, out)?;
+        }
+        Ok(if differ(&rows) { ExitCode::FAILURE } else { ExitCode::SUCCESS })
     }
-    let (rows, machines) = rows(args, &notes)?;
-    notes.clear();
-    if args.json {
-        write_json(out, &rows)?;
-    } else {
-        print(&rows, &machines, out)?;
-    }
-    Ok(if differ(&rows) { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
 /// Measures all scenes on all devices.
@@ -242,9 +238,7 @@ fn bench(
     notes: &Notes,
 ) -> Result<Row, Error> {
     let (name, mesh) = (&input.name, &input.mesh);
-    let stage = |what: &str| {
-        notes.stage(format_args!("{name}: {what} on the {}", device.kind().name().to_uppercase()))
-    };
+    let stage = |what: &str| notes.stage_on(name, what, device);
     stage("building");
     let options = amount.options.clone().with_profile(args.profile);
     let mut built = measure::build(device, mesh, &options)?;
@@ -476,8 +470,12 @@ mod tests {
 
     /// A scene on both devices, with these digests of tree and hits.
     fn pair(cpu: [&str; 2], gpu: [&str; 2]) -> Vec<Row> {
+        named("box", cpu, gpu)
+    }
+
+    fn named(scene: &str, cpu: [&str; 2], gpu: [&str; 2]) -> Vec<Row> {
         let row = |device, [digest, hits]: [&str; 2]| Row {
-            scene: "box".to_owned(),
+            scene: scene.to_owned(),
             device,
             triangles: 12,
             digest: digest.to_owned(),
@@ -501,6 +499,20 @@ mod tests {
         let rows = pair(["t", "h"], ["t", "h"]);
         assert!(!differ(&rows));
         assert!(printed(&rows).contains("box: CPU and GPU gave byte-identical trees and hits"));
+    }
+
+    #[test]
+    fn all_scenes_are_told() {
+        let told = printed(&[pair(["t", "h"], ["t", "h"]), named("ball", ["x", "y"], ["x", "y"])].concat());
+        for scene in ["box", "ball"] {
+            assert!(
+                told.contains(&format!("{scene}: CPU and GPU gave byte-identical trees and hits")),
+                "{told}"
+            );
+            // In the tables of builds, rays, sets (on both devices) and trees.
+            let rows = told.lines().filter(|line| line.starts_with(&format!("{scene} ")));
+            assert_eq!(rows.count(), 5, "{told}");
+        }
     }
 
     #[test]

@@ -132,52 +132,48 @@ impl Task for BuildArgs {
     }
 
     fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
-        run(self, out)
+        let notes = Notes::new(self.json);
+        let several = || Machines::choose(self.on.device.map(Which::from), &self.on.more, &notes);
+        let options = self.how.tree.options();
+        if self.compare {
+            let input = Input::load(self.mesh.as_deref().unwrap_or_default(), self.read, &notes)?;
+            return builders::compare(&input, &several()?, (&options, self.json), &notes, out);
+        }
+        if self.scaling {
+            return builders::scaling(&several()?, (&options, self.json), &notes, out);
+        }
+        let input = Input::load(self.mesh.as_deref().unwrap_or_default(), self.read, &notes)?;
+        let job = (&input.mesh, self.rays.unwrap_or(USUAL_RAYS));
+        let device = &self.on;
+        let (machine, amount) = amount::decide(&self.how, Traversal::default(), device, job, &notes)?;
+        notes.stage(format_args!("{}: building", input.name));
+        let options = amount.options.with_profile(self.profile);
+        let (mut told, tree) = machine.run(&notes, |device| build(device, &input, &options))?;
+        let before = told.upload_ms + told.build_ms + told.layout_ms;
+        told.auto = amount.plan.map(|plan| amount::Told::new(&plan, before, None));
+        if let Some(path) = &self.output {
+            notes.stage(format_args!("writing {}", path.display()));
+            tree.save(path)?;
+        }
+        if let Some(budget) = self.how.tree.budget
+            && told.refs > (f64::from(budget) * told.kept as f64) as u32
+        {
+            let each = f64::from(told.refs) / told.kept as f64;
+            notes.note(format_args!(
+                "{} does not keep to the budget: {each:.2} references a triangle",
+                told.builder
+            ));
+        }
+        if told.by_host {
+            notes.note(format_args!(
+                "{} has not the room to build by exact; the host built the same tree",
+                told.adapter
+            ));
+        }
+        notes.clear();
+        if self.json { write_json(out, &told) } else { print(&told, self, out) }?;
+        Ok(ExitCode::SUCCESS)
     }
-}
-
-fn run(args: &BuildArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
-    let notes = Notes::new(args.json);
-    let several = || Machines::choose(args.on.device.map(Which::from), &args.on.more, &notes);
-    let options = args.how.tree.options();
-    if args.compare {
-        let input = Input::load(args.mesh.as_deref().unwrap_or_default(), args.read, &notes)?;
-        return builders::compare(&input, &several()?, (&options, args.json), &notes, out);
-    }
-    if args.scaling {
-        return builders::scaling(&several()?, (&options, args.json), &notes, out);
-    }
-    let input = Input::load(args.mesh.as_deref().unwrap_or_default(), args.read, &notes)?;
-    let job = (&input.mesh, args.rays.unwrap_or(USUAL_RAYS));
-    let device = &args.on;
-    let (machine, amount) = amount::decide(&args.how, Traversal::default(), device, job, &notes)?;
-    notes.stage(format_args!("{}: building", input.name));
-    let options = amount.options.with_profile(args.profile);
-    let (mut told, tree) = machine.run(&notes, |device| build(device, &input, &options))?;
-    let before = told.upload_ms + told.build_ms + told.layout_ms;
-    told.auto = amount.plan.map(|plan| amount::Told::new(&plan, before, None));
-    if let Some(path) = &args.output {
-        notes.stage(format_args!("writing {}", path.display()));
-        tree.save(path)?;
-    }
-    if let Some(budget) = args.how.tree.budget
-        && told.refs > (f64::from(budget) * told.kept as f64) as u32
-    {
-        let each = f64::from(told.refs) / told.kept as f64;
-        notes.note(format_args!(
-            "{} does not keep to the budget: {each:.2} references a triangle",
-            told.builder
-        ));
-    }
-    if told.by_host {
-        notes.note(format_args!(
-            "{} has not the room to build by exact; the host built the same tree",
-            told.adapter
-        ));
-    }
-    notes.clear();
-    if args.json { write_json(out, &told) } else { print(&told, args, out) }?;
-    Ok(ExitCode::SUCCESS)
 }
 
 fn build(device: &Device, input: &Input, options: &BuildOptions) -> Result<(Told, KdTree), Error> {

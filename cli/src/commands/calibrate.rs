@@ -57,57 +57,58 @@ impl Task for CalibrateArgs {
     }
 
     fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
-        run(self, out)?;
+        let notes = Notes::new(self.json);
+        let machines = Machines::choose(self.on.device, &self.on.more, &notes)?;
+        if self.output.is_some() && machines.iter().count() > 1 {
+            bail!("a file holds one device's costs: say which by --device");
+        }
+        if !self.check.is_empty() {
+            let checked = Checked::new(&self.check, &machines, &notes)?;
+            notes.clear();
+            if self.json {
+                write_json(out, &checked)?
+            } else {
+                checked.write(out)?
+            }
+            return Ok(ExitCode::SUCCESS);
+        }
+        let mut places = Vec::new();
+        for device in machines.iter() {
+            places.push((device, self.output.clone().map_or_else(|| create_cache_file(device), Ok)?));
+        }
+        let mut all = Vec::new();
+        for (device, path) in places {
+            let calibration = measure(device, &notes)?;
+            calibration.save(&path)?;
+            all.push((calibration, path));
+        }
+        notes.clear();
+        if self.json {
+            write_json(out, &all.iter().map(|(calibration, _)| calibration).collect::<Vec<_>>())?;
+            return Ok(ExitCode::SUCCESS);
+        }
+        for (calibration, path) in &all {
+            writeln!(out, "{}  {}", calibration.device().to_uppercase(), calibration.name())?;
+            let mut table = Table::new([
+                "Choice",
+                "triangles",
+                "upload ms",
+                "build ms",
+                "launch ms",
+                "ns/ray",
+                "bytes",
+                "spread",
+            ]);
+            for &choice in CHOICES {
+                for cost in calibration.costs().iter().filter(|cost| cost.choice == choice.name) {
+                    let triangles = count(cost.triangles.into());
+                    let numbers = [cost.upload_ms, cost.build_ms, cost.launch_ms, cost.ray_ns].map(three);
+                    let cells = [cost.choice.clone(), triangles].into_iter().chain(numbers);
+                    table.row(cells.chain([count(cost.bytes), three(cost.spread)]));
+                }
+            }
+            writeln!(out, "{table}\nkept in {}\n", path.display())?;
+        }
         Ok(ExitCode::SUCCESS)
     }
-}
-
-fn run(args: &CalibrateArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
-    let notes = Notes::new(args.json);
-    let machines = Machines::choose(args.on.device, &args.on.more, &notes)?;
-    if args.output.is_some() && machines.iter().count() > 1 {
-        bail!("a file holds one device's costs: say which by --device");
-    }
-    if !args.check.is_empty() {
-        let checked = Checked::new(&args.check, &machines, &notes)?;
-        notes.clear();
-        return if args.json { write_json(out, &checked) } else { Ok(checked.write(out)?) };
-    }
-    let mut places = Vec::new();
-    for device in machines.iter() {
-        places.push((device, args.output.clone().map_or_else(|| create_cache_file(device), Ok)?));
-    }
-    let mut all = Vec::new();
-    for (device, path) in places {
-        let calibration = measure(device, &notes)?;
-        calibration.save(&path)?;
-        all.push((calibration, path));
-    }
-    notes.clear();
-    if args.json {
-        return write_json(out, &all.iter().map(|(calibration, _)| calibration).collect::<Vec<_>>());
-    }
-    for (calibration, path) in &all {
-        writeln!(out, "{}  {}", calibration.device().to_uppercase(), calibration.name())?;
-        let mut table = Table::new([
-            "Choice",
-            "triangles",
-            "upload ms",
-            "build ms",
-            "launch ms",
-            "ns/ray",
-            "bytes",
-            "spread",
-        ]);
-        for &choice in CHOICES {
-            for cost in calibration.costs().iter().filter(|cost| cost.choice == choice.name) {
-                let triangles = count(cost.triangles.into());
-                let numbers = [cost.upload_ms, cost.build_ms, cost.launch_ms, cost.ray_ns].map(three);
-                let cells = [cost.choice.clone(), triangles].into_iter().chain(numbers);
-                table.row(cells.chain([count(cost.bytes), three(cost.spread)]));
-            }
-        }
-        writeln!(out, "{table}\nkept in {}\n", path.display())?;
-    }
-    Ok(())
 }

@@ -6,7 +6,7 @@ use crate::{
     input::{Input, RepairCounts},
     notes::Notes,
     report::{count, write_json},
-    task::{On, Task},
+    task::Task,
 };
 use clap::Parser;
 use raykd::{BuildOptions, ContactCount, Device, Scene, mesh::EdgeCount};
@@ -119,10 +119,6 @@ struct Told {
 }
 
 impl Task for CheckArgs {
-    fn on(&self) -> Option<On<'_>> {
-        None
-    }
-
     fn files(&self) -> Files {
         Files::of_scenes(std::slice::from_ref(&self.mesh))
     }

@@ -4,7 +4,7 @@ use crate::{
     files::Files,
     notes::Notes,
     report::{bytes, write_json},
-    task::{On, Task},
+    task::Task,
 };
 use clap::Parser;
 use raykd::{Device, Error};
@@ -66,52 +66,44 @@ struct Vulkan {
 }
 
 impl Task for DevicesArgs {
-    fn on(&self) -> Option<On<'_>> {
-        None
-    }
-
     fn files(&self) -> Files {
         Files::default()
     }
 
     fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
-        run(self, out)?;
+        let notes = Notes::new(self.json);
+        notes.stage("probing adapters");
+        let mut devices = adapters();
+        let cpu = Device::cpu();
+        let first = devices.iter_mut().find(|told| told.vulkan.as_ref().is_some_and(|v| v.kind != "cpu"));
+        let default = match first {
+            Some(hardware) if hardware.probe == "exact" => {
+                hardware.default = true;
+                false
+            }
+            _ => true,
+        };
+        devices.push(Told {
+            device: cpu.kind().name(),
+            adapter: cpu.name().to_owned(),
+            probe: "exact",
+            default,
+            max_binding_bytes: cpu.limit().bytes,
+            ..Told::default()
+        });
+        notes.clear();
+        if self.json {
+            write_json(out, &devices)?;
+            return Ok(ExitCode::SUCCESS);
+        }
+        for told in &devices {
+            print(told, out)?;
+        }
+        if devices.len() == 1 {
+            writeln!(out, "{}", Error::NoAdapter { wanted: None })?;
+        }
         Ok(ExitCode::SUCCESS)
     }
-}
-
-fn run(args: &DevicesArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
-    let notes = Notes::new(args.json);
-    notes.stage("probing adapters");
-    let mut devices = adapters();
-    let cpu = Device::cpu();
-    let first = devices.iter_mut().find(|told| told.vulkan.as_ref().is_some_and(|v| v.kind != "cpu"));
-    let default = match first {
-        Some(hardware) if hardware.probe == "exact" => {
-            hardware.default = true;
-            false
-        }
-        _ => true,
-    };
-    devices.push(Told {
-        device: cpu.kind().name(),
-        adapter: cpu.name().to_owned(),
-        probe: "exact",
-        default,
-        max_binding_bytes: cpu.limit().bytes,
-        ..Told::default()
-    });
-    notes.clear();
-    if args.json {
-        return write_json(out, &devices);
-    }
-    for told in &devices {
-        print(told, out)?;
-    }
-    if devices.len() == 1 {
-        writeln!(out, "{}", Error::NoAdapter { wanted: None })?;
-    }
-    Ok(())
 }
 
 #[cfg(feature = "gpu")]

@@ -94,54 +94,51 @@ impl Task for InsideArgs {
     }
 
     fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
-        run(self, out)?;
+        let notes = Notes::new(self.json || self.output.is_none());
+        let points = Points::read(&self.points, self.read.limit())?;
+        let input = Input::load(&self.mesh, self.read, &notes)?;
+        let [x, y, z] = input.translation;
+        let local: Vec<[f64; 3]> = points.points.iter().map(|p| [p[0] - x, p[1] - y, p[2] - z]).collect();
+        let closed = input.is_closed(&notes);
+        let machine = Machine::choose(self.on.device, &self.on.more, &notes)?;
+        let options = self.tree.options();
+        let work = |device: &Device| -> Result<_, Error> {
+            notes.stage(format_args!("{}: building", input.name));
+            let scene = Scene::build(device, &input.mesh, &options)?;
+            notes.stage(format_args!("{}: {} points", input.name, count(local.len() as u64)));
+            let found = scene.winding(&local)?;
+            Ok((found, scene.times().clone(), device.kind().name(), device.name().to_owned()))
+        };
+        let (found, times, device, adapter) = machine.run(&notes, work)?;
+        let Counted { counts, times: spent, invalid, .. } = found;
+        let told = Told {
+            scene: input.name.clone(),
+            triangles: input.mesh.triangles().len(),
+            repairs: RepairCounts::from(&input),
+            closed,
+            device,
+            adapter,
+            load_ms: ms(input.load),
+            build_ms: ms(times.build),
+            upload_ms: ms(times.upload + spent.upload),
+            trace_ms: ms(spent.trace),
+            download_ms: ms(spent.download),
+            mpoints: mrays(counts.len(), spent.trace),
+            points: counts.len(),
+            inside: counts.iter().filter(|&&winding| winding != 0).count(),
+            invalid,
+        };
+        let Some(path) = &self.output else {
+            notes.clear();
+            points.write(out, &counts)?;
+            return Ok(ExitCode::SUCCESS);
+        };
+        notes.stage(format_args!("writing {}", path.display()));
+        output::write_whole(path, |file| points.write(file, &counts))?;
+        notes.clear();
+        if self.json { write_json(out, &told) } else { print(&told, path, out) }?;
         Ok(ExitCode::SUCCESS)
     }
-}
-
-fn run(args: &InsideArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
-    let notes = Notes::new(args.json || args.output.is_none());
-    let points = Points::read(&args.points, args.read.limit())?;
-    let input = Input::load(&args.mesh, args.read, &notes)?;
-    let [x, y, z] = input.translation;
-    let local: Vec<[f64; 3]> = points.points.iter().map(|p| [p[0] - x, p[1] - y, p[2] - z]).collect();
-    let closed = input.is_closed(&notes);
-    let machine = Machine::choose(args.on.device, &args.on.more, &notes)?;
-    let options = args.tree.options();
-    let work = |device: &Device| -> Result<_, Error> {
-        notes.stage(format_args!("{}: building", input.name));
-        let scene = Scene::build(device, &input.mesh, &options)?;
-        notes.stage(format_args!("{}: {} points", input.name, count(local.len() as u64)));
-        let found = scene.winding(&local)?;
-        Ok((found, scene.times().clone(), device.kind().name(), device.name().to_owned()))
-    };
-    let (found, times, device, adapter) = machine.run(&notes, work)?;
-    let Counted { counts, times: spent, invalid, .. } = found;
-    let told = Told {
-        scene: input.name.clone(),
-        triangles: input.mesh.triangles().len(),
-        repairs: RepairCounts::from(&input),
-        closed,
-        device,
-        adapter,
-        load_ms: ms(input.load),
-        build_ms: ms(times.build),
-        upload_ms: ms(times.upload + spent.upload),
-        trace_ms: ms(spent.trace),
-        download_ms: ms(spent.download),
-        mpoints: mrays(counts.len(), spent.trace),
-        points: counts.len(),
-        inside: counts.iter().filter(|&&winding| winding != 0).count(),
-        invalid,
-    };
-    let Some(path) = &args.output else {
-        notes.clear();
-        return Ok(points.write(out, &counts)?);
-    };
-    notes.stage(format_args!("writing {}", path.display()));
-    output::write_whole(path, |file| points.write(file, &counts))?;
-    notes.clear();
-    if args.json { write_json(out, &told) } else { print(&told, path, out) }
 }
 
 fn print(t: &Told, path: &std::path::Path, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {

@@ -8,7 +8,7 @@ use crate::{
     measure::ms,
     notes::Notes,
     png_file,
-    report::count,
+    report::{capitals, count},
     task::{On, Task},
 };
 use anyhow::{Context as _, bail};
@@ -93,49 +93,45 @@ impl Task for RenderArgs {
     }
 
     fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
-        run(self, out)?;
+        let notes = Notes::new(false);
+        let extension = self.output.extension().map(std::ffi::OsStr::to_ascii_lowercase);
+        if extension.is_none_or(|e| e != "png") {
+            bail!("{}: pictures are PNG files; name it like {0}.png", quoted(self.output.display()));
+        }
+        let input = Input::load(&self.mesh, self.read, &notes)?;
+        let camera = camera(self, &input)?;
+        let shading = self.shading;
+        let samples = self.samples.unwrap_or_else(|| samples_of(shading));
+        let rays = u64::from(self.size[0]) * u64::from(self.size[1]) * u64::from(samples * samples);
+        let rays = rays_of(shading, rays);
+        let device = &self.on;
+        let (machine, amount) =
+            amount::decide(&self.how, self.walk.traversal, device, (&input.mesh, rays), &notes)?;
+        let draw = |device: &Device| -> Result<(Picture, String, [f64; 2]), Error> {
+            notes.stage(format_args!("{}: building", input.name));
+            let mut scene = Scene::build(device, &input.mesh, &amount.options)?;
+            scene.traverse_by(amount.traversal)?;
+            scene.intersect_by(self.walk.intersector)?;
+            notes.stage(format_args!("{}: tracing", input.name));
+            let picture = render(&scene, &input.mesh, &camera, self.size, samples, shading)?;
+            let (before, rays) = (scene.times(), picture.times);
+            let spent =
+                [before.upload + before.build + before.layout, rays.upload + rays.trace + rays.download];
+            let spent = spent.map(ms);
+            Ok((picture, format!("{}, {}", capitals(device), device.name()), spent))
+        };
+        let (picture, device, [before, shown]) = machine.run(&notes, draw)?;
+        notes.stage("writing the picture");
+        let [width, height] = self.size;
+        output::write_whole(&self.output, |file| png_file::write(file, &picture.rgb, self.size))?;
+        notes.clear();
+        let seen = format!("{} of {} rays hit", count(picture.hits), count(picture.rays));
+        writeln!(out, "{}: {width}x{height}, {seen}, {device}", self.output.display())?;
+        if let Some(plan) = &amount.plan {
+            writeln!(out, "auto: {}", amount::Told::new(plan, before, Some(shown)).words())?;
+        }
         Ok(ExitCode::SUCCESS)
     }
-}
-
-fn run(args: &RenderArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
-    let notes = Notes::new(false);
-    let extension = args.output.extension().map(std::ffi::OsStr::to_ascii_lowercase);
-    if extension.is_none_or(|e| e != "png") {
-        bail!("{}: pictures are PNG files; name it like {0}.png", quoted(args.output.display()));
-    }
-    let input = Input::load(&args.mesh, args.read, &notes)?;
-    let camera = camera(args, &input)?;
-    let shading = args.shading;
-    let samples = args.samples.unwrap_or_else(|| samples_of(shading));
-    let rays = u64::from(args.size[0]) * u64::from(args.size[1]) * u64::from(samples * samples);
-    let rays = rays_of(shading, rays);
-    let device = &args.on;
-    let (machine, amount) =
-        amount::decide(&args.how, args.walk.traversal, device, (&input.mesh, rays), &notes)?;
-    let draw = |device: &Device| -> Result<(Picture, String, [f64; 2]), Error> {
-        notes.stage(format_args!("{}: building", input.name));
-        let mut scene = Scene::build(device, &input.mesh, &amount.options)?;
-        scene.traverse_by(amount.traversal)?;
-        scene.intersect_by(args.walk.intersector)?;
-        notes.stage(format_args!("{}: tracing", input.name));
-        let picture = render(&scene, &input.mesh, &camera, args.size, samples, shading)?;
-        let (before, rays) = (scene.times(), picture.times);
-        let spent = [before.upload + before.build + before.layout, rays.upload + rays.trace + rays.download];
-        let spent = spent.map(ms);
-        Ok((picture, format!("{}, {}", device.kind().name().to_uppercase(), device.name()), spent))
-    };
-    let (picture, device, [before, shown]) = machine.run(&notes, draw)?;
-    notes.stage("writing the picture");
-    let [width, height] = args.size;
-    output::write_whole(&args.output, |file| png_file::write(file, &picture.rgb, args.size))?;
-    notes.clear();
-    let seen = format!("{} of {} rays hit", count(picture.hits), count(picture.rays));
-    writeln!(out, "{}: {width}x{height}, {seen}, {device}", args.output.display())?;
-    if let Some(plan) = &amount.plan {
-        writeln!(out, "auto: {}", amount::Told::new(plan, before, Some(shown)).words())?;
-    }
-    Ok(())
 }
 
 /// The camera given, or one that sees the whole mesh.

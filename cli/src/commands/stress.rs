@@ -6,7 +6,7 @@ use crate::{
     input::Input,
     machine::Machines,
     notes::Notes,
-    report::{Table, count, three, write_json},
+    report::{Table, capitals, count, three, write_json},
     task::{On, Task},
 };
 use anyhow::{Context as _, bail};
@@ -155,29 +155,25 @@ impl Task for StressArgs {
     }
 
     fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
-        run(self, out)
+        if self.list {
+            return list(out);
+        }
+        let notes = Notes::new(self.json);
+        let methods = methods(&self.methods)?;
+        let failed = self.replay.as_deref().map(read).transpose()?;
+        let machines = Machines::choose(self.on.device, &self.on.more, &notes)?;
+        let rows = match failed {
+            Some(failed) => replay(&failed, self.read, &machines, &notes)?,
+            None => stress(self, &methods, &machines, &notes)?,
+        };
+        notes.clear();
+        if self.json {
+            write_json(out, &rows)?;
+        } else {
+            print(&rows, &machines, out)?;
+        }
+        Ok(if rows.iter().all(|row| row.ok) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
     }
-}
-
-fn run(args: &StressArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
-    if args.list {
-        return list(out);
-    }
-    let notes = Notes::new(args.json);
-    let methods = methods(&args.methods)?;
-    let failed = args.replay.as_deref().map(read).transpose()?;
-    let machines = Machines::choose(args.on.device, &args.on.more, &notes)?;
-    let rows = match failed {
-        Some(failed) => replay(&failed, args.read, &machines, &notes)?,
-        None => stress(args, &methods, &machines, &notes)?,
-    };
-    notes.clear();
-    if args.json {
-        write_json(out, &rows)?;
-    } else {
-        print(&rows, &machines, out)?;
-    }
-    Ok(if rows.iter().all(|row| row.ok) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
 fn list(out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
@@ -246,12 +242,7 @@ fn stress(
         for device in machines.iter() {
             let methods: Vec<_> = methods.iter().filter(|method| trial.runs(method, device)).collect();
             for method in methods {
-                notes.stage(format_args!(
-                    "{}: {} on the {}",
-                    wish.display(),
-                    method.name(),
-                    device.kind().name().to_uppercase()
-                ));
+                notes.stage_on(wish.display(), method.name(), device);
                 match row(&mut trial, method, device, args.rays, None) {
                     Ok(row) => rows.push(row),
                     Err(error) if machines.can_spare(device, &error) => {
@@ -340,7 +331,7 @@ fn leaks(
                     notes.stage(format_args!(
                         "{name}: {} on the {}, {} of {} rays, {} Mray/s",
                         method.name(),
-                        device.kind().name().to_uppercase(),
+                        capitals(device),
                         count(done),
                         count(args.rays),
                         three(rate)

@@ -180,53 +180,49 @@ impl Task for TraceArgs {
     }
 
     fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
-        run(self, out)
-    }
-}
-
-fn run(args: &TraceArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
-    let notes = Notes::new(args.json);
-    let limit = args.read.limit();
-    let rays = args.rays.as_deref().map(|path| Rays::read(path, args.f64, limit)).transpose()?;
-    let (Some(rays), Some(hits)) = (&rays, &args.hits) else {
-        let input = Input::load(&args.mesh, args.read, &notes)?;
-        let machines = Machines::choose(args.on.device.map(Which::from), &args.on.more, &notes)?;
-        let how = compare::How { options: args.how.tree.options(), brute: args.brute, json: args.json };
-        return compare::run(&input, rays.as_ref(), &machines, &how, &notes, out);
-    };
-    let mut input = Input::load(&args.mesh, args.read, &notes)?;
-    let rays = &*rays.local(input.translation);
-    let start = Instant::now();
-    let tree = args.tree.as_deref().map(|path| KdTree::load_up_to(path, limit)).transpose()?;
-    input.load += start.elapsed();
-    let job = (&input.mesh, rays.len() as u64);
-    let device = &args.on;
-    let (machine, amount) = amount::decide(&args.how, args.walk.traversal, device, job, &notes)?;
-    let how = (&amount.options, amount.traversal);
-    let work = |device: &Device| trace(device, &input, tree.as_ref(), args, how, rays, &notes);
-    let (mut told, found) = machine.run(&notes, work).map_err(|error| match (error, &args.tree) {
-        (Error::Tree { why, .. }, Some(tree)) => {
-            anyhow!("{} and {}: {why}", quoted(tree.display()), quoted(args.mesh.display()))
+        let notes = Notes::new(self.json);
+        let limit = self.read.limit();
+        let rays = self.rays.as_deref().map(|path| Rays::read(path, self.f64, limit)).transpose()?;
+        let (Some(rays), Some(hits)) = (&rays, &self.hits) else {
+            let input = Input::load(&self.mesh, self.read, &notes)?;
+            let machines = Machines::choose(self.on.device.map(Which::from), &self.on.more, &notes)?;
+            let how = compare::How { options: self.how.tree.options(), brute: self.brute, json: self.json };
+            return compare::run(&input, rays.as_ref(), &machines, &how, &notes, out);
+        };
+        let mut input = Input::load(&self.mesh, self.read, &notes)?;
+        let rays = &*rays.local(input.translation);
+        let start = Instant::now();
+        let tree = self.tree.as_deref().map(|path| KdTree::load_up_to(path, limit)).transpose()?;
+        input.load += start.elapsed();
+        let job = (&input.mesh, rays.len() as u64);
+        let device = &self.on;
+        let (machine, amount) = amount::decide(&self.how, self.walk.traversal, device, job, &notes)?;
+        let how = (&amount.options, amount.traversal);
+        let work = |device: &Device| trace(device, &input, tree.as_ref(), self, how, rays, &notes);
+        let (mut told, found) = machine.run(&notes, work).map_err(|error| match (error, &self.tree) {
+            (Error::Tree { why, .. }, Some(tree)) => {
+                anyhow!("{} and {}: {why}", quoted(tree.display()), quoted(self.mesh.display()))
+            }
+            (other, _) => other.into(),
+        })?;
+        told.auto = amount.plan.map(|plan| {
+            let rays = told.ray_upload_ms + told.trace_ms + told.download_ms;
+            amount::Told::new(
+                &plan,
+                told.upload_ms - told.ray_upload_ms + told.build_ms + told.layout_ms,
+                Some(rays),
+            )
+        });
+        notes.stage(format_args!("writing {}", hits.display()));
+        output::write_whole(hits, |file| found.write(hits, file))?;
+        notes.clear();
+        if self.json {
+            write_json(out, &told)?
+        } else {
+            print(&told, hits, out)?
         }
-        (other, _) => other.into(),
-    })?;
-    told.auto = amount.plan.map(|plan| {
-        let rays = told.ray_upload_ms + told.trace_ms + told.download_ms;
-        amount::Told::new(
-            &plan,
-            told.upload_ms - told.ray_upload_ms + told.build_ms + told.layout_ms,
-            Some(rays),
-        )
-    });
-    notes.stage(format_args!("writing {}", hits.display()));
-    output::write_whole(hits, |file| found.write(hits, file))?;
-    notes.clear();
-    if args.json {
-        write_json(out, &told)?
-    } else {
-        print(&told, hits, out)?
+        Ok(ExitCode::SUCCESS)
     }
-    Ok(ExitCode::SUCCESS)
 }
 
 /// Traces, and says what that took and what to write.

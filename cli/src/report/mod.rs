@@ -4,6 +4,7 @@ mod table;
 
 pub(crate) use table::Table;
 
+use raykd::Device;
 use std::io::{StdoutLock, Write as _};
 
 /// Three significant digits, thousands apart: `0.00123`, `1.23`, `12.3`, `123`, `1,230`.
@@ -30,15 +31,12 @@ pub(crate) fn three(x: f64) -> String {
 
 /// All digits, thousands apart: `871,414`.
 pub(crate) fn count(n: u64) -> String {
-    let digits = n.to_string();
-    let mut text = String::with_capacity(digits.len() + digits.len() / 3);
-    for (i, digit) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i).is_multiple_of(3) {
-            text.push(',');
-        }
-        text.push(digit);
-    }
-    text
+    indicatif::HumanCount(n).to_string()
+}
+
+/// `CPU` or `GPU`.
+pub(crate) fn capitals(device: &Device) -> String {
+    device.kind().name().to_uppercase()
 }
 
 /// Bytes with a unit: `640 B`, `12.3 kB`, `1.20 MB`.

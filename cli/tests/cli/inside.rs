@@ -1,6 +1,6 @@
 //! `raykd inside` and `raykd check` from outside.
 
-use crate::{command, text};
+use crate::{text, within};
 use serde_json::Value;
 use std::{fs, process::Output};
 use tempfile::TempDir;
@@ -17,7 +17,7 @@ pub(super) fn folder() -> TempDir {
 }
 
 pub(super) fn raykd(folder: &TempDir, line: &str) -> Output {
-    command(&line.split(' ').collect::<Vec<_>>()).current_dir(folder).output().unwrap()
+    within(folder, line).output().unwrap()
 }
 
 #[test]

@@ -22,10 +22,18 @@ use std::{
     path::Path,
     process::{Command, Output, Stdio},
 };
+use tempfile::TempDir;
 
 fn command(line: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_raykd"));
     command.args(line).stdin(Stdio::null());
+    command
+}
+
+/// The program in a folder, with a line of words.
+fn within(folder: &TempDir, line: &str) -> Command {
+    let mut command = command(&line.split(' ').collect::<Vec<_>>());
+    command.current_dir(folder);
     command
 }
 

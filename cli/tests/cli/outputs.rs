@@ -1,13 +1,13 @@
 //! Files that the program writes: never over what it reads, whole or not at all, with the mode and the owner of what
 //! was there, and nothing left behind.
 
-use crate::{command, names, told};
+use crate::{names, told, within as raykd};
 use raykd::KdTree;
 use std::{
     fs::{self, Permissions},
     io::{BufRead as _, BufReader, Read as _},
     os::unix::{
-        fs::{MetadataExt as _, PermissionsExt as _, symlink},
+        fs::{FileTypeExt as _, MetadataExt as _, PermissionsExt as _, chown, symlink},
         process::{CommandExt as _, ExitStatusExt as _},
     },
     path::{Path, PathBuf},
@@ -21,13 +21,6 @@ const HANGUP: i32 = 1;
 const INTERRUPT: i32 = 2;
 const QUIT: i32 = 3;
 const TERMINATE: i32 = 15;
-
-/// The program in a folder.
-fn raykd(folder: &TempDir, line: &str) -> Command {
-    let mut command = command(&line.split(' ').collect::<Vec<_>>());
-    command.current_dir(folder);
-    command
-}
 
 /// The message of a command that fails.
 fn refused(mut command: Command) -> String {
@@ -75,9 +68,12 @@ fn an_output_that_is_an_input_is_refused() {
         ("m.obj", "trace m.obj --rays rays --hits {}"),
         ("rays", "trace m.obj --rays rays --hits {}"),
         ("m.kd", "trace m.obj --rays rays --tree m.kd --hits {}"),
+        ("costs.json", "trace m.obj --rays rays --quality auto --costs costs.json --hits {}"),
         ("m.bin", "build m.gltf -o {}"),
         ("m.png", "render m.png -o {}"),
+        ("costs.png", "render m.obj --quality auto --costs costs.png -o {}"),
         ("index.html", "chart index.html -o ."),
+        ("1-a.svg", "chart 1-a.svg -o ."),
         ("2-peers.csv", "chart --peers 2-peers.csv -o ."),
     ];
     for (input, line) in cases {
@@ -86,21 +82,26 @@ fn an_output_that_is_an_input_is_refused() {
         }
         let before = fs::read(at(input)).unwrap();
         let ending = Path::new(input).extension().map_or_else(String::new, |e| format!(".{}", e.display()));
-        let [soft, hard] = ["soft", "hard"].map(|name| format!("{name}{ending}"));
+        let [soft, softer, hard] = ["soft", "softer", "hard"].map(|name| format!("{name}{ending}"));
         symlink(input, at(&soft)).unwrap();
+        symlink(&soft, at(&softer)).unwrap();
         fs::hard_link(at(input), at(&hard)).unwrap();
         for output in [
             input.to_owned(),
+            format!("./{input}"),
+            at(input).display().to_string(),
             format!("../{}/{input}", folder.path().file_name().unwrap().display()),
             soft.clone(),
+            softer.clone(),
             hard.clone(),
         ] {
             let message = refused(raykd(&folder, &format!("{} --device cpu", line.replace("{}", &output))));
             assert!(message.contains("are the same file") && message.contains(input), "{line}: {message}");
             assert_eq!(fs::read(at(input)).unwrap(), before, "{line} onto {output}");
         }
-        fs::remove_file(at(&soft)).unwrap();
-        fs::remove_file(at(&hard)).unwrap();
+        for link in [soft, softer, hard] {
+            fs::remove_file(at(&link)).unwrap();
+        }
     }
 }
 
@@ -114,8 +115,14 @@ fn what_is_printed_does_not_go_to_an_input_or_output_either() {
         refused(command)
     };
     let before = fs::read(at("m.obj")).unwrap();
-    for line in ["bench m.obj --json --device cpu", "build m.obj --json --device cpu", "stress --scene m.obj"]
-    {
+    for line in [
+        "bench m.obj --json --device cpu",
+        "bench m.obj --device cpu",
+        "build m.obj --json --device cpu",
+        "build m.obj",
+        "stress --scene m.obj",
+        "render m.obj -o a.png",
+    ] {
         let message = onto("m.obj", line);
         assert!(message.contains("standard output and m.obj are the same file"), "{line}: {message}");
         assert_eq!(fs::read(at("m.obj")).unwrap(), before, "{line}");
@@ -190,20 +197,6 @@ fn signals_that_are_to_be_ignored_are() {
 }
 
 #[test]
-fn a_limit_of_file_sizes_is_an_error() {
-    let folder = folder();
-    let before = names(folder.path());
-    // No file may grow beyond 8 KiB, and whoever tries is sent a signal.
-    let script =
-        format!("ulimit -f 8; exec '{}' build teapot:9 -o out --device cpu", env!("CARGO_BIN_EXE_raykd"));
-    let mut command = Command::new("bash");
-    command.args(["-c", &script]).current_dir(&folder);
-    let message = refused(command);
-    assert!(message.contains("out: File too large"), "{message}");
-    assert_eq!(names(folder.path()), before);
-}
-
-#[test]
 fn mode_and_owner_stay() {
     let folder = folder();
     let out = folder.path().join("out");
@@ -211,19 +204,21 @@ fn mode_and_owner_stay() {
     succeeds(build());
     let usual = fs::metadata(&out).unwrap().permissions().mode() & 0o777;
     assert_eq!(usual & 0o600, 0o600, "{usual:o}");
-    for mode in [0o600, 0o640, 0o666, 0o755, 0o620] {
-        fs::set_permissions(&out, Permissions::from_mode(mode)).unwrap();
-        fs::write(&out, "old").unwrap();
-        succeeds(build());
-        assert_eq!(fs::metadata(&out).unwrap().permissions().mode() & 0o7777, mode, "{mode:o}");
-        KdTree::load(&out).unwrap();
-    }
-    // Only root can give files away.
-    if std::os::unix::fs::chown(&out, Some(1234), Some(2345)).is_ok() {
-        fs::set_permissions(&out, Permissions::from_mode(0o640)).unwrap();
-        succeeds(build());
-        let now = fs::metadata(&out).unwrap();
-        assert_eq!((now.uid(), now.gid(), now.mode() & 0o7777), (1234, 2345, 0o640));
+    for mode in [0o600, 0o640, 0o644, 0o666, 0o700, 0o755, 0o620, 0o777] {
+        for owner in [None, Some((1234, 2345))] {
+            fs::write(&out, "old").unwrap();
+            // Only root can give files away.
+            if owner.is_some_and(|(user, group)| chown(&out, Some(user), Some(group)).is_err()) {
+                continue;
+            }
+            fs::set_permissions(&out, Permissions::from_mode(mode)).unwrap();
+            let seen = || fs::metadata(&out).map(|it| (it.mode(), it.uid(), it.gid())).unwrap();
+            let before = seen();
+            succeeds(build());
+            assert_eq!(seen(), before, "{mode:o} {owner:?}");
+            KdTree::load(&out).unwrap();
+            fs::remove_file(&out).unwrap();
+        }
     }
 }
 
@@ -231,31 +226,92 @@ fn mode_and_owner_stay() {
 fn what_must_not_be_replaced_is_not() {
     let folder = folder();
     let at = |name: &str| folder.path().join(name);
-    fs::write(at("fixed"), "old").unwrap();
-    fs::set_permissions(at("fixed"), Permissions::from_mode(0o444)).unwrap();
-    symlink("nowhere", at("dangling")).unwrap();
-    symlink("loop", at("loop")).unwrap();
-    fs::create_dir(at("charts")).unwrap();
-    symlink("../nowhere", at("charts/index.html")).unwrap();
-    symlink("nowhere", at("gone")).unwrap();
-    let before = names(folder.path());
-    for (line, why) in [
-        ("build none.obj -o fixed", "fixed: the file is read-only"),
-        ("build none.obj -o dangling", "dangling: this is a link to a file that does not exist"),
-        ("build none.obj -o loop", "loop: "),
-        ("build none.obj -o new/", "new/: this names no file"),
-        ("build none.obj -o none/..", "none/..: "),
-        ("chart none.obj -o charts", "index.html: this is a link to a file that does not exist"),
-        ("chart none.obj -o fixed", "fixed: not a directory"),
-        ("chart none.obj -o gone", "gone: "),
-        ("chart none.obj -o none/charts", "none/charts: there is no such folder"),
-    ] {
-        let message = refused(raykd(&folder, line));
-        assert!(message.contains(why), "{line}: {message}");
-        assert!(!message.contains("none.obj"), "{line} read the mesh first: {message}");
+    for fixed in ["fixed.png", "c/index.html"] {
+        fs::create_dir_all(at("c")).unwrap();
+        fs::write(at(fixed), "old").unwrap();
+        fs::set_permissions(at(fixed), Permissions::from_mode(0o444)).unwrap();
     }
-    assert_eq!(fs::read(at("fixed")).unwrap(), b"old");
-    assert_eq!((names(folder.path()), names(&at("charts"))), (before, vec!["index.html".to_owned()]));
+    for (to, link) in [
+        ("nowhere", "dangling.png"),
+        ("loop.png", "loop.png"),
+        ("../nowhere", "charts/index.html"),
+        ("nowhere", "figures/1-accuracy.svg"),
+        ("nowhere", "gone"),
+    ] {
+        fs::create_dir_all(at(link).parent().unwrap()).unwrap();
+        symlink(to, at(link)).unwrap();
+    }
+    fs::create_dir_all(at("folder.png")).unwrap();
+    fs::create_dir_all(at("d/index.html")).unwrap();
+    let inside = ["", "c", "charts", "figures", "d", "folder.png"];
+    let before = inside.map(|folder| names(&at(folder)));
+    let (long, deep) = (format!("{}.png", "n".repeat(300)), "deep/".repeat(2000) + "out.png");
+    for (place, why) in [
+        ("fixed.png", "fixed.png: the file is read-only"),
+        ("dangling.png", "dangling.png: this is a link to a file that does not exist"),
+        ("loop.png", "loop.png: "),
+        ("new.png/", "new.png/: this names no file"),
+        ("none/..", "none/..: "),
+        ("folder.png", "folder.png"),
+        ("none/out.png", "none/out.png"),
+        ("m.obj/out.png", "m.obj/out.png"),
+        // Not even root can make files there.
+        ("/proc/out.png", "/proc/out.png"),
+        ("/sys/out.png", "/sys/out.png"),
+        ("/dev/null/out.png", "/dev/null/out.png"),
+        (".", ""),
+        ("..", ""),
+        ("/", ""),
+        (&long, ""),
+        (&deep, ""),
+    ] {
+        for line in ["build none.obj -o", "trace none.obj --rays rays --hits", "render none.obj -o"] {
+            let message = refused(raykd(&folder, &format!("{line} {place}")));
+            // A picture's name is looked at first.
+            let png = line.starts_with("render") && !place.ends_with(".png");
+            assert!(png || message.contains(why), "{line} {place}: {message}");
+            assert!(!message.contains("none.obj"), "{line} {place} read the mesh first: {message}");
+        }
+    }
+    assert_eq!(raykd(&folder, "build none.obj -o ").output().unwrap().status.code(), Some(2));
+    for (place, why) in [
+        ("charts", "index.html: this is a link to a file that does not exist"),
+        ("fixed.png", "fixed.png: not a directory"),
+        ("gone", "gone: "),
+        ("none/charts", "none/charts: there is no such folder"),
+        ("/proc/charts", "/proc/charts"),
+        ("m.obj", "m.obj: not a directory"),
+        ("c", "index.html: the file is read-only"),
+        ("figures", "1-accuracy.svg: this is a link to a file that does not exist"),
+        ("d", "index.html"),
+    ] {
+        let message = refused(raykd(&folder, &format!("chart none.obj -o {place}")));
+        assert!(message.contains(why), "{place}: {message}");
+        assert!(!message.contains("none.obj"), "{place}: the mesh was read first: {message}");
+    }
+    assert_eq!(fs::read(at("fixed.png")).unwrap(), b"old");
+    assert_eq!(inside.map(|folder| names(&at(folder))), before);
+}
+
+#[test]
+fn devices_and_pipes_are_written_to() {
+    let folder = folder();
+    succeeds(raykd(&folder, "build m.obj --device cpu -o /dev/null"));
+    assert!(fs::metadata("/dev/null").unwrap().file_type().is_char_device());
+    let mut full = raykd(&folder, "build m.obj --json --device cpu");
+    full.stdout(fs::OpenOptions::new().write(true).open("/dev/full").unwrap());
+    assert!(refused(full).contains("No space left"));
+    let shell = |script: &str| {
+        let mut command = Command::new("bash");
+        command.args(["-c", &script.replace("raykd", env!("CARGO_BIN_EXE_raykd"))]).current_dir(&folder);
+        command
+    };
+    let pipe =
+        "mkfifo p && (cat p > seen &) && raykd build m.obj --device cpu -o p && sleep 0.2 && test -p p";
+    succeeds(shell(pipe));
+    KdTree::load(folder.path().join("seen")).unwrap();
+    let gone = "mkdir gone && cd gone && rmdir ../gone && exec raykd build teapot:1 --device cpu -o out";
+    assert!(refused(shell(gone)).contains("out"));
 }
 
 /// Somebody else who may write into a folder cannot keep the owner of the files there.
@@ -265,9 +321,16 @@ fn files_of_others_are_not_replaced() {
     // So that they can come in, and start the program.
     let program = folder.path().join("raykd");
     fs::copy(env!("CARGO_BIN_EXE_raykd"), &program).unwrap();
-    fs::set_permissions(folder.path(), Permissions::from_mode(0o777)).unwrap();
-    for mode in [0o644, 0o666] {
+    for (mode, folder_mode, why) in [
+        (0o644, 0o777, "ermission denied"),
+        (0o666, 0o777, "owner and group could not be kept"),
+        (0o444, 0o777, "out"),
+        (0o666, 0o1777, "out"),
+        (0o666, 0o755, "out"),
+        (0o600, 0o755, "out"),
+    ] {
         let out = folder.path().join("out");
+        fs::set_permissions(folder.path(), Permissions::from_mode(folder_mode)).unwrap();
         fs::write(&out, "old").unwrap();
         fs::set_permissions(&out, Permissions::from_mode(mode)).unwrap();
         let mut command = Command::new(&program);
@@ -280,8 +343,6 @@ fn files_of_others_are_not_replaced() {
             // Not root, so that nobody else can be played.
             Err(error) => assert_eq!(error.kind(), std::io::ErrorKind::PermissionDenied),
             Ok(output) => {
-                let why =
-                    if mode == 0o644 { "ermission denied" } else { "owner and group could not be kept" };
                 assert_eq!(output.status.code(), Some(1), "{}", told(&output));
                 assert!(told(&output).contains(why), "{}", told(&output));
             }

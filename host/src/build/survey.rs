@@ -4,7 +4,7 @@ use super::built::{Facts, Given, KeptIn, MeshBuffers};
 use crate::{
     Error,
     exec::{Buffer, Device, Launch, Step},
-    mesh::{Measure, MeshError, Place},
+    mesh::{Measure, MeshError, Place, check_triangles},
 };
 use raykd_kernels::{
     build::{
@@ -13,7 +13,6 @@ use raykd_kernels::{
     },
     glam::UVec4,
 };
-use raykd_shared::limits::MAX_TRIANGLES;
 
 /// The mesh as it was surveyed.
 #[derive(Debug)]
@@ -88,9 +87,7 @@ impl Survey {
         if triangles == 0 {
             return Err(MeshError::NoFaces { at: Place::default() }.into());
         }
-        if triangles > MAX_TRIANGLES {
-            return Err(MeshError::TooManyTriangles { at: Place::default(), limit: MAX_TRIANGLES }.into());
-        }
+        check_triangles(triangles.into())?;
         let blocks = u64::from(triangles.div_ceil(BLOCK));
         let survey = Self {
             vertices,

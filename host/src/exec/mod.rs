@@ -1,27 +1,30 @@
-//! Running kernels: buffers and dispatches on the CPU and on the GPU behind one surface.
+//! Running kernels: the CPU and the GPU behind one surface.
 
+mod buffer;
 pub(crate) mod cpu;
 #[cfg(feature = "gpu")]
 mod gpu;
 pub(crate) mod pages;
 mod pool;
+mod step;
 #[doc(hidden)]
 pub mod watch;
 
+pub use buffer::{AnyBuffer, Buffer, OnDevice, Out};
+pub(crate) use buffer::{Back, To};
 pub use cpu::Cpu;
 #[cfg(feature = "gpu")]
 pub(crate) use gpu::Size;
 #[cfg(feature = "gpu")]
 pub use gpu::{AdapterReport, AdapterVerdict, Gpu, adapters, required_features, required_limits};
+pub use step::{Groups, Launch, Step, Timing};
 
 use crate::Error;
+use buffer::{PIECE, whole_bytes};
 use bytemuck::allocation::zeroed_vec;
-use raykd_kernels::{Bindings, Host, Kernel};
+use std::{fmt, sync::Arc};
 #[cfg(feature = "gpu")]
-use rayon::prelude::*;
-#[cfg(feature = "gpu")]
-use std::sync::{Mutex, PoisonError};
-use std::{fmt, marker::PhantomData, ops::Deref, sync::Arc, time::Duration};
+use {crate::lock::lock, std::sync::Mutex};
 
 /// A machine that kernels run on: the processor, by rayon, or a Vulkan device, by wgpu. Clones are the same machine.
 #[derive(Clone, Debug)]
@@ -82,16 +85,7 @@ impl fmt::Display for DeviceKind {
     }
 }
 
-/// Memory on a [`Device`]. Clones share it.
-#[derive(Clone, Debug)]
-pub struct AnyBuffer {
-    name: &'static str,
-    bytes: u64,
-    memory: Memory,
-    /// Counted: a pool that has the only one may give the memory to somebody else.
-    users: Arc<()>,
-}
-
+/// What a buffer has of a machine.
 #[derive(Clone, Debug)]
 enum Memory {
     Cpu(cpu::Memory),
@@ -113,277 +107,8 @@ unsafe impl Send for Memory {}
 // SAFETY: as above.
 unsafe impl Sync for Memory {}
 
-impl AnyBuffer {
-    fn of(name: &'static str, bytes: u64, memory: Memory) -> Self {
-        Self { name, bytes, memory, users: Arc::default() }
-    }
-
-    /// The name it was allocated under.
-    pub const fn name(&self) -> &'static str {
-        self.name
-    }
-
-    /// Its size in bytes.
-    pub const fn bytes(&self) -> u64 {
-        self.bytes
-    }
-
-    /// Whether nobody else has it, or reads what it holds.
-    fn is_free(&self) -> bool {
-        let is_read = match &self.memory {
-            Memory::Cpu(memory) => memory.is_shared(),
-            #[cfg(feature = "gpu")]
-            Memory::Gpu(_) => false,
-        };
-        Arc::strong_count(&self.users) == 1 && !is_read
-    }
-
-    /// Bytes of its memory, of which it may use a part.
-    fn room(&self) -> u64 {
-        match &self.memory {
-            Memory::Cpu(memory) => memory.len(),
-            #[cfg(feature = "gpu")]
-            Memory::Gpu(memory) => memory.size(),
-        }
-    }
-
-    /// The same memory as elements of some type.
-    pub fn view<T>(&self) -> Buffer<T> {
-        Buffer { any: self.clone(), of: PhantomData }
-    }
-
-    /// What is to be read from its start once kernels have run.
-    pub(crate) fn back<'a, T: bytemuck::Pod + Send + Sync>(&'a self, to: To<'a, T>) -> Back<'a> {
-        match to {
-            To::Room(room) => self.back_from(0, room),
-            To::End(list, count) => {
-                const { assert!(size_of::<T>().is_power_of_two() && align_of::<T>() <= 4, "parts hold them") };
-                let offset = self.place("read", size_of::<T>(), 0, count);
-                list.reserve(count);
-                let take = move |part: &[u8]| {
-                    let elements: &[T] = bytemuck::cast_slice(part);
-                    #[cfg(feature = "gpu")]
-                    if part.len() > PIECE {
-                        return list.par_extend(elements.par_iter().with_min_len(PIECE / size_of::<T>()));
-                    }
-                    list.extend_from_slice(elements);
-                };
-                Back { buffer: self, offset, bytes: count * size_of::<T>(), take: Box::new(take) }
-            }
-        }
-    }
-
-    /// What is to be read from the element numbered `from` on, as much as there is room for.
-    pub(crate) fn back_from<'a, T: bytemuck::Pod>(&'a self, from: u64, room: &'a mut [T]) -> Back<'a> {
-        let offset = self.place("read", size_of::<T>(), from, room.len());
-        let bytes = size_of_val(room);
-        let mut rest: &mut [u8] = bytemuck::cast_slice_mut(room);
-        let take = move |part: &[u8]| {
-            let (now, later) = std::mem::take(&mut rest).split_at_mut(part.len());
-            rest = later;
-            #[cfg(feature = "gpu")]
-            if part.len() > PIECE {
-                let pieces = now.par_chunks_mut(PIECE).zip(part.par_chunks(PIECE));
-                return pieces.for_each(|(now, part)| now.copy_from_slice(part));
-            }
-            now.copy_from_slice(part);
-        };
-        Back { buffer: self, offset, bytes, take: Box::new(take) }
-    }
-
-    /// Where `count` elements of `size` bytes begin from the one numbered `from` on. Panics if they do not lie inside.
-    fn place(&self, act: &str, size: usize, from: u64, count: usize) -> u64 {
-        let begin = from.checked_mul(size as u64);
-        let bytes = count.checked_mul(size).map(|bytes| bytes as u64);
-        let end = begin.zip(bytes).and_then(|(begin, bytes)| begin.checked_add(bytes));
-        let inside = begin.filter(|_| end.is_some_and(|end| end <= self.bytes));
-        inside.unwrap_or_else(|| panic!("{act} past the end of {}", self.name))
-    }
-}
-
-/// A buffer of elements of type `T`. Clones share the memory.
-#[derive(Debug)]
-pub struct Buffer<T> {
-    any: AnyBuffer,
-    of: PhantomData<fn() -> T>,
-}
-
-impl<T> Clone for Buffer<T> {
-    fn clone(&self) -> Self {
-        self.any.view()
-    }
-}
-
-impl<T> Deref for Buffer<T> {
-    type Target = AnyBuffer;
-    fn deref(&self) -> &AnyBuffer {
-        &self.any
-    }
-}
-
-impl<T> Buffer<T> {
-    /// How many elements it holds.
-    pub const fn elements(&self) -> usize {
-        self.any.bytes as usize / size_of::<T>()
-    }
-
-    /// The buffer with all the memory that is there: where that was used before, it may be more than was asked for.
-    pub(crate) fn whole(self) -> Self {
-        let bytes = match &self.any.memory {
-            Memory::Cpu(_) => self.any.bytes,
-            #[cfg(feature = "gpu")]
-            Memory::Gpu(memory) => memory.size(),
-        };
-        Self { any: AnyBuffer { bytes, ..self.any }, of: PhantomData }
-    }
-
-    /// The buffer for its first `count` elements.
-    pub(crate) fn first(mut self, count: u32) -> Self {
-        self.any.bytes = whole_bytes::<T>(count.into()).min(self.any.bytes);
-        self
-    }
-
-    /// The buffer, to be written by a kernel.
-    pub const fn out(&self) -> Out<'_, T> {
-        Out(self)
-    }
-}
-
-/// Where elements go that are read.
-#[derive(Debug)]
-pub(crate) enum To<'a, T> {
-    /// Into memory that is there, which they fill.
-    Room(&'a mut [T]),
-    /// So many to the end of a list: new memory need not be zeroed first, which takes as long as to fill it.
-    End(&'a mut Vec<T>, usize),
-}
-
-/// What is given bytes that were read.
-type Take<'a> = Box<dyn FnMut(&[u8]) + Send + 'a>;
-
-/// What is to be read of a buffer.
-pub(crate) struct Back<'a> {
-    buffer: &'a AnyBuffer,
-    offset: u64,
-    bytes: usize,
-    /// Is given the bytes, in one part or several.
-    take: Take<'a>,
-}
-
-/// Bytes that one thread copies at least. One alone moves much less than a bus, the more so into memory that the
-/// process has never touched. So many, or fewer, are copied by the thread that asks.
-const PIECE: usize = 256 << 10;
-
 /// What a build notes for the next one: words that only builds understand.
 pub(crate) type Past = [u32; 10];
-
-/// Bytes of a buffer of so many elements: some, and a multiple of 16.
-const fn whole_bytes<T>(count: u64) -> u64 {
-    match count.saturating_mul(size_of::<T>() as u64) {
-        0 => 16,
-        bytes => bytes.div_ceil(16).saturating_mul(16),
-    }
-}
-
-/// A buffer that a kernel writes.
-#[derive(Debug)]
-pub struct Out<'a, T>(&'a Buffer<T>);
-
-/// How [`Device`]s refer to the buffers of a kernel.
-#[derive(Debug)]
-pub enum OnDevice {}
-
-impl Host for OnDevice {
-    type Read<'a, T: 'static> = &'a Buffer<T>;
-    type Write<'a, T: 'static> = Out<'a, T>;
-    type Any<'a> = &'a AnyBuffer;
-
-    fn read<'a, T: 'static>(buffer: Self::Read<'a, T>) -> Self::Any<'a> {
-        &buffer.any
-    }
-
-    fn write<'a, T: 'static>(buffer: Self::Write<'a, T>) -> Self::Any<'a> {
-        &buffer.0.any
-    }
-}
-
-/// How many workgroups a step runs.
-#[derive(Clone, Debug)]
-pub enum Groups<'a> {
-    /// This many.
-    Fixed(u32),
-    /// As many as an earlier kernel wrote: three words `[x, y, z]` at word `3 * entry` of the buffer, for a
-    /// dispatch of `x * y * z` workgroups. The step itself must not write that buffer.
-    Indirect(&'a Buffer<u32>, u32),
-}
-
-/// One dispatch: a kernel, its buffers in binding order, and how many workgroups. [`Launch`] makes them.
-#[derive(Clone, Debug)]
-pub struct Step<'a> {
-    /// What runs.
-    pub kernel: &'static Kernel,
-    /// On which buffers; as many as the kernel has slots.
-    pub buffers: Vec<&'a AnyBuffer>,
-    /// How often.
-    pub groups: Groups<'a>,
-}
-
-/// Makes a dispatch of a kernel's buffers.
-///
-/// ```
-/// # use raykd::{Device, internals::{Launch, kernels::probe::Buffers}};
-/// # let device = Device::cpu();
-/// # let (inputs, results) = (device.alloc("inputs", 1)?, device.alloc("results", 8)?);
-/// let count = device.alloc("count", 1)?;
-/// let step = Buffers { inputs: &inputs, results: results.out(), count: &count }.over(1);
-/// # Ok::<_, raykd::Error>(())
-/// ```
-///
-/// A buffer of another type does not compile, nor does one that is missing, or written without saying so:
-///
-/// ```compile_fail,E0271
-/// # use raykd::{Device, internals::{Launch, kernels::probe::Buffers}};
-/// # let device = Device::cpu();
-/// # let (inputs, results) = (device.alloc("inputs", 1)?, device.alloc("results", 8)?);
-/// let count = device.alloc::<f32>("count", 1)?;
-/// let step = Buffers { inputs: &inputs, results: results.out(), count: &count }.over(1);
-/// # Ok::<_, raykd::Error>(())
-/// ```
-pub trait Launch<'a>: Bindings<'a, OnDevice> + Sized {
-    /// Of so many workgroups.
-    fn run(self, groups: Groups<'a>) -> Step<'a> {
-        Step { kernel: Self::KERNEL, buffers: self.list().collect(), groups }
-    }
-
-    /// Of as many workgroups as cover `items` lanes.
-    fn over(self, items: u32) -> Step<'a> {
-        self.run(Groups::Fixed(items.div_ceil(Self::KERNEL.threads)))
-    }
-
-    /// Of exactly `groups` workgroups.
-    fn groups(self, groups: u32) -> Step<'a> {
-        self.run(Groups::Fixed(groups))
-    }
-
-    /// Of as many workgroups as an earlier kernel wrote.
-    fn indirect(self, args: &'a Buffer<u32>, entry: u32) -> Step<'a> {
-        self.run(Groups::Indirect(args, entry))
-    }
-}
-
-impl<'a, B: Bindings<'a, OnDevice>> Launch<'a> for B {}
-
-/// How long a run took, measured on the device where it has timestamps.
-#[derive(Clone, Debug, Default)]
-pub struct Timing {
-    /// From the first kernel's start to the last one's end, transfers excluded.
-    pub total: Duration,
-    /// Time of each step, in order; empty unless profiling was asked for.
-    pub steps: Vec<Duration>,
-    /// Bytes that each step read and wrote in buffers: on the CPU, with the feature `traffic`, if profiling
-    /// was asked for.
-    pub moved: Vec<u64>,
-}
 
 /// The most that one buffer may hold, and why.
 #[derive(Clone, Debug)]
@@ -788,7 +513,7 @@ impl Device {
     /// What the last build noted, if notes are kept.
     pub(crate) fn past(&self) -> Option<Past> {
         #[cfg(feature = "gpu")]
-        return *self.notes.as_ref()?.lock().unwrap_or_else(PoisonError::into_inner);
+        return *lock(self.notes.as_ref()?);
         #[cfg(not(feature = "gpu"))]
         None
     }
@@ -798,7 +523,7 @@ impl Device {
     pub(crate) fn note(&self, past: Option<Past>) {
         #[cfg(feature = "gpu")]
         if let Some(notes) = &self.notes {
-            *notes.lock().unwrap_or_else(PoisonError::into_inner) = past;
+            *lock(notes) = past;
         }
     }
 
@@ -843,7 +568,7 @@ impl Device {
             #[cfg(feature = "gpu")]
             Machine::Gpu(gpu) => gpu.run(steps, profile, self.pool.is_some(), back),
         };
-        watch::tell(self, steps);
+        watch::tell(self, steps)?;
         timing
     }
 }

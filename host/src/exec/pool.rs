@@ -1,7 +1,8 @@
 //! Memory that a build leaves for the next one.
 
 use super::AnyBuffer;
-use std::sync::{Mutex, PoisonError};
+use crate::lock::lock;
+use std::sync::Mutex;
 
 #[derive(Debug, Default)]
 pub(super) struct Pool {
@@ -13,7 +14,7 @@ impl Pool {
     /// A free buffer of this name with room for so many bytes. Smaller free ones are given up, as they will hardly be
     /// of use any more.
     pub(super) fn take(&self, name: &str, bytes: u64) -> Option<AnyBuffer> {
-        let mut buffers = self.buffers.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut buffers = lock(&self.buffers);
         let free = |buffer: &AnyBuffer| buffer.name == name && buffer.is_free();
         let fits = buffers.iter().filter(|buffer| free(buffer) && buffer.room() >= bytes);
         let found = fits.min_by_key(|buffer| buffer.room()).cloned();
@@ -25,7 +26,7 @@ impl Pool {
 
     /// Keeps a buffer, to be taken when nobody else has it.
     pub(super) fn keep(&self, buffer: AnyBuffer) {
-        self.buffers.lock().unwrap_or_else(PoisonError::into_inner).push(buffer);
+        lock(&self.buffers).push(buffer);
     }
 }
 

@@ -4,8 +4,8 @@ use super::{AnyBuffer, Device, Step, Timing};
 use crate::Error;
 use std::cell::RefCell;
 
-/// Is shown every step after it ran.
-pub type Watcher = Box<dyn FnMut(&Device, &Step<'_>)>;
+/// Is shown every step after it ran. What it calls an error is the step's.
+pub type Watcher = Box<dyn FnMut(&Device, &Step<'_>) -> Result<(), Error>>;
 
 /// What every byte of a buffer is when it is allocated by a thread that watches.
 pub const POISON: u8 = 0xA5;
@@ -46,10 +46,10 @@ pub(super) fn one_by_one(device: &Device, steps: &[Step<'_>]) -> Result<Timing, 
     Ok(all)
 }
 
-pub(super) fn tell(device: &Device, steps: &[Step<'_>]) {
+pub(super) fn tell(device: &Device, steps: &[Step<'_>]) -> Result<(), Error> {
     // Taken out meanwhile: the watcher reads buffers, which may run something itself.
-    if let Some(mut watcher) = WATCHER.take() {
-        steps.iter().for_each(|step| watcher(device, step));
-        WATCHER.set(Some(watcher));
-    }
+    let Some(mut watcher) = WATCHER.take() else { return Ok(()) };
+    let told = steps.iter().try_for_each(|step| watcher(device, step));
+    WATCHER.set(Some(watcher));
+    told
 }

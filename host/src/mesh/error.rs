@@ -1,6 +1,7 @@
 //! What can be wrong with a mesh, where it is, and what to do about it.
 
 use crate::quoted::{QUOTED, quoted};
+use raykd_shared::limits::MAX_TRIANGLES;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -252,6 +253,26 @@ fn range_of(first: u32, vertices: u64) -> String {
         0 => "there are no vertices".to_owned(),
         n => format!("the vertices are {first} to {}", u64::from(first) + n - 1),
     }
+}
+
+/// The file does not follow its format.
+pub(super) fn malformed(at: Place, what: impl Into<String>) -> MeshError {
+    MeshError::Malformed { at, what: what.into() }
+}
+
+/// The file ends early.
+pub(super) fn truncated(at: Place, what: impl Into<String>) -> MeshError {
+    MeshError::Truncated { at, what: what.into() }
+}
+
+/// There are more triangles than a tree can number.
+pub(super) fn too_many() -> MeshError {
+    MeshError::TooManyTriangles { at: Place::default(), limit: MAX_TRIANGLES }
+}
+
+/// Refuses so many.
+pub(crate) fn check_triangles(count: u64) -> Result<(), MeshError> {
+    if count > MAX_TRIANGLES.into() { Err(too_many()) } else { Ok(()) }
 }
 
 impl MeshError {

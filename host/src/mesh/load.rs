@@ -1,6 +1,6 @@
 //! From a path to a mesh: reading, unpacking, and finding the format.
 
-use super::error::{MeshError, Place};
+use super::error::{MeshError, Place, truncated};
 use super::formats;
 use super::polygon;
 use super::raw::{Raw, Source};
@@ -30,7 +30,7 @@ pub(super) fn parse(
     let bytes =
         if inner_name.is_some() || bytes.starts_with(&[0x1f, 0x8b]) { unpack(&bytes, most)? } else { bytes };
     if bytes.is_empty() {
-        return Err(MeshError::Truncated { at: Place::default(), what: "there is nothing in it".to_owned() });
+        return Err(truncated(Place::default(), "there is nothing in it"));
     }
     let extension = inner_name.unwrap_or(&name).rsplit_once('.').map_or("", |(_, extension)| extension);
     let format = formats::of(extension, &bytes).ok_or_else(unknown)?;

@@ -65,6 +65,7 @@ mod teapot;
 pub(crate) use digest::digest;
 pub use edges::{EdgeCount, Edges};
 pub(crate) use edges::{edges, places};
+pub(crate) use error::check_triangles;
 pub use error::{MeshError, Place, Spot};
 #[cfg(feature = "gltf")]
 pub use formats::files_beside;
@@ -78,9 +79,8 @@ pub(crate) use scenes::of_user;
 #[doc(hidden)]
 pub use teapot::teapot_level_for;
 
-use crate::rays::below;
+use crate::vector::below;
 use raw::{Raw, fits};
-use raykd_shared::limits::MAX_TRIANGLES;
 use std::borrow::Cow;
 use std::path::Path;
 
@@ -104,7 +104,7 @@ impl Mesh {
     ///
     /// # Errors
     /// If a coordinate is not finite, an index is out of range, there is no triangle or there are more than
-    /// [`MAX_TRIANGLES`], or all of them together are smaller than 2⁻¹³⁷.
+    /// [`MAX_TRIANGLES`](raykd_shared::limits::MAX_TRIANGLES), or all of them together are smaller than 2⁻¹³⁷.
     pub fn new(positions: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Result<Self, MeshError> {
         check(&positions, &triangles)?;
         Self::checked(positions, triangles, Repairs::default(), [0.0; 3])
@@ -303,9 +303,7 @@ fn check<T: Copy + Into<f64>>(positions: &[[T; 3]], triangles: &[[u32; 3]]) -> R
     if triangles.is_empty() {
         return Err(MeshError::NoFaces { at: Place::default() });
     }
-    if triangles.len() > MAX_TRIANGLES as usize {
-        return Err(MeshError::TooManyTriangles { at: Place::default(), limit: MAX_TRIANGLES });
-    }
+    check_triangles(triangles.len() as u64)?;
     let bad = |p: &[T; 3]| p.iter().map(|&x| x.into()).find(|&x| !fits(x));
     if let Some((i, x)) = positions.iter().enumerate().find_map(|(i, p)| Some((i, bad(p)?))) {
         return Err(MeshError::NonFinite { at: Place::element("vertex", i as u64), value: format!("{x:?}") });

@@ -5,9 +5,10 @@
 //! Else it is cut by a constrained Delaunay triangulation, which keeps every corner, those on a straight edge too,
 //! so that neighbours still meet without gaps; inside is what an odd number of edges encloses.
 
-use super::error::{MeshError, Place, Spot};
+use super::error::{MeshError, Place, Spot, malformed};
 use super::raw::{Polygon, Raw};
 use super::repair::{exponent, power_of_two};
+use crate::vector::{cross, sub};
 use rayon::prelude::*;
 use robust::{Coord, orient2d};
 use spade::handles::FixedVertexHandle;
@@ -67,7 +68,7 @@ pub(super) fn cut(raw: &mut Raw) -> Result<(), MeshError> {
                 let corners = triangles + 2;
                 let what =
                     format!("this concave face of {corners} corners takes too long to cut into triangles");
-                return Err(MeshError::Malformed { at: Place { file: None, spot: spot() }, what });
+                return Err(malformed(Place { file: None, spot: spot() }, what));
             }
         }
         if bent {
@@ -81,16 +82,10 @@ pub(super) fn cut(raw: &mut Raw) -> Result<(), MeshError> {
 /// How a face is cut, and whether it is bent.
 fn judge(corners: &[u32], points: &[[f64; 3]], work: &AtomicU64) -> (Cut, bool) {
     let apex = points[0];
-    let cross = |a: [f64; 3], b: [f64; 3]| {
-        [0, 1, 2].map(|i| {
-            let (j, k) = ((i + 1) % 3, (i + 2) % 3);
-            (a[j] - apex[j]) * (b[k] - apex[k]) - (a[k] - apex[k]) * (b[j] - apex[j])
-        })
-    };
     // What the fan's triangles amount to, with their signs, and what each axis shows of them.
     let (mut normal, mut shown) = ([0.0; 3], [0.0f64; 3]);
     for pair in points[1..].windows(2) {
-        let area = cross(pair[0], pair[1]);
+        let area = cross(sub(pair[0], apex), sub(pair[1], apex));
         for axis in 0..3 {
             normal[axis] += area[axis];
             shown[axis] += area[axis].abs();
@@ -168,7 +163,7 @@ fn fan_covers(points: &[[f64; 2]]) -> bool {
 /// or all along a curve, take quadratic time for some shapes.
 fn rounds(points: &[[f64; 2]]) -> Vec<usize> {
     let key = |i: usize| {
-        let round = crate::rays::Random::new(i as u64).bits().trailing_zeros();
+        let round = crate::random::Random::new(i as u64).bits().trailing_zeros();
         // Points are below 2 in size. Bits of x and y in turn.
         let bits = |x: f64| {
             (0..16).map(|b| u64::from(((x + 2.0) * 16384.0) as u32 >> b & 1) << (2 * b)).sum::<u64>()
@@ -269,7 +264,7 @@ mod tests {
 
     #[test]
     fn steps_are_limited_over_all_faces() {
-        let mut random = crate::rays::Random::new(1);
+        let mut random = crate::random::Random::new(1);
         let teeth =
             (0..500).map(|i| [f64::from(i), if i % 2 == 0 { 1.0 } else { 2.0 + 500.0 * random.unit() }]);
         let points: Vec<[f64; 2]> = teeth.chain([[499.0, 0.0], [0.0, 0.0]]).collect();

@@ -1,6 +1,6 @@
 //! Rays on their way from a mesh's own coordinates to where its tree is.
 
-use crate::Ray;
+use crate::{Ray, vector::below};
 use rayon::prelude::*;
 use std::borrow::Cow;
 
@@ -121,12 +121,6 @@ impl AnyRay for Ray64 {
 #[inline]
 fn moved(origin: [f64; 3], translation: [f64; 3]) -> [f32; 3] {
     [0, 1, 2].map(|axis| (origin[axis] - translation[axis]) as f32)
-}
-
-/// The largest `f32` that is not above a number.
-pub(crate) fn below(x: f64) -> f32 {
-    let nearest = x as f32;
-    if f64::from(nearest) > x { nearest.next_down() } else { nearest }
 }
 
 #[cfg(test)]

@@ -1,15 +1,13 @@
 //! A scene in one file, which processes share.
 
-use super::{Scene, regions::Regions};
+use super::Scene;
 use crate::{
-    BuildTimes, Error, Intersector, Traversal, TreeError,
-    build::{Kept, MeshBuffers},
+    BuildTimes, Error, TreeError,
+    build::{Built, Kept, Laid, MeshBuffers},
     clock::Instant,
     exec::{Device, cpu::Memory, pages::FileBytes},
     mesh::digest,
-    output,
-    traversal::Extras,
-    tree,
+    output, tree,
 };
 use bytemuck::{Pod, Zeroable, cast_slice};
 use raykd_kernels::{
@@ -252,27 +250,24 @@ impl Scene {
         let [of_nodes, of_refs, vertices, triangles, count] =
             [header.nodes, header.refs, head.vertices, header.triangles, head.kept]
                 .map(|count| count as usize);
-        Ok(Self {
-            device: device.clone(),
+        let mesh = MeshBuffers {
+            positions: device.share("positions", &file, positions, 3 * vertices)?,
+            coordinates: 3 * vertices,
+            indices: device.share("indices", &file, indices, 3 * triangles)?,
+        };
+        let kept = Kept::Device { list: device.share("kept", &file, kept, count)?, count: head.kept };
+        let laid = Laid {
+            header: Some(device.put("header", &[header])?),
+            corners: Some(device.share::<LeafTriangle>("corners", &file, corners, of_refs)?.view()),
+        };
+        let built = Built {
             header,
-            header_buffer: device.put("header", &[header])?,
-            nodes: device.share::<Node>("nodes", &file, nodes, of_nodes)?.view(),
+            nodes: device.share("nodes", &file, nodes, of_nodes)?,
             refs: device.share("refs", &file, refs, of_refs)?,
-            corners: device.share::<LeafTriangle>("corners", &file, corners, of_refs)?.view(),
-            mesh: MeshBuffers {
-                positions: device.share("positions", &file, positions, 3 * vertices)?,
-                coordinates: 3 * vertices,
-                indices: device.share("indices", &file, indices, 3 * triangles)?,
-            },
-            kept: Kept::Device { list: device.share("kept", &file, kept, count)?, count: head.kept },
-            translation: head.translation,
             times: BuildTimes { upload: start.elapsed(), ..BuildTimes::default() },
-            traversal: Traversal::default(),
-            intersector: Intersector::default(),
-            transforms: None,
-            extras: Extras::default(),
-            regions: Regions::default(),
-        })
+            laid,
+        };
+        Self::assemble(device, mesh, kept, head.translation, built)
     }
 }
 

@@ -6,6 +6,7 @@ use crate::{
     clock::Instant,
     exec::{Buffer, OnDevice, Step, To},
     intersector::Bound,
+    lock::lock,
     rays::AnyRay,
     traversal::Traversal,
 };
@@ -19,7 +20,7 @@ use std::{
     iter,
     ops::{AddAssign, Range},
     panic::resume_unwind,
-    sync::{Mutex, PoisonError},
+    sync::Mutex,
     thread,
     time::Duration,
 };
@@ -115,7 +116,7 @@ const OVERLAPPED: usize = 1 << 20;
 /// Traces parts one after the other.
 fn alone<P>(
     parts: impl Iterator<Item = P>,
-    trace: impl Fn(P) -> Result<Traced, Error>,
+    mut trace: impl FnMut(P) -> Result<Traced, Error>,
 ) -> Result<Traced, Error> {
     let mut all = Traced::default();
     for part in parts {
@@ -130,7 +131,7 @@ fn by_two<P>(
     trace: impl Fn(P) -> Result<Traced, Error> + Sync,
 ) -> Result<Traced, Error> {
     let parts = Mutex::new(parts);
-    let next = || parts.lock().unwrap_or_else(PoisonError::into_inner).next();
+    let next = || lock(&parts).next();
     let work = || alone(iter::from_fn(next), &trace);
     thread::scope(|scope| {
         // Where there are no more threads, this one does it all.
@@ -268,16 +269,25 @@ impl Scene {
     }
 
     fn brute_traced(&self, rays: &[impl AnyRay]) -> Result<Traced, Error> {
-        let mut all = Traced { hits: Vec::with_capacity(rays.len()), ..Traced::default() };
-        for part in rays.chunks(self.batch_limit()) {
+        let mut hits = Vec::with_capacity(rays.len());
+        let all = self.in_batches(rays, |batch, count| {
+            self.run(batch, Traversal::Brute, Query::Closest, To::End(&mut hits, count))
+        })?;
+        Ok(Traced { hits, ..all })
+    }
+
+    /// Asks something of all rays, batch by batch.
+    fn in_batches(
+        &self,
+        rays: &[impl AnyRay],
+        mut ask: impl FnMut(&Batch, usize) -> Result<(Duration, u32), Error>,
+    ) -> Result<Traced, Error> {
+        alone(rays.chunks(self.batch_limit()), |part| {
             let start = Instant::now();
             let batch = Batch::new(self, part)?;
             let upload = start.elapsed();
-            let hits = To::End(&mut all.hits, part.len());
-            let one = traced(upload, || self.run(&batch, Traversal::Brute, Query::Closest, hits))?;
-            all = all.and(&one);
-        }
-        Ok(all)
+            traced(upload, || ask(&batch, part.len()))
+        })
     }
 
     /// All hits of every ray, each triangle once: the first `limit` of them, and how many there are. With a limit
@@ -325,24 +335,17 @@ impl Scene {
             let Traced { hits, times, invalid } = self.brute_traced(rays)?;
             return Ok(Stepped { hits, steps: vec![tests; rays.len()], times, invalid });
         }
-        let mut all = Stepped::default();
-        for part in rays.chunks(self.batch_limit()) {
-            let start = Instant::now();
-            let batch = Batch::new(self, part)?;
-            let upload = start.elapsed();
-            let step = match self.walk(&batch, self.traversal) {
+        let (mut hits, mut steps) = (Vec::new(), Vec::new());
+        let Traced { times, invalid, .. } = self.in_batches(rays, |batch, count| {
+            let step = match self.walk(batch, self.traversal) {
                 Some(step) => step,
                 None => self.intersector.steps(batch.query(self), batch.counts.out(), batch.lanes())?,
             };
-            let one = traced(upload, || {
-                let hits = batch.hits.back(To::End(&mut all.hits, part.len()));
-                let counts = batch.counts.back(To::End::<RaySteps>(&mut all.steps, part.len()));
-                batch.job.run(&self.device, &[step], asked(Query::Closest), vec![hits, counts])
-            })?;
-            all.times += one.times;
-            all.invalid += one.invalid;
-        }
-        Ok(all)
+            let hits = batch.hits.back(To::End(&mut hits, count));
+            let counts = batch.counts.back(To::End::<RaySteps>(&mut steps, count));
+            batch.job.run(&self.device, &[step], asked(Query::Closest), vec![hits, counts])
+        })?;
+        Ok(Stepped { hits, steps, times, invalid })
     }
 
     /// Traces a batch once, and fetches hits: how long the kernels took, and how many rays were none.

@@ -4,6 +4,7 @@ use super::Scene;
 use crate::{
     Error, Hit, Query, Ray,
     rays::{AnyRay, Ray64},
+    vector::cross,
 };
 use raykd_kernels::trace::frame::Frame;
 use raykd_shared::MISS;
@@ -253,9 +254,6 @@ fn may_meet(ray: &Ray, (lo, hi): ([f64; 3], [f64; 3])) -> bool {
 fn inverse([a, b, c]: [[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
     let point = |[x, y, z]: [f64; 3]| Coord3D { x, y, z };
     let determinant = orient3d(point(a), point(b), point(c), point([0.0; 3]));
-    let cross = |a: [f64; 3], b: [f64; 3]| {
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    };
     let columns = [cross(b, c), cross(c, a), cross(a, b)];
     let inverse = [0, 1, 2].map(|i| columns.map(|column| column[i] / determinant));
     (determinant != 0.0).then_some(inverse)

@@ -3,7 +3,7 @@
 use crate::{A, B, C, D, corners, gzip, read, refusal};
 use proptest::prelude::*;
 use raykd::mesh::Mesh;
-use std::path::Path;
+use std::{path::Path, sync::LazyLock};
 
 const QUAD_OBJ: &str = "v 0 0 0\nv 1 0 0\nv 1 1 .5\nv 0 1. 2.5e-1\nf 1 2 3 4\n";
 
@@ -585,9 +585,9 @@ fn names_need_not_be_utf8() {
 }
 
 /// Every file that the tests of damage start from.
-fn samples() -> Vec<(&'static str, Vec<u8>)> {
+static SAMPLES: LazyLock<[(&str, Vec<u8>); 7]> = LazyLock::new(|| {
     let big = Types { big_endian: true, coordinate: "double", count: "uint", index: "short", ..PLAIN };
-    vec![
+    [
         ("a.obj", QUAD_OBJ.into()),
         ("a.ply", QUAD_PLY.into()),
         ("a.ply", quad_binary(PLAIN)),
@@ -596,11 +596,11 @@ fn samples() -> Vec<(&'static str, Vec<u8>)> {
         ("a.ply.gz", gzip(&quad_binary(PLAIN))),
         ("unnamed", QUAD_PLY.into()),
     ]
-}
+});
 
 #[test]
 fn truncation_anywhere_is_no_panic() {
-    for (name, bytes) in samples() {
+    for &(name, ref bytes) in SAMPLES.iter() {
         for length in 0..bytes.len() {
             match read(name, &bytes[..length]) {
                 Err(e) => assert!(e.to_string().len() > 20),
@@ -621,7 +621,7 @@ proptest! {
         sample in 0usize..7,
         damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
     ) {
-        let (name, mut bytes) = samples().swap_remove(sample);
+        let (name, mut bytes) = SAMPLES[sample].clone();
         for (at, byte) in damage {
             let at = at.index(bytes.len());
             bytes[at] = byte;

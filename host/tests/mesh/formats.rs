@@ -4,6 +4,7 @@ use crate::{A, B, C, D, corners, gzip, is_the_quad, read, refusal};
 use proptest::prelude::*;
 use raykd::mesh::{Mesh, MeshError};
 use serde_json::{Value, json};
+use std::sync::LazyLock;
 
 // STL
 
@@ -584,21 +585,25 @@ fn gltf_errors_name_the_place() {
 // All of them
 
 /// Every file that the tests of damage start from.
-fn samples() -> Vec<(&'static str, Vec<u8>)> {
+static SAMPLES: LazyLock<[(&str, Vec<u8>); 4]> = LazyLock::new(|| {
     let mut nodes =
         changed("/nodes", json!([{"mesh": 0, "children": [1]}, {"mesh": 0, "translation": [9, 9, 9]}]));
     nodes["bufferViews"][0]["byteStride"] = 12.into();
-    vec![
+    [
         ("a.stl", stl(b"solid", &[[A, B, C], [A, C, D]])),
         ("a.stl", QUAD_STL.into()),
         ("a.glb", glb(&nodes, &quad_bytes())),
-        ("a.gltf", changed("/buffers/0/uri", data_uri(&quad_bytes()).into()).to_string().into()),
+        ("a.gltf", TEXT.clone().into()),
     ]
-}
+});
+
+/// A file without others beside it.
+static TEXT: LazyLock<String> =
+    LazyLock::new(|| changed("/buffers/0/uri", data_uri(&quad_bytes()).into()).to_string());
 
 #[test]
 fn truncation_anywhere_is_an_error() {
-    for (name, bytes) in samples() {
+    for &(name, ref bytes) in SAMPLES.iter() {
         for length in 0..bytes.len() - 20 {
             let found = read(name, &bytes[..length]).expect_err(name).to_string();
             assert!(found.len() > 20 && found.starts_with(name), "{name} {length}: {found}");
@@ -614,7 +619,7 @@ proptest! {
         sample in 0usize..4,
         damage in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
     ) {
-        let (name, mut bytes) = samples().swap_remove(sample);
+        let (name, mut bytes) = SAMPLES[sample].clone();
         for (at, byte) in damage {
             let at = at.index(bytes.len());
             bytes[at] = byte;
@@ -633,8 +638,7 @@ proptest! {
             "1e300", "0.5",
         ]),
     ), 1..4)) {
-        let text = changed("/buffers/0/uri", data_uri(&quad_bytes()).into()).to_string();
-        let mut parts: Vec<String> = text.split_inclusive(|c: char| !c.is_ascii_digit()).map(str::to_owned).collect();
+        let mut parts: Vec<String> = TEXT.split_inclusive(|c: char| !c.is_ascii_digit()).map(str::to_owned).collect();
         for (at, number) in changes {
             let digits: Vec<usize> = (0..parts.len()).filter(|&i| parts[i].len() > 1).collect();
             let at = digits[at.index(digits.len())];

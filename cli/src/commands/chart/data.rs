@@ -1,6 +1,6 @@
 //! What charts are drawn from: measured numbers, and how they are measured.
 
-use crate::report::count;
+use crate::report::{capitals, count};
 use crate::{
     args::ReadArgs,
     input::Input,
@@ -106,6 +106,10 @@ impl Effort {
 /// Something to measure, with its name.
 type Job<'a> = (String, Box<dyn FnOnce(&mut Data) -> anyhow::Result<()> + 'a>);
 
+fn job<'a>(what: String, work: impl FnOnce(&mut Data) -> anyhow::Result<()> + 'a) -> Job<'a> {
+    (what, Box::new(work))
+}
+
 /// A scene of raykd, a mesh file, or a stress scene's first mesh.
 pub(super) fn input(name: &str, notes: &Notes) -> anyhow::Result<Input> {
     let Some(case) = CASES.iter().find(|case| case.name == name) else {
@@ -175,14 +179,11 @@ fn trees<'a>(
             for &choice in choices {
                 let options = choice.options();
                 let what = format!("{}: {} at price {}", input.name, choice.name, options.price);
-                jobs.push((
-                    what,
-                    Box::new(move |data| {
-                        let rays = data.rays(&input.name, &input.mesh, device, effort)?;
-                        data.samples.push(sample(&input.name, &input.mesh, device, choice, &rays)?);
-                        Ok(())
-                    }),
-                ));
+                jobs.push(job(what, move |data| {
+                    let rays = data.rays(&input.name, &input.mesh, device, effort)?;
+                    data.samples.push(sample(&input.name, &input.mesh, device, choice, &rays)?);
+                    Ok(())
+                }));
             }
         }
     }
@@ -200,18 +201,15 @@ pub(super) fn growth<'a>(machines: &'a Machines, effort: Effort) -> Vec<Job<'a>>
     let mut jobs: Vec<Job<'a>> = Vec::new();
     for device in machines.iter() {
         for &size in sizes.iter().filter(|&&size| !is_software(device) || size <= 30_000) {
-            jobs.push((
-                format!("a teapot of {} triangles", count(size.into())),
-                Box::new(move |data| {
-                    let slow = |s: &Sample| s.device == device.kind().name() && s.cost.build_ms > LONG;
-                    if !data.sizes.iter().any(slow) {
-                        let mesh = Mesh::teapot(teapot_level_for(size));
-                        let rays = data.rays("teapots", &mesh, device, effort)?;
-                        data.sizes.push(sample("teapots", &mesh, device, usual, &rays)?);
-                    }
-                    Ok(())
-                }),
-            ));
+            jobs.push(job(format!("a teapot of {} triangles", count(size.into())), move |data| {
+                let slow = |s: &Sample| s.device == device.kind().name() && s.cost.build_ms > LONG;
+                if !data.sizes.iter().any(slow) {
+                    let mesh = Mesh::teapot(teapot_level_for(size));
+                    let rays = data.rays("teapots", &mesh, device, effort)?;
+                    data.sizes.push(sample("teapots", &mesh, device, usual, &rays)?);
+                }
+                Ok(())
+            }));
         }
     }
     if machines.cpu.is_some() {
@@ -219,19 +217,16 @@ pub(super) fn growth<'a>(machines: &'a Machines, effort: Effort) -> Vec<Job<'a>>
         let mut counts: Vec<usize> = (0..).map(|i| 1 << i).take_while(|&n| n < all).collect();
         counts.push(all);
         for threads in counts {
-            jobs.push((
-                format!("{threads} threads"),
-                Box::new(move |data| {
-                    let device = Device::cpu_with_threads(threads)?;
-                    let mesh = Mesh::teapot(teapot_level_for(if effort.quick { 10_000 } else { 100_000 }));
-                    for choice in [usual, Choice::named("exact").expect("a choice")] {
-                        let rays = data.rays("threads", &mesh, &device, effort)?;
-                        let sample = sample("threads", &mesh, &device, choice, &rays)?;
-                        data.threads.push(Sample { threads, ..sample });
-                    }
-                    Ok(())
-                }),
-            ));
+            jobs.push(job(format!("{threads} threads"), move |data| {
+                let device = Device::cpu_with_threads(threads)?;
+                let mesh = Mesh::teapot(teapot_level_for(if effort.quick { 10_000 } else { 100_000 }));
+                for choice in [usual, Choice::named("exact").expect("a choice")] {
+                    let rays = data.rays("threads", &mesh, &device, effort)?;
+                    let sample = sample("threads", &mesh, &device, choice, &rays)?;
+                    data.threads.push(Sample { threads, ..sample });
+                }
+                Ok(())
+            }));
         }
     }
     jobs
@@ -248,85 +243,75 @@ pub(super) fn accuracy<'a>(input: &'a Input, machines: &'a Machines, effort: Eff
     let mut jobs: Vec<Job<'a>> = Vec::new();
     for method in methods.clone() {
         let name = method.name();
-        jobs.push((
-            format!("{}: {name}", input.name),
-            Box::new(move |data| {
-                let mut mrays = Vec::new();
-                for device in machines.iter() {
-                    let Rays { rays, .. } = data.rays(&input.name, &input.mesh, device, effort)?;
-                    let mut scene = Scene::build(device, &input.mesh, &BuildOptions::default())?;
-                    if let Way::Tree(_, traversal) = method.way {
-                        scene.traverse_by(traversal)?;
-                    } else {
-                        scene.traverse_by(Traversal::Brute)?;
-                    }
-                    scene.intersect_by(method.test)?;
-                    mrays.push((device.kind().name(), raykd::internals::speed(&scene, &rays)?));
+        jobs.push(job(format!("{}: {name}", input.name), move |data| {
+            let mut mrays = Vec::new();
+            for device in machines.iter() {
+                let Rays { rays, .. } = data.rays(&input.name, &input.mesh, device, effort)?;
+                let mut scene = Scene::build(device, &input.mesh, &BuildOptions::default())?;
+                if let Way::Tree(_, traversal) = method.way {
+                    scene.traverse_by(traversal)?;
+                } else {
+                    scene.traverse_by(Traversal::Brute)?;
                 }
-                data.accuracy.push(Accuracy {
-                    method: name,
-                    test: method.test,
-                    rays: 0,
-                    failures: 0,
-                    known: 0,
-                    mrays,
-                });
-                Ok(())
-            }),
-        ));
+                scene.intersect_by(method.test)?;
+                mrays.push((device.kind().name(), raykd::internals::speed(&scene, &rays)?));
+            }
+            data.accuracy.push(Accuracy {
+                method: name,
+                test: method.test,
+                rays: 0,
+                failures: 0,
+                known: 0,
+                mrays,
+            });
+            Ok(())
+        }));
     }
     for case in CASES {
         let methods = methods.clone();
-        jobs.push((
-            format!("stress scene {}", case.name),
-            Box::new(move |data| {
-                let device = Device::cpu();
-                let mut trial = case.prepare(if effort.quick { 60 } else { 1000 })?;
-                // Rays that leave a triangle are for a query of their own.
-                if trial.parts().iter().any(|part| matches!(part.rule, Rule::Leaves(_))) {
-                    return Ok(());
-                }
-                for method in methods.iter().filter(|method| method.way != Way::Except) {
-                    let Some(row) = data.accuracy.iter_mut().find(|row| row.method == method.name()) else {
-                        continue;
-                    };
-                    match trial.run(method, &device, None) {
-                        Ok(outcome) => {
-                            row.rays += outcome.rays;
-                            row.failures += outcome.failures;
-                            row.known += if outcome.expected { outcome.failures } else { 0 };
-                        }
-                        // Said, not wrong.
-                        Err(Error::Kernel(_)) => {}
-                        Err(error) => return Err(error.into()),
+        jobs.push(job(format!("stress scene {}", case.name), move |data| {
+            let device = Device::cpu();
+            let mut trial = case.prepare(if effort.quick { 60 } else { 1000 })?;
+            // Rays that leave a triangle are for a query of their own.
+            if trial.parts().iter().any(|part| matches!(part.rule, Rule::Leaves(_))) {
+                return Ok(());
+            }
+            for method in methods.iter().filter(|method| method.way != Way::Except) {
+                let Some(row) = data.accuracy.iter_mut().find(|row| row.method == method.name()) else {
+                    continue;
+                };
+                match trial.run(method, &device, None) {
+                    Ok(outcome) => {
+                        row.rays += outcome.rays;
+                        row.failures += outcome.failures;
+                        row.known += if outcome.expected { outcome.failures } else { 0 };
                     }
+                    // Said, not wrong.
+                    Err(Error::Kernel(_)) => {}
+                    Err(error) => return Err(error.into()),
                 }
-                Ok(())
-            }),
-        ));
+            }
+            Ok(())
+        }));
     }
     jobs
 }
 
 /// What choices cost on each device, from the cache if they are there.
 pub(super) fn calibrations<'a>(machines: &'a Machines, effort: Effort) -> Vec<Job<'a>> {
-    let job = |device: &'a Device| -> Job<'a> {
-        (
-            format!("costs on the {}", device.kind().name().to_uppercase()),
-            Box::new(move |data| {
-                let cached =
-                    raykd::plan::cache_file(device).and_then(|path| Calibration::load(&path, device));
-                let found = match cached {
-                    Ok(found) => found,
-                    Err(_) if effort.quick => Calibration::small(device)?,
-                    Err(_) => Calibration::measure(device, |_| ())?,
-                };
-                data.calibrations.push(found);
-                Ok(())
-            }),
-        )
+    let costs = |device: &'a Device| {
+        job(format!("costs on the {}", capitals(device)), move |data| {
+            let cached = raykd::plan::cache_file(device).and_then(|path| Calibration::load(&path, device));
+            let found = match cached {
+                Ok(found) => found,
+                Err(_) if effort.quick => Calibration::small(device)?,
+                Err(_) => Calibration::measure(device, |_| ())?,
+            };
+            data.calibrations.push(found);
+            Ok(())
+        })
     };
-    machines.iter().map(job).collect()
+    machines.iter().map(costs).collect()
 }
 
 /// Does the jobs, one after the other; what a device cannot do is left out, and said.

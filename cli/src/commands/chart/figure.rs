@@ -89,15 +89,11 @@ impl Grid {
 
     /// Comma-separated, as RFC 4180 has it.
     pub(super) fn csv(&self) -> String {
-        let cell = |cell: &String| {
-            if cell.contains([',', '"', '\n']) {
-                format!("\"{}\"", cell.replace('"', "\"\""))
-            } else {
-                cell.clone()
-            }
-        };
-        let line = |row: &Vec<String>| row.iter().map(cell).collect::<Vec<_>>().join(",") + "\n";
-        std::iter::once(&self.titles).chain(&self.rows).map(line).collect()
+        let mut writer = csv::WriterBuilder::new().flexible(true).from_writer(Vec::new());
+        for row in std::iter::once(&self.titles).chain(&self.rows) {
+            writer.write_record(row).expect("memory takes it all");
+        }
+        String::from_utf8(writer.into_inner().expect("memory takes it all")).expect("of strings")
     }
 }
 
@@ -114,6 +110,11 @@ pub(super) struct Figure {
     pub series: Vec<Series>,
     /// All numbers.
     pub grid: Grid,
+}
+
+/// A scene's name in the names of files.
+pub(super) fn slug(scene: &str) -> String {
+    scene.replace(|c: char| !c.is_ascii_alphanumeric(), "-")
 }
 
 /// The points that no other beats in both, by rising x: small x and large y are good.

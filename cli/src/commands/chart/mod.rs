@@ -13,7 +13,7 @@ mod totals;
 mod trees;
 mod verdict;
 
-use crate::report::{Table, count};
+use crate::report::{Table, capitals, count};
 use crate::{
     args::WhichArgs,
     files::Files,
@@ -84,47 +84,45 @@ impl Task for ChartArgs {
     }
 
     fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
-        run(self, out)?;
+        let notes = Notes::new(false);
+        let start = Instant::now();
+        let peers = self.peers.as_deref().map(peers::read).transpose()?.unwrap_or_default();
+        let folder = &self.output;
+        output::check_folder(folder)?;
+        let (inputs, machines) =
+            (inputs(&self.scenes, &notes)?, Machines::choose(self.on.device, &self.on.more, &notes)?);
+        let effort = Effort { quick: self.quick, rays: self.rays.unwrap_or(0) as usize };
+        let mut jobs = data::scenes(&inputs, &machines, effort);
+        jobs.extend(data::accuracy(&inputs[0], &machines, effort));
+        jobs.extend(data::growth(&machines, effort));
+        jobs.extend(data::calibrations(&machines, effort));
+        let data = data::run(jobs, &notes)?;
+        notes.stage("drawing");
+        let (mut drawn, mut files) = (Vec::new(), Vec::new());
+        for figure in figures(&data, &inputs, &peers) {
+            let svg = draw::svg(&figure)?;
+            let png = draw::png(&figure)?;
+            let parts = [svg.as_bytes().to_vec(), png, figure.grid.csv().into_bytes()];
+            files.extend(
+                ENDINGS
+                    .into_iter()
+                    .zip(parts)
+                    .map(|(ending, part)| (format!("{}.{ending}", figure.file), part)),
+            );
+            drawn.push((figure, svg));
+        }
+        let made = made(&machines);
+        let page = page::page("raykd in charts", &drawn, &made);
+        files.push((INDEX.to_owned(), page.into_bytes()));
+        output::write_folder(folder, &files)?;
+        notes.clear();
+        for (figure, _) in &drawn {
+            writeln!(out, "{}: {}\n", figure.title, figure.say)?;
+        }
+        let took = start.elapsed().as_secs();
+        writeln!(out, "{} figures in {}, {took} s", count(drawn.len() as u64), folder.join(INDEX).display())?;
         Ok(ExitCode::SUCCESS)
     }
-}
-
-fn run(args: &ChartArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
-    let notes = Notes::new(false);
-    let start = Instant::now();
-    let peers = args.peers.as_deref().map(peers::read).transpose()?.unwrap_or_default();
-    let folder = &args.output;
-    output::check_folder(folder)?;
-    let (inputs, machines) =
-        (inputs(&args.scenes, &notes)?, Machines::choose(args.on.device, &args.on.more, &notes)?);
-    let effort = Effort { quick: args.quick, rays: args.rays.unwrap_or(0) as usize };
-    let mut jobs = data::scenes(&inputs, &machines, effort);
-    jobs.extend(data::accuracy(&inputs[0], &machines, effort));
-    jobs.extend(data::growth(&machines, effort));
-    jobs.extend(data::calibrations(&machines, effort));
-    let data = data::run(jobs, &notes)?;
-    notes.stage("drawing");
-    let (mut drawn, mut files) = (Vec::new(), Vec::new());
-    for figure in figures(&data, &inputs, &peers) {
-        let svg = draw::svg(&figure)?;
-        let png = draw::png(&figure)?;
-        let parts = [svg.as_bytes().to_vec(), png, figure.grid.csv().into_bytes()];
-        files.extend(
-            ENDINGS.into_iter().zip(parts).map(|(ending, part)| (format!("{}.{ending}", figure.file), part)),
-        );
-        drawn.push((figure, svg));
-    }
-    let made = made(&machines);
-    let page = page::page("raykd in charts", &drawn, &made);
-    files.push((INDEX.to_owned(), page.into_bytes()));
-    output::write_folder(folder, &files)?;
-    notes.clear();
-    for (figure, _) in &drawn {
-        writeln!(out, "{}: {}\n", figure.title, figure.say)?;
-    }
-    let took = start.elapsed().as_secs();
-    writeln!(out, "{} figures in {}, {took} s", count(drawn.len() as u64), folder.join(INDEX).display())?;
-    Ok(())
 }
 
 fn inputs(names: &[String], notes: &Notes) -> anyhow::Result<Vec<Input>> {
@@ -206,10 +204,8 @@ impl Checked {
 
 /// Machine, driver, date, commit and command.
 fn made(machines: &Machines) -> Vec<String> {
-    let mut made: Vec<String> = machines
-        .iter()
-        .map(|device| format!("{}: {}", device.kind().name().to_uppercase(), device.name()))
-        .collect();
+    let mut made: Vec<String> =
+        machines.iter().map(|device| format!("{}: {}", capitals(device), device.name())).collect();
     let now = humantime::format_rfc3339_seconds(SystemTime::now());
     // Of the checkout that this was built in, if it still is one.
     let git = Command::new("git")
@@ -225,4 +221,20 @@ fn made(machines: &Machines) -> Vec<String> {
     let command: Vec<String> = std::env::args().skip(1).collect();
     made.push(format!("raykd {}", command.join(" ")));
     made
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cases_are_told_and_what_was_traced() {
+        let (traced, cases) = (BTreeMap::from([("cpu", 32_768)]), vec![Verdict::example(4.0, 2.0)]);
+        let (case, mut told) = (verdict::say(&cases), Vec::new());
+        Checked { traced, cases, costs: Vec::new() }.write(&mut told).unwrap();
+        let told = String::from_utf8(told).unwrap();
+        let end = format!("{case}\nOn the CPU 32,768 rays were traced; for more that rate goes on.\n");
+        assert!(told.ends_with(&end) && case.starts_with("Of 1 case"), "{told}");
+        assert!(told.contains("best in hindsight") && told.contains("1e3"), "{told}");
+    }
 }

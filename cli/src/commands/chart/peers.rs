@@ -1,6 +1,6 @@
 //! Figure 7: other crates in the same run, as `peers/` measured them.
 
-use super::figure::{Axis, Figure, Grid, Look, Mark, Scale, Series, front};
+use super::figure::{Axis, Figure, Grid, Look, Mark, Scale, Series, front, slug};
 use crate::report::three;
 use anyhow::Context as _;
 use raykd::{Error, internals::quoted};
@@ -64,7 +64,7 @@ fn figure(scene: &str, peers: &[Peer]) -> Figure {
     let best = of().max_by(|a, b| a.mrays().total_cmp(&b.mrays())).map_or("", |peer| &peer.peer);
     let clean: Vec<&str> = of().filter(|p| p.wrong == 0).map(|p| p.peer.as_str()).collect();
     Figure {
-        file: format!("7-peers-{}", scene.replace(|c: char| !c.is_ascii_alphanumeric(), "-")),
+        file: format!("7-peers-{}", slug(scene)),
         title: format!("{scene}: crates on one thread"),
         say: format!(
             "Upper left is better: {best} traces fastest on one CPU thread; no hit that exact arithmetic refutes \

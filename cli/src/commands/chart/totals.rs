@@ -2,7 +2,7 @@
 
 use super::{
     data::{Data, Sample},
-    figure::{Axis, Figure, Grid, Look, Scale, Series},
+    figure::{Axis, Figure, Grid, Look, Scale, Series, slug},
 };
 use crate::report::three;
 use raykd::plan::CHOICES;
@@ -50,9 +50,8 @@ pub(super) fn figure(data: &Data, scene: &str) -> Option<Figure> {
             said.push(format!("{}: {}", device.to_uppercase(), steps.join(", ")));
         }
     }
-    let slug: String = scene.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
     (!series.is_empty()).then(|| Figure {
-        file: format!("3-total-{slug}"),
+        file: format!("3-total-{}", slug(scene)),
         title: format!("{scene}: from the mesh to the last hit"),
         say: format!(
             "The lowest line is the right amount. Quickest by number of rays, of all that was measured: {}. \

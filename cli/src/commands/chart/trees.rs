@@ -2,7 +2,7 @@
 
 use super::{
     data::{Data, Sample},
-    figure::{Axis, Figure, Grid, Look, Mark, Scale, Series, front},
+    figure::{Axis, Figure, Grid, Look, Mark, Scale, Series, front, slug},
 };
 use crate::report::three;
 use raykd::{BuildOptions, Builder};
@@ -70,7 +70,7 @@ pub(super) fn figures(data: &Data, scene: &str) -> Vec<Figure> {
     if groups.is_empty() {
         return Vec::new();
     }
-    let slug: String = scene.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
+    let slug = slug(scene);
     let draw = |look, of: &dyn Fn(&Sample) -> [f64; 2], label: &dyn Fn(&Sample) -> String| {
         let one = |(name, kind, hollow, samples): &(String, usize, bool, Vec<&Sample>)| {
             let mut series = Series::new(name.clone(), look, *kind, *hollow);

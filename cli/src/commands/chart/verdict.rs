@@ -38,6 +38,21 @@ impl Verdict {
     fn surprise(&self) -> f64 {
         (self.measured_ms / self.predicted_ms).max(self.predicted_ms / self.measured_ms)
     }
+
+    /// One for tests.
+    #[cfg(test)]
+    pub(super) fn example(predicted_ms: f64, measured_ms: f64) -> Self {
+        Self {
+            scene: "s".to_owned(),
+            devices: "CPU".to_owned(),
+            rays: 1000,
+            choice: "CPU exact".to_owned(),
+            predicted_ms,
+            measured_ms,
+            best: "CPU exact".to_owned(),
+            best_ms: 1.0,
+        }
+    }
 }
 
 /// What a choice was predicted to cost at a scene on a device, and what it cost.
@@ -191,17 +206,7 @@ mod tests {
 
     #[test]
     fn losses_and_surprises_are_counted() {
-        let verdict = |predicted_ms, measured_ms| Verdict {
-            scene: "s".to_owned(),
-            devices: "CPU".to_owned(),
-            rays: 1000,
-            choice: "CPU exact".to_owned(),
-            predicted_ms,
-            measured_ms,
-            best: "CPU exact".to_owned(),
-            best_ms: 1.0,
-        };
-        let told = say(&[verdict(1.0, 1.0), verdict(1.0, 1.2), verdict(4.0, 2.0)]);
+        let told = say(&[(1.0, 1.0), (1.0, 1.2), (4.0, 2.0)].map(|(p, m)| Verdict::example(p, m)));
         assert!(told.contains("Of 3 cases") && told.contains("hindsight in 1, and 2.00"), "{told}");
         assert!(told.contains("25 % in 2, and off by 2.00"), "{told}");
     }

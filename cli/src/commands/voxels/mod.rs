@@ -114,7 +114,41 @@ impl Task for VoxelsArgs {
     }
 
     fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
-        run(self, out)?;
+        let notes = Notes::new(self.json);
+        let most = usize::from(self.size);
+        let format = Format::of(&self.output, most)?;
+        let input = Input::load(&self.mesh, self.read, &notes)?;
+        let grid = Grid::around(&input.mesh, most).with_context(|| {
+            format!("{}: no triangle has an area, so there is nothing to fill", input.name)
+        })?;
+        let closed = input.is_closed(&notes);
+        let machine = Machine::choose(self.on.device, &self.on.more, &notes)?;
+        let done = machine.run(&notes, |device| fill(device, self, format, (&input, &grid), &notes))?;
+        notes.clear();
+        let told = Told {
+            scene: input.name.clone(),
+            triangles: input.mesh.triangles().len(),
+            repairs: RepairCounts::from(&input),
+            closed,
+            device: done.device,
+            adapter: done.adapter,
+            load_ms: ms(input.load),
+            build_ms: ms(done.times.build),
+            fill_ms: ms(done.fill),
+            upload_ms: ms(done.times.upload + done.spent.times.upload),
+            trace_ms: ms(done.spent.times.trace),
+            download_ms: ms(done.spent.times.download),
+            write_ms: ms(done.write),
+            rays: done.spent.rays,
+            counts: grid.counts,
+            size: grid.size,
+            corner: [0, 1, 2].map(|axis| grid.corner[axis] + input.translation[axis]),
+            inside: done.inside,
+            volume: done.inside as f64 * grid.size.powi(3),
+            mesh_volume: volume(&input.mesh),
+            across: (format == Format::Png).then(|| file::across(grid.counts)),
+        };
+        if self.json { write_json(out, &told) } else { print(&told, &self.output, out) }?;
         Ok(ExitCode::SUCCESS)
     }
 }
@@ -128,43 +162,6 @@ struct Done {
     spent: Spent,
     fill: Duration,
     write: Duration,
-}
-
-fn run(args: &VoxelsArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
-    let notes = Notes::new(args.json);
-    let most = usize::from(args.size);
-    let format = Format::of(&args.output, most)?;
-    let input = Input::load(&args.mesh, args.read, &notes)?;
-    let grid = Grid::around(&input.mesh, most)
-        .with_context(|| format!("{}: no triangle has an area, so there is nothing to fill", input.name))?;
-    let closed = input.is_closed(&notes);
-    let machine = Machine::choose(args.on.device, &args.on.more, &notes)?;
-    let done = machine.run(&notes, |device| fill(device, args, format, (&input, &grid), &notes))?;
-    notes.clear();
-    let told = Told {
-        scene: input.name.clone(),
-        triangles: input.mesh.triangles().len(),
-        repairs: RepairCounts::from(&input),
-        closed,
-        device: done.device,
-        adapter: done.adapter,
-        load_ms: ms(input.load),
-        build_ms: ms(done.times.build),
-        fill_ms: ms(done.fill),
-        upload_ms: ms(done.times.upload + done.spent.times.upload),
-        trace_ms: ms(done.spent.times.trace),
-        download_ms: ms(done.spent.times.download),
-        write_ms: ms(done.write),
-        rays: done.spent.rays,
-        counts: grid.counts,
-        size: grid.size,
-        corner: [0, 1, 2].map(|axis| grid.corner[axis] + input.translation[axis]),
-        inside: done.inside,
-        volume: done.inside as f64 * grid.size.powi(3),
-        mesh_volume: volume(&input.mesh),
-        across: (format == Format::Png).then(|| file::across(grid.counts)),
-    };
-    if args.json { write_json(out, &told) } else { print(&told, &args.output, out) }
 }
 
 /// Fills the voxels and writes them.

@@ -17,6 +17,7 @@ use crate::{
     },
     clock::Instant,
     exec::cpu::usual,
+    lock::lock,
     mesh::Mesh,
 };
 use raykd_kernels::{
@@ -36,7 +37,7 @@ use rayon::prelude::*;
 use std::{
     ops::Range,
     sync::{
-        Mutex, MutexGuard, PoisonError,
+        Mutex,
         atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed},
     },
 };
@@ -237,19 +238,14 @@ struct Pool {
 impl Pool {
     /// What all sets took, once they are back.
     fn bytes(&self) -> u64 {
-        let large: u64 = locked(&self.large).iter().map(Set::bytes).sum();
+        let large: u64 = lock(&self.large).iter().map(Set::bytes).sum();
         let each = |spare: &Spare| {
             spare.shares.bytes()
                 + bytes(&spare.small)
                 + spare.sets.iter().flatten().map(Set::bytes).sum::<u64>()
         };
-        large + locked(&self.spares).iter().map(each).sum::<u64>()
+        large + lock(&self.spares).iter().map(each).sum::<u64>()
     }
-}
-
-/// Takes a lock; a thread that panicked left nothing half done in a list.
-fn locked<T>(list: &Mutex<T>) -> MutexGuard<'_, T> {
-    list.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Builder<'_> {
@@ -497,16 +493,16 @@ impl Builder<'_> {
 
     /// The same by several threads.
     fn branch(&self, set: Set, cell: &Cell) -> Part {
-        let mut spare = locked(&self.pool.spares).pop().unwrap_or_default();
+        let mut spare = lock(&self.pool.spares).pop().unwrap_or_default();
         if set.references.len > GRAIN
             && let Some(plane) = self.choose(&set, cell, true)
         {
             let cells = cell.cut(&plane);
-            let mut halves = [(); 2].map(|()| locked(&self.pool.large).pop().unwrap_or_default());
+            let mut halves = [(); 2].map(|()| lock(&self.pool.large).pop().unwrap_or_default());
             self.split(&set, &plane, &cells, &mut halves, &mut spare.shares, true);
             let cells = cell.cut_to(&plane, set.references.len, &halves);
-            locked(&self.pool.spares).push(spare);
-            locked(&self.pool.large).push(set);
+            lock(&self.pool.spares).push(spare);
+            lock(&self.pool.large).push(set);
             let [low, high] = halves;
             let (below, above) = rayon::join(|| self.branch(low, &cells[0]), || self.branch(high, &cells[1]));
             return Part::Cut(plane, Box::new([below, above]));
@@ -516,8 +512,8 @@ impl Builder<'_> {
         let (nodes, refs) = (Vec::with_capacity(5 * n), Vec::with_capacity(5 * n));
         let mut tree = Branch { nodes, refs, depth: 0 };
         let root = self.grow(&set, cell, &mut tree, &mut spare);
-        locked(&self.pool.spares).push(spare);
-        locked(&self.pool.large).push(set);
+        lock(&self.pool.spares).push(spare);
+        lock(&self.pool.large).push(set);
         Part::Grown(root, tree)
     }
 }

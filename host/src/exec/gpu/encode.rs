@@ -1,7 +1,7 @@
 //! Kernels in command encoders and on buffers of somebody else's.
 
-use super::{Gpu, Link, Pipeline, TO, dispatch, lock};
-use crate::Error;
+use super::{Gpu, Link, Pipeline, TO, dispatch};
+use crate::{Error, lock::lock};
 use raykd_kernels::Kernel;
 
 /// How many workgroups are encoded.

@@ -13,7 +13,7 @@ pub(crate) use encode::Size;
 pub use probe::AdapterVerdict;
 
 use super::{AnyBuffer, Back, BufferLimit, Device, Groups, Machine, Memory, Step, Timing, checked};
-use crate::Error;
+use crate::{Error, lock::lock};
 use clock::Clock;
 use link::Link;
 use raykd_kernels::{Access, Kernel};
@@ -23,7 +23,7 @@ use staging::{CHUNK, Slot};
 use std::{
     collections::{HashMap, HashSet},
     sync::{
-        Arc, Mutex, MutexGuard, PoisonError,
+        Arc, Mutex,
         atomic::{AtomicU64, Ordering::Relaxed},
     },
     time::Instant,
@@ -535,11 +535,6 @@ impl AnyBuffer {
             Memory::Cpu(_) => panic!("buffer {} belongs to another device", self.name),
         }
     }
-}
-
-/// A panic elsewhere leaves nothing half done that matters here.
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Uses what is kept in `place`, made first if need be, and keeps it unless the use failed.

@@ -8,11 +8,10 @@
 //! primitive by primitive. Corners keep the file's order, in mirrored nodes too; strips turn every other triangle
 //! round, as glTF says.
 
-use crate::mesh::error::{MeshError, Place};
+use crate::mesh::error::{MeshError, Place, check_triangles, malformed, too_many, truncated};
 use crate::mesh::raw::{Raw, Source, fits, unmarked};
 use crate::read;
 use base64::{Engine as _, engine};
-use raykd_shared::limits::MAX_TRIANGLES;
 use serde::{Deserialize, de::IgnoredAny};
 use std::borrow::Cow;
 use std::cell::{Cell, OnceCell};
@@ -148,7 +147,7 @@ pub(super) fn parse(Source { bytes, folder, most }: Source<'_>) -> Result<Raw, M
     let (json, blob) = if bytes.starts_with(b"glTF") { chunks(bytes)? } else { (bytes, None) };
     let document: Document = serde_json::from_slice(json).map_err(|e| {
         let (at, what) = (Place::line(e.line() as u64), e.to_string());
-        if e.is_eof() { MeshError::Truncated { at, what } } else { MeshError::Malformed { at, what } }
+        if e.is_eof() { truncated(at, what) } else { malformed(at, what) }
     })?;
     if !document.asset.version.starts_with("2.") {
         let version = &document.asset.version;
@@ -169,14 +168,6 @@ pub(super) fn parse(Source { bytes, folder, most }: Source<'_>) -> Result<Raw, M
         return Err(MeshError::NoFaces { at: Place::default() });
     }
     Ok(raw)
-}
-
-fn malformed(at: Place, what: impl Into<String>) -> MeshError {
-    MeshError::Malformed { at, what: what.into() }
-}
-
-fn truncated(at: Place, what: impl Into<String>) -> MeshError {
-    MeshError::Truncated { at, what: what.into() }
 }
 
 fn extension(at: Place, name: &str) -> MeshError {
@@ -356,9 +347,7 @@ impl File<'_> {
             6 => corners[1..].windows(2).map(|pair| [pair[0], pair[1], corners[0]]).collect(),
             mode => return Err(malformed(at(), format!("there is no mode {mode}"))),
         };
-        if raw.triangles.len() + triangles.len() > MAX_TRIANGLES as usize {
-            return Err(too_many());
-        }
+        check_triangles((raw.triangles.len() + triangles.len()) as u64)?;
         // Many primitives may share the vertices of a large buffer: only those that this one uses.
         let mut used = corners;
         used.sort_unstable();
@@ -539,10 +528,6 @@ pub fn files_beside(path: &Path) -> Vec<PathBuf> {
     let buffers = document.map(|document| document.buffers).unwrap_or_default();
     let names = buffers.iter().filter_map(|buffer| name_beside(buffer.uri.as_deref()?));
     names.map(|name| path.with_file_name(&*name)).collect()
-}
-
-fn too_many() -> MeshError {
-    MeshError::TooManyTriangles { at: Place::default(), limit: MAX_TRIANGLES }
 }
 
 fn no_such(kind: &str, number: usize, count: usize) -> MeshError {

@@ -5,15 +5,14 @@
 //! which play no part here, can make it fail. So it is given a copy of the lines that make geometry, checked on the
 //! way.
 
-use crate::mesh::error::{MeshError, Place, quoted_bytes};
+use crate::mesh::error::{self, MeshError, Place, check_triangles, quoted_bytes};
 use crate::mesh::raw::{Polygon, Raw, fits, not_halfway, split_line, unmarked};
-use raykd_shared::limits::MAX_TRIANGLES;
 use std::borrow::Cow;
 
 /// The geometry of an OBJ file, its triangles numbered in the order of the faces.
 pub(super) fn parse(bytes: &[u8]) -> Result<Raw, MeshError> {
     if bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {
-        return Err(malformed(1, "the text is UTF-16; save it as UTF-8".to_owned()));
+        return Err(malformed(1, "the text is UTF-16; save it as UTF-8"));
     }
     let mut raw = Raw::default();
     let geometry = check(unmarked(bytes), &mut raw)?;
@@ -25,7 +24,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Raw, MeshError> {
     };
     let no_materials = |_: &std::path::Path| Ok(Default::default());
     let (models, _) = tobj::load_obj_buf(&mut geometry.as_bytes(), &options, no_materials)
-        .map_err(|e| MeshError::Malformed { at: Place::default(), what: e.to_string() })?;
+        .map_err(|e| error::malformed(Place::default(), e.to_string()))?;
     for model in models {
         let base = raw.positions.len() as u32;
         raw.positions.extend_from_slice(model.mesh.positions.as_chunks().0);
@@ -133,7 +132,7 @@ impl<'a> Lines<'a> {
             // Neither a name nor a number looks like that: somebody did not mean to join anything.
             if words(part).next().is_some_and(|word| GEOMETRY.contains(&word)) {
                 let what = "the backslash at the end of the line before makes this a part of that one";
-                return Err(malformed(self.number, what.to_owned()));
+                return Err(malformed(self.number, what));
             }
         }
         if joined.is_empty() {
@@ -160,9 +159,8 @@ fn check(bytes: &[u8], raw: &mut Raw) -> Result<String, MeshError> {
                 vertices += 1;
                 geometry.push('v');
                 for _ in 0..3 {
-                    let word = words
-                        .next()
-                        .ok_or_else(|| malformed(line, "a vertex needs three coordinates".to_owned()))?;
+                    let word =
+                        words.next().ok_or_else(|| malformed(line, "a vertex needs three coordinates"))?;
                     geometry.push(' ');
                     geometry.push_str(&coordinate(word, line)?);
                 }
@@ -196,9 +194,7 @@ fn check(bytes: &[u8], raw: &mut Raw) -> Result<String, MeshError> {
                 }
                 let first = triangles as u32;
                 triangles += corners - 2;
-                if triangles > u64::from(MAX_TRIANGLES) {
-                    return Err(MeshError::TooManyTriangles { at: Place::default(), limit: MAX_TRIANGLES });
-                }
+                check_triangles(triangles)?;
                 if corners > 3 {
                     raw.repairs.polygons += 1;
                     raw.polygons.push(Polygon { first, triangles: corners as u32 - 2, at: line });
@@ -216,7 +212,7 @@ fn check(bytes: &[u8], raw: &mut Raw) -> Result<String, MeshError> {
             }
             Some(b"call") => {
                 let what = "'call' takes in another file, which is not done here";
-                return Err(malformed(line, what.to_owned()));
+                return Err(malformed(line, what));
             }
             Some(word) if !is_statement(word) => {
                 let what = format!(
@@ -234,8 +230,8 @@ fn check(bytes: &[u8], raw: &mut Raw) -> Result<String, MeshError> {
     Ok(geometry)
 }
 
-fn malformed(line: u64, what: String) -> MeshError {
-    MeshError::Malformed { at: Place::line(line), what }
+fn malformed(line: u64, what: impl Into<String>) -> MeshError {
+    error::malformed(Place::line(line), what)
 }
 
 fn out_of_range(line: u64, index: i64, vertices: i64) -> MeshError {

@@ -3,14 +3,13 @@
 //! `ply-rs-bw` reads the header and binary elements. Text elements are read here: version 4.0.1 refuses
 //! numbers such as `.5` and `1.`, and takes three times as long.
 
-use crate::mesh::error::{MeshError, Place, Spot, quoted_bytes};
+use crate::mesh::error::{self, MeshError, Place, Spot, check_triangles, malformed, quoted_bytes, truncated};
 use crate::mesh::raw::{Polygon, Raw, decimal, fits, split_line, unmarked};
 use ply_rs_bw::parser::{ParseError, Parser, Reader};
 use ply_rs_bw::ply::{
     BeginList, ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult, PropertyType,
     ScalarType,
 };
-use raykd_shared::limits::MAX_TRIANGLES;
 use std::io::ErrorKind;
 
 /// Whether a file begins as one does.
@@ -55,11 +54,7 @@ fn header_error(e: &ParseError) -> MeshError {
     let what = text.lines().next().unwrap_or_default();
     let what = what.split_once(": ").filter(|_| e.line().is_some()).map_or(what, |(_, what)| what);
     let what = quoted_bytes(what.trim_end_matches('.').as_bytes());
-    if e.kind() == ErrorKind::UnexpectedEof {
-        MeshError::Truncated { at, what }
-    } else {
-        MeshError::Malformed { at, what }
-    }
+    if e.kind() == ErrorKind::UnexpectedEof { truncated(at, what) } else { malformed(at, what) }
 }
 
 /// Refuses two elements, or two properties of an element, of one name: of those `ply-rs-bw` tells the last only.
@@ -78,7 +73,7 @@ fn no_name_twice(header: &[u8]) -> Result<(), MeshError> {
         if names.contains(&name) {
             let name = quoted_bytes(name.unwrap_or_default());
             let what = format!("the name '{name}' is taken by an earlier element or property");
-            return Err(MeshError::Malformed { at: Place::line(line), what });
+            return Err(malformed(Place::line(line), what));
         }
         names.push(name);
     }
@@ -132,7 +127,7 @@ struct Sink {
 impl Sink {
     /// Makes sure that the header describes a mesh, or points.
     fn new(header: &Header, with_faces: bool) -> Result<Self, MeshError> {
-        let malformed = |what: &str| MeshError::Malformed { at: Place::header(), what: what.to_owned() };
+        let malformed = |what: &str| error::malformed(Place::header(), what);
         let vertices =
             header.elements.get("vertex").ok_or_else(|| malformed("there is no element 'vertex'"))?;
         for name in ["x", "y", "z"] {
@@ -174,9 +169,7 @@ impl Sink {
         if u32::try_from(vertices.count).is_err() {
             return Err(malformed(&format!("{} vertices are more than 32 bits can number", vertices.count)));
         }
-        if header.elements.get("face").is_some_and(|faces| faces.count > MAX_TRIANGLES as usize) {
-            return Err(MeshError::TooManyTriangles { at: Place::default(), limit: MAX_TRIANGLES });
-        }
+        check_triangles(header.elements.get("face").map_or(0, |faces| faces.count as u64))?;
         let mut raw = Raw { binary: header.encoding != Encoding::Ascii, ..Raw::default() };
         raw.repairs.ignored = edges.try_into().unwrap_or(u32::MAX);
         Ok(Self { raw, vertices: vertices.count as u64 })
@@ -197,10 +190,7 @@ impl Sink {
     }
 
     fn room_for(&self, triangles: usize) -> Result<(), MeshError> {
-        if self.raw.triangles.len() + triangles > MAX_TRIANGLES as usize {
-            return Err(MeshError::TooManyTriangles { at: Place::default(), limit: MAX_TRIANGLES });
-        }
-        Ok(())
+        check_triangles((self.raw.triangles.len() + triangles) as u64)
     }
 
     fn corners<I: Copy + Into<i64>>(
@@ -290,14 +280,14 @@ impl<'a> Text<'a> {
                 if !words.rest.trim_ascii().is_empty() {
                     let what =
                         format!("'{}' follows the last property", quoted_bytes(words.rest.trim_ascii()));
-                    return Err(MeshError::Malformed { at: Place::line(words.line), what });
+                    return Err(malformed(Place::line(words.line), what));
                 }
             }
         }
         match self.next_line() {
             Some(more) => {
-                let what = "there is more here than the header promises".to_owned();
-                Err(MeshError::Malformed { at: Place::line(more.line), what })
+                let what = "there is more here than the header promises";
+                Err(malformed(Place::line(more.line), what))
             }
             None => Ok(()),
         }
@@ -368,8 +358,8 @@ impl Words<'_> {
         let end = start.iter().position(u8::is_ascii_whitespace).unwrap_or(start.len());
         self.rest = &start[end..];
         if end == 0 {
-            let what = "the line ends before all its properties".to_owned();
-            return Err(MeshError::Malformed { at: Place::line(self.line), what });
+            let what = "the line ends before all its properties";
+            return Err(malformed(Place::line(self.line), what));
         }
         Ok(&start[..end])
     }
@@ -385,10 +375,10 @@ impl Words<'_> {
     fn read<T>(&mut self, wanted: &str, parse: impl Fn(&str) -> Option<T>) -> Result<T, MeshError> {
         let line = self.line;
         let word = self.word()?;
-        std::str::from_utf8(word).ok().and_then(parse).ok_or_else(|| MeshError::Malformed {
-            at: Place::line(line),
-            what: format!("'{}' is not {wanted}", quoted_bytes(word)),
-        })
+        std::str::from_utf8(word)
+            .ok()
+            .and_then(parse)
+            .ok_or_else(|| malformed(Place::line(line), format!("'{}' is not {wanted}", quoted_bytes(word))))
     }
 
     fn skip(&mut self, count: u64) -> Result<(), MeshError> {
@@ -435,7 +425,7 @@ impl Binary<'_> {
         // Some programs end a file with a line break, or fill a block with zeros.
         if self.rest.iter().any(|b| !b.is_ascii_whitespace() && *b != 0) {
             let what = format!("{} bytes more than the header promises", self.rest.len());
-            return Err(MeshError::Malformed { at: Place::default(), what });
+            return Err(malformed(Place::default(), what));
         }
         Ok(())
     }
@@ -449,17 +439,17 @@ impl Binary<'_> {
         };
         read.map_err(|e| match e.kind() {
             ErrorKind::UnexpectedEof => end_of_file(element, index),
-            _ => MeshError::Malformed {
-                at: Place::element(&element.name, index as u64),
-                what: quoted_bytes(e.to_string().lines().next().unwrap_or_default().as_bytes()),
-            },
+            _ => malformed(
+                Place::element(&element.name, index as u64),
+                quoted_bytes(e.to_string().lines().next().unwrap_or_default().as_bytes()),
+            ),
         })
     }
 }
 
 fn end_of_file(element: &ElementDef, index: usize) -> MeshError {
     let what = format!("the file ends here, but its header promises {} of '{}'", element.count, element.name);
-    MeshError::Truncated { at: Place::element(&element.name, index as u64), what }
+    truncated(Place::element(&element.name, index as u64), what)
 }
 
 /// A vertex of a binary file.

@@ -6,9 +6,8 @@
 //! Every triangle has three vertices of its own: corner `k` of triangle `i` is vertex `3 i + k`. Normals are passed
 //! over.
 
-use crate::mesh::error::{MeshError, Place};
+use crate::mesh::error::{MeshError, Place, check_triangles, malformed, truncated};
 use crate::mesh::raw::{Raw, decimal, fits, unmarked};
-use raykd_shared::limits::MAX_TRIANGLES;
 
 /// Bytes before the triangles of a binary file, its last four their number.
 const HEAD: usize = 84;
@@ -28,16 +27,12 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Raw, MeshError> {
             "{} bytes are too few for a binary file, and it does not begin with 'solid'",
             bytes.len()
         );
-        return Err(MeshError::Truncated { at: Place::header(), what });
+        return Err(truncated(Place::header(), what));
     };
     let (there, extra) = ((bytes.len() - HEAD) / RECORD, (bytes.len() - HEAD) % RECORD);
     let what = format!("its header says {count} triangles, but there are {there} and {extra} bytes");
     let at = Place::header();
-    Err(if there < count as usize {
-        MeshError::Truncated { at, what }
-    } else {
-        MeshError::Malformed { at, what }
-    })
+    Err(if there < count as usize { truncated(at, what) } else { malformed(at, what) })
 }
 
 /// The number of triangles that the header of a binary file says.
@@ -129,13 +124,13 @@ fn text(bytes: &[u8]) -> Result<Raw, MeshError> {
                 let found: Vec<_> =
                     words.iter().take(5).map(|word| word.escape_ascii().to_string()).collect();
                 let what = format!("{} must stand here, not '{}'", wanted(next), found.join(" "));
-                return Err(MeshError::Malformed { at: at(), what });
+                return Err(malformed(at(), what));
             }
         };
     }
     if next != Next::Solid {
         let what = format!("the file ends where {} must stand", wanted(next));
-        return Err(MeshError::Truncated { at: Place::default(), what });
+        return Err(truncated(Place::default(), what));
     }
     mesh.finish()
 }
@@ -158,7 +153,7 @@ fn coordinate(word: &[u8], at: impl Fn() -> Place) -> Result<f64, MeshError> {
         Some(x) => Err(MeshError::NonFinite { at: at(), value: format!("{x:?}") }),
         None => {
             let what = format!("'{}' is not a coordinate", word.escape_ascii());
-            Err(MeshError::Malformed { at: at(), what })
+            Err(malformed(at(), what))
         }
     }
 }
@@ -169,24 +164,17 @@ struct Triangles(Raw);
 impl Triangles {
     fn with_room(triangles: usize) -> Result<Self, MeshError> {
         let mut mesh = Self(Raw::default());
-        mesh.check(triangles)?;
+        check_triangles(triangles as u64)?;
         mesh.0.positions.reserve_exact(triangles * 3);
         mesh.0.triangles.reserve_exact(triangles);
         Ok(mesh)
-    }
-
-    fn check(&self, triangles: usize) -> Result<(), MeshError> {
-        if triangles > MAX_TRIANGLES as usize {
-            return Err(MeshError::TooManyTriangles { at: Place::default(), limit: MAX_TRIANGLES });
-        }
-        Ok(())
     }
 
     fn push(&mut self, corners: [[f64; 3]; 3], at: impl Fn() -> Place) -> Result<(), MeshError> {
         if let Some(x) = corners.as_flattened().iter().find(|x| !fits(**x)) {
             return Err(MeshError::NonFinite { at: at(), value: format!("{x:?}") });
         }
-        self.check(self.0.triangles.len() + 1)?;
+        check_triangles(self.0.triangles.len() as u64 + 1)?;
         let first = self.0.positions.len() as u32;
         self.0.positions.extend(corners);
         self.0.triangles.push([first, first + 1, first + 2]);
