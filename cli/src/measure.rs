@@ -204,6 +204,10 @@ fn room<T>(list: &mut Vec<T>, buffer: &'static str, count: u64) -> Result<(), Er
 
 /// Median time to trace rays, less often if it takes long: for large pictures.
 pub(super) fn time(scene: &Scene, query: Query, rays: &[Ray]) -> Result<Duration, Error> {
+    // No rays take no time, however often they are traced.
+    if rays.is_empty() {
+        return Ok(Duration::ZERO);
+    }
     let parts = rays.chunks(batch(scene)).map(|part| scene.resident(part));
     let mut parts = parts.collect::<Result<Vec<ResidentRays>, _>>()?;
     let mut all = || parts.iter_mut().map(|part| part.trace(query)).sum::<Result<_, _>>();
@@ -268,5 +272,6 @@ mod tests {
         assert_eq!(traced.hits, measured.scene.closest(&rays).unwrap());
         assert_eq!(traced.invalid, 1);
         assert!(time(&measured.scene, Query::Any, &rays).unwrap() > Duration::ZERO);
+        assert_eq!(time(&measured.scene, Query::Any, &[]).unwrap(), Duration::ZERO);
     }
 }
