@@ -58,7 +58,7 @@ fn kept_or(
         }
     };
     notes.note(format_args!(
-        "measuring what trees cost on this {}, {once}",
+        "measuring what trees cost on this {}, {once}; it takes a minute or two",
         device.kind().name().to_uppercase()
     ));
     let calibration = measure()?;
