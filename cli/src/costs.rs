@@ -57,7 +57,10 @@ fn kept_or(
             "for this run"
         }
     };
-    notes.note(format_args!("measuring what trees cost on this {}, {once}", capitals(device)));
+    notes.note(format_args!(
+        "measuring what trees cost on this {}, {once}; it takes a minute or two",
+        capitals(device)
+    ));
     let calibration = measure()?;
     if let Err(error) = place.map_or(Ok(()), |path| calibration.save(&path)) {
         notes.note(format_args!("costs could not be kept: {error}"));

@@ -204,7 +204,7 @@ fn room<T>(list: &mut Vec<T>, buffer: &'static str, count: u64) -> Result<(), Er
 
 /// Median time to trace rays, less often if it takes long: for large pictures.
 pub(super) fn time(scene: &Scene, query: Query, rays: &[Ray]) -> Result<Duration, Error> {
-    // No time would ever be spent.
+    // No rays take no time, however often they are traced.
     if rays.is_empty() {
         return Ok(Duration::ZERO);
     }

@@ -4,7 +4,8 @@ use crate::report::capitals;
 use indicatif::{ProgressBar, ProgressStyle};
 use raykd::Device;
 use std::{
-    cell::Cell,
+    cell::{Cell, RefCell},
+    collections::HashSet,
     fmt::Display,
     io::{IsTerminal as _, stderr},
     time::{Duration, Instant},
@@ -15,6 +16,8 @@ use std::{
 #[derive(Debug)]
 pub(super) struct Notes {
     bar: ProgressBar,
+    /// Notes so far, each of which is said once.
+    noted: RefCell<HashSet<String>>,
     /// Where there is no terminal: when something was said last.
     said: Option<Cell<Instant>>,
 }
@@ -30,7 +33,7 @@ impl Notes {
         bar.set_style(ProgressStyle::with_template("{spinner} {wide_msg}").expect("a valid template"));
         bar.enable_steady_tick(Duration::from_millis(120));
         let silent = !quiet && !stderr().is_terminal();
-        Self { bar, said: silent.then(|| Cell::new(Instant::now())) }
+        Self { bar, noted: RefCell::default(), said: silent.then(|| Cell::new(Instant::now())) }
     }
 
     /// From now on shows how many of so many jobs are done, and about how long the others will take.
@@ -61,9 +64,12 @@ impl Notes {
         self.stage(format_args!("{it}: {what} on the {}", capitals(device)));
     }
 
-    /// Says something to remember.
+    /// Says something to remember, unless it was said before.
     pub(super) fn note(&self, what: impl Display) {
-        self.bar.suspend(|| eprintln!("note: {what}"));
+        let what = what.to_string();
+        if self.noted.borrow_mut().insert(what.clone()) {
+            self.bar.suspend(|| eprintln!("note: {what}"));
+        }
     }
 
     /// Takes the spinner away, before results are printed.

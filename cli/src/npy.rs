@@ -26,6 +26,12 @@ pub(super) fn rows<const WIDTH: usize>(bytes: &[u8], what: &str) -> anyhow::Resu
         shape.len() == 2 && shape[1] == WIDTH as u64,
         "its shape is {shape:?}; {what} are an array of N x {WIDTH} numbers"
     );
+    // npyz multiplies without a look: a shape of 2^61 x 8 would be of no numbers.
+    ensure!(
+        shape[0] <= bytes.len() as u64,
+        "it does not hold the {} {what} that it promises; write it again by numpy.save",
+        shape[0]
+    );
     // Only a number type can tell whether it is the file's.
     match file.try_data::<f64>() {
         Ok(data) => all(data, by_column, what).map(Rows::Wide),

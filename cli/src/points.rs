@@ -58,14 +58,23 @@ impl Points {
             Format::Csv { head, lines } => {
                 let mut writer = csv::WriterBuilder::new().flexible(true).from_writer(file);
                 if let Some(head) = head {
-                    writer.write_record(head.iter().chain(["winding"]))?;
+                    writer.write_record(head.iter().chain(["winding"])).map_err(unwrapped)?;
                 }
                 for (line, number) in lines.iter().zip(numbers) {
-                    writer.write_record(line.iter().chain([number.to_string().as_str()]))?;
+                    let number = number.to_string();
+                    writer.write_record(line.iter().chain([number.as_str()])).map_err(unwrapped)?;
                 }
                 writer.flush()
             }
         }
+    }
+}
+
+/// What went wrong in writing: csv's own conversion hides its kind, by which a reader who left is known.
+fn unwrapped(error: csv::Error) -> io::Error {
+    match error.into_kind() {
+        csv::ErrorKind::Io(error) => error,
+        kind => io::Error::other(format!("{kind:?}")),
     }
 }
 
@@ -134,6 +143,24 @@ mod tests {
         assert!(read("p.csv", b"").unwrap().points.is_empty());
     }
 
+    /// `raykd inside ... | head -1` is no error.
+    #[test]
+    fn a_reader_who_leaves_is_known() {
+        struct Closed;
+        impl Write for Closed {
+            fn write(&mut self, _: &[u8]) -> io::Result<usize> {
+                Err(io::ErrorKind::BrokenPipe.into())
+            }
+            fn flush(&mut self) -> io::Result<()> {
+                Ok(())
+            }
+        }
+        let lines = "1,2,3\n".repeat(5000);
+        let found = read("p.csv", lines.as_bytes()).unwrap();
+        let error = found.write(&mut Closed, &[0; 5000]).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::BrokenPipe);
+    }
+
     #[test]
     fn wrong_lines_are_named() {
         for (text, line) in
@@ -165,6 +192,7 @@ mod tests {
             ("<f4", "(6,)", "its shape is [6]"),
             ("<f4", "(3, 2)", "its shape is [3, 2]"),
             ("<f4", "(3, 3)", "the 3 points that it promises"),
+            ("<f4", "(4611686018427387904, 3)", "points that it promises"),
         ] {
             let error = read("p.npy", &npy(kind, "False", shape, &narrow)).err().unwrap();
             assert!(format!("{error:#}").contains(told), "{kind} {shape}: {error:#}");

@@ -57,9 +57,9 @@ pub enum Error {
     Threads(String),
     /// There is no Vulkan adapter (of that name).
     #[error(
-        "no Vulkan adapter{}: install a driver; for a software one, on Debian or Ubuntu: apt install \
+        "no Vulkan adapter{} install a driver; for a software one, on Debian or Ubuntu: apt install \
          mesa-vulkan-drivers",
-        wanted.as_ref().map(|wanted| format!(" named like '{}'", quoted(wanted))).unwrap_or_default()
+        wanted.as_ref().map_or(":".to_owned(), |wanted| format!(" is named like '{}': correct the name, or", quoted(wanted)))
     )]
     NoAdapter {
         /// The name asked for.

@@ -136,7 +136,7 @@ impl KdTree {
             return Err(TreeError::NoTreeFile.into());
         }
         if bytes.len() < body + SUM {
-            return damaged("truncated tree file");
+            return damaged("truncated tree file; build it again");
         }
         let version = u32::from_le_bytes([bytes[8], bytes[9], bytes[10], bytes[11]]);
         if version != LAYOUT_VERSION {
@@ -144,12 +144,12 @@ impl KdTree {
         }
         let (data, sum) = bytes.split_at(bytes.len() - SUM);
         if Sha256::digest(data).as_slice() != sum {
-            return damaged("damaged or truncated tree file: its checksum does not match");
+            return damaged("damaged or truncated tree file: its checksum does not match; build it again");
         }
         let header: TreeHeader = bytemuck::pod_read_unaligned(&data[start..body]);
         let node_bytes = u64::from(header.nodes) * size_of::<Node>() as u64;
         if (data.len() - body) as u64 != node_bytes + u64::from(header.refs) * 4 {
-            return damaged("damaged tree file: its length does not match its header");
+            return damaged("damaged tree file: its length does not match its header; build it again");
         }
         let node_bytes = node_bytes as usize;
         let nodes = bytemuck::pod_collect_to_vec::<u8, _>(&data[body..body + node_bytes]);

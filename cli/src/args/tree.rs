@@ -36,20 +36,21 @@ pub(crate) struct TreeArgs {
     /// Keep references where only a triangle's box reaches, not the triangle
     #[arg(long)]
     pub no_clip: bool,
-    /// SAH cost of a traversal step
+    /// SAH cost of a traversal step; left out: 1
     #[arg(long, value_name = "X", value_parser = within(1e-6_f32, 1e6))]
     pub cost_step: Option<f32>,
-    /// SAH cost of a triangle test
+    /// SAH cost of a triangle test; left out: 1
     #[arg(long, value_name = "X", value_parser = within(1e-6_f32, 1e6))]
     pub cost_test: Option<f32>,
-    /// Price of a reference: tests a ray it has to save, times the number of triangles; more makes smaller trees
+    /// Price of a reference: tests a ray it has to save, times the number of triangles; more makes smaller trees;
+    /// left out: 5
     #[arg(long, value_name = "X", value_parser = within(0.0_f32, 1e9))]
     pub price: Option<f32>,
     /// Most references a triangle, on average, at least 1: the price is doubled until the tree keeps to it (median
-    /// and zhou may not)
+    /// and zhou may not); left out: any number
     #[arg(long, value_name = "X", value_parser = within(1.0_f32, 1e6))]
     pub budget: Option<f32>,
-    /// Factor on the cost of planes that cut off empty space, from 0 to 1
+    /// Factor on the cost of planes that cut off empty space, from 0 to 1; left out: 0.9
     #[arg(long, value_name = "X", value_parser = within(0.0_f32, 1.0))]
     pub empty: Option<f32>,
 }
@@ -113,4 +114,17 @@ pub(crate) enum Quality {
     Usual,
     /// The right amount for the scene and the rays
     Auto,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Those that the options' help names.
+    #[test]
+    fn defaults() {
+        let usual = BuildOptions::default();
+        assert_eq!((usual.cost_step, usual.cost_test), (1.0, 1.0));
+        assert_eq!((usual.price, usual.empty, usual.budget), (5.0, 0.9, None));
+    }
 }

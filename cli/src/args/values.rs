@@ -20,7 +20,7 @@ where
 {
     move |text| {
         let x: T = text.parse().map_err(|_| "not a number".to_owned())?;
-        if lo <= x && x <= hi { Ok(x) } else { Err(format!("this lies between {lo} and {hi}")) }
+        if lo <= x && x <= hi { Ok(x) } else { Err(format!("it must lie between {lo} and {hi}")) }
     }
 }
 

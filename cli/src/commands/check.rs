@@ -28,7 +28,7 @@ way as the other: then every point is inside or outside, and raykd inside is rig
 
 All of these are decided exactly. Triangles that overlap in one plane are not told.
 
-Exit code: 0 closed, 1 not closed or an error.
+Exit code: 0 closed, 1 not closed or an error, 2 wrong usage.
 
 Examples:
   raykd check mesh.ply

@@ -21,11 +21,12 @@ use std::{
 };
 
 const EXAMPLES: &str = "\
-Points: a CSV of x,y,z a line (more columns and a line of names are kept), an NPY array of N x 3 f32
-or f64, or the vertices of a PLY file. Out come the same points with the winding number in one more
-column: 0 outside, 1 inside a mesh whose triangles are counterclockwise seen from outside, -1 if
-clockwise, more where the mesh overlaps itself. An NPY file gives an NPY file of f64, all others a
-CSV. Points with NaN or infinite coordinates get 0, and are counted.
+Points: a CSV of x,y,z a line (more columns and a line of names are kept, lines that begin with # are
+not), an NPY array of N x 3 f32 or f64, or the vertices of a PLY file. Out come the same points with
+the winding number in one more column: 0 outside, 1 inside a mesh whose triangles are
+counterclockwise seen from outside, -1 if clockwise, more where the mesh overlaps itself. An NPY file
+gives an NPY file of f64, all others a CSV, whatever the name of the file to write. Points with NaN
+or infinite coordinates get 0; with -o, they are counted.
 
 A point on the surface counts as if it were moved a little, always in the same direction. Of a mesh
 that is not closed no number is right everywhere: a note says so, and raykd check says where.

@@ -53,7 +53,7 @@ pub(crate) struct StressArgs {
     /// Methods whose names start like this; left out: all
     #[arg(long = "method", value_name = "NAME", value_delimiter = ',')]
     pub methods: Vec<String>,
-    /// Rays a scene; of leaks, a surface
+    /// Rays a scene; of leaks, a surface; of a mesh, half as many more
     #[arg(long, value_name = "N", default_value_t = 1000)]
     #[arg(value_parser = clap::value_parser!(u64).range(1..=1_000_000_000_000))]
     pub rays: u64,
