@@ -41,15 +41,21 @@ impl Points {
         found.with_context(|| quoted(path.display()))
     }
 
-    /// Writes the points with a fourth number: an NPY file as an NPY file of `f64`, all others as lines of text.
-    pub(super) fn write(&self, file: &mut dyn Write, numbers: &[i32]) -> io::Result<()> {
+    /// Whether they came from an NPY file.
+    pub(super) fn are_npy(&self) -> bool {
+        matches!(self.format, Format::Npy)
+    }
+
+    /// Writes the points with a fourth number: as an NPY file of `f64`, or as lines of text, with what else the lines
+    /// held that they came from.
+    pub(super) fn write(&self, file: &mut dyn Write, numbers: &[i32], as_npy: bool) -> io::Result<()> {
         match &self.format {
-            Format::Npy => {
+            _ if as_npy => {
                 let rows = self.points.iter().zip(numbers);
                 let numbers = rows.flat_map(|(&[x, y, z], &number)| [x, y, z, f64::from(number)]);
                 npy::write(file, &[self.points.len(), 4], numbers)
             }
-            Format::Ply => {
+            Format::Npy | Format::Ply => {
                 for ([x, y, z], number) in self.points.iter().zip(numbers) {
                     writeln!(file, "{x},{y},{z},{number}")?;
                 }
@@ -129,7 +135,7 @@ mod tests {
 
     fn written(points: &Points, numbers: &[i32]) -> Vec<u8> {
         let mut out = Vec::new();
-        points.write(&mut out, numbers).unwrap();
+        points.write(&mut out, numbers, points.are_npy()).unwrap();
         out
     }
 
@@ -157,7 +163,7 @@ mod tests {
         }
         let lines = "1,2,3\n".repeat(5000);
         let found = read("p.csv", lines.as_bytes()).unwrap();
-        let error = found.write(&mut Closed, &[0; 5000]).unwrap_err();
+        let error = found.write(&mut Closed, &[0; 5000], false).unwrap_err();
         assert_eq!(error.kind(), io::ErrorKind::BrokenPipe);
     }
 

@@ -47,7 +47,12 @@ pub(crate) fn point(text: &str) -> Result<[f64; 3], String> {
     let numbers: Option<Vec<f64>> =
         text.split(',').map(|n| n.trim().parse().ok().filter(|x: &f64| x.abs() <= 1.0e30)).collect();
     let numbers = numbers.and_then(|n| <[f64; 3]>::try_from(n).ok());
-    numbers.ok_or_else(|| "write it like 1,2.5,-3".to_owned())
+    numbers.ok_or_else(|| "write it like 1,2.5,-3, each at most 1e30 in size".to_owned())
+}
+
+pub(crate) fn direction(text: &str) -> Result<[f64; 3], String> {
+    let direction = point(text)?;
+    if direction == [0.0; 3] { Err("0,0,0 is no direction".to_owned()) } else { Ok(direction) }
 }
 
 #[cfg(test)]
@@ -71,6 +76,8 @@ mod tests {
         for wrong in ["1,2", "1,2,3,4", "a,b,c", "", "nan,0,0", "inf,0,0"] {
             assert!(point(wrong).is_err(), "{wrong}");
         }
+        assert_eq!(direction("0,-2,0"), Ok([0.0, -2.0, 0.0]));
+        assert!(direction("0,0,-0").is_err() && direction("up").is_err());
         let cost = within(1e-6_f32, 1e6);
         assert!(cost("nan").is_err() && cost("-1").is_err() && cost("inf").is_err() && cost("0.5").is_ok());
     }

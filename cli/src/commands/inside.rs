@@ -7,6 +7,7 @@ use crate::{
     machine::Machine,
     measure::{mrays, ms},
     notes::Notes,
+    npy,
     points::Points,
     report::{count, three, write_json},
     task::{On, Task},
@@ -24,9 +25,10 @@ const EXAMPLES: &str = "\
 Points: a CSV of x,y,z a line (more columns and a line of names are kept, lines that begin with # are
 not), an NPY array of N x 3 f32 or f64, or the vertices of a PLY file. Out come the same points with
 the winding number in one more column: 0 outside, 1 inside a mesh whose triangles are
-counterclockwise seen from outside, -1 if clockwise, more where the mesh overlaps itself. An NPY file
-gives an NPY file of f64, all others a CSV, whatever the name of the file to write. Points with NaN
-or infinite coordinates get 0; with -o, they are counted.
+counterclockwise seen from outside, -1 if clockwise, more where the mesh overlaps itself. A file to
+write whose name ends in .npy becomes an NPY array of f64, with nothing but x, y, z and the number, any
+other a CSV. Standard output gets what the file of points was. Points with NaN or infinite
+coordinates get 0, and are counted.
 
 A point on the surface counts as if it were moved a little, always in the same direction. Of a mesh
 that is not closed no number is right everywhere: a note says so, and raykd check says where.
@@ -58,6 +60,8 @@ pub(crate) struct InsideArgs {
     #[arg(long)]
     pub json: bool,
 }
+
+const INVALID: &str = "(NaN, infinite or too far away): they get 0";
 
 /// What is told about it.
 #[derive(Debug, serde::Serialize)]
@@ -130,12 +134,15 @@ impl Task for InsideArgs {
             invalid,
         };
         let Some(path) = &self.output else {
+            if invalid > 0 {
+                notes.note(format_args!("invalid points: {} {INVALID}", count(invalid)));
+            }
             notes.clear();
-            points.write(out, &counts)?;
+            points.write(out, &counts, points.are_npy())?;
             return Ok(ExitCode::SUCCESS);
         };
         notes.stage(format_args!("writing {}", path.display()));
-        output::write_whole(path, |file| points.write(file, &counts))?;
+        output::write_whole(path, |file| points.write(file, &counts, npy::is_named(path)))?;
         notes.clear();
         if self.json { write_json(out, &told) } else { print(&told, path, out) }?;
         Ok(ExitCode::SUCCESS)
@@ -161,7 +168,7 @@ fn print(t: &Told, path: &std::path::Path, out: &mut StdoutLock<'_>) -> anyhow::
         ),
     )?;
     if t.invalid > 0 {
-        line("invalid", format!("{} (NaN, infinite or too far away): they get 0", count(t.invalid)))?;
+        line("invalid", format!("{} {INVALID}", count(t.invalid)))?;
     }
     line("written", path.display().to_string())?;
     Ok(())

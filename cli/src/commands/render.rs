@@ -2,7 +2,7 @@
 
 use crate::{
     amount,
-    args::{HowArgs, OneArgs, ReadArgs, WalkArgs, one_of, point, size, within},
+    args::{HowArgs, OneArgs, ReadArgs, WalkArgs, direction, one_of, point, size, within},
     files::Files,
     input::Input,
     measure::ms,
@@ -63,7 +63,7 @@ pub(crate) struct RenderArgs {
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, requires = "eye")]
     pub target: Option<[f64; 3]>,
     /// Which way is up
-    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, default_value = "0,1,0")]
+    #[arg(long, value_name = "X,Y,Z", value_parser = direction, allow_hyphen_values = true, default_value = "0,1,0")]
     pub up: [f64; 3],
     /// Angle of view from bottom to top, in degrees
     #[arg(long, value_name = "DEGREES", default_value = "40", value_parser = within(0.1_f64, 170.0))]

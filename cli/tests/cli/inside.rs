@@ -29,6 +29,7 @@ fn points_get_their_winding_number() {
         assert!(told.status.success(), "{}", text(&told.stderr));
         assert_eq!(text(&told.stdout), expected);
         assert!(!text(&told.stderr).contains("not closed"));
+        assert!(text(&told.stderr).contains("invalid points: 1 "), "{}", text(&told.stderr));
         let line = format!("inside closed.obj --points points.csv --device {device} -o out.csv --json");
         let told: Value = serde_json::from_slice(&raykd(&folder, &line).stdout).unwrap();
         assert_eq!(
@@ -37,6 +38,16 @@ fn points_get_their_winding_number() {
         );
         assert_eq!(fs::read_to_string(folder.path().join("out.csv")).unwrap(), expected);
     }
+    // The name of the file to write says what it becomes.
+    assert!(raykd(&folder, "inside closed.obj --points points.csv --device cpu -o out.npy").status.success());
+    let array = fs::read(folder.path().join("out.npy")).unwrap();
+    assert!(array.starts_with(b"\x93NUMPY"), "{}", text(&array));
+    let three: Vec<u8> = (1..=3).flat_map(|x: i32| f64::from(x).to_le_bytes()).collect();
+    let head = format!("\x01\0v\0{:<117}\n", "{'descr': '<f8', 'fortran_order': False, 'shape': (1, 3), }");
+    fs::write(folder.path().join("one.npy"), [&b"\x93NUMPY"[..], head.as_bytes(), &three].concat()).unwrap();
+    let told = raykd(&folder, "inside closed.obj --points one.npy --device cpu -o one.csv");
+    assert!(told.status.success(), "{}", text(&told.stderr));
+    assert_eq!(fs::read_to_string(folder.path().join("one.csv")).unwrap(), "1,2,3,0\n");
     let told = raykd(&folder, "inside open.obj --points points.csv --device cpu");
     assert!(told.status.success());
     assert!(text(&told.stderr).contains("not closed, so inside is not certain"), "{}", text(&told.stderr));
