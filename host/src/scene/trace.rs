@@ -48,7 +48,8 @@ pub struct TraceTimes {
     pub upload: Duration,
     /// The kernel, on the device's clock.
     pub trace: Duration,
-    /// Until answers were on the host, without the kernel.
+    /// Until answers were on the host, without the kernel. When a kernel runs for the first time on a GPU, the driver
+    /// may compile it first, which may take seconds and counts here.
     pub download: Duration,
 }
 
