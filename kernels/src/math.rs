@@ -361,18 +361,7 @@ pub fn cycle(v: Vec3, axis: u32) -> Vec3 {
 /// A vector whose component on `axis` has changed places with the last.
 #[inline(always)]
 pub fn exchange(v: Vec3, axis: u32) -> Vec3 {
-    let (first, second) = (axis == 0, axis == 1);
-    Vec3::new(
-        if first { v.z } else { v.x },
-        if second { v.z } else { v.y },
-        if first {
-            v.x
-        } else if second {
-            v.y
-        } else {
-            v.z
-        },
-    )
+    Vec3::new(if axis == 0 { v.z } else { v.x }, if axis == 1 { v.z } else { v.y }, component(v, axis))
 }
 
 /// The smaller of two numbers (`a` if they are equal).

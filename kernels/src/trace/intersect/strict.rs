@@ -53,7 +53,7 @@ pub(in crate::trace) fn shear(ray: &Frame, corners: (Vec3, Vec3, Vec3)) -> Shear
 
 /// A vector with its component on `axis` last.
 #[inline(always)]
-fn turned<const IMAGE: bool>(v: Vec3, axis: u32) -> Vec3 {
+fn main_last<const IMAGE: bool>(v: Vec3, axis: u32) -> Vec3 {
     if IMAGE { exchange(v, axis) } else { cycle(v, axis) }
 }
 
@@ -71,9 +71,9 @@ impl<const IMAGE: bool> Mirrored<IMAGE> {
         if IMAGE && ray.main != 2 {
             (x, y) = (y, x);
         }
-        let ra = turned::<IMAGE>(a - ray.origin, ray.main);
-        let rb = turned::<IMAGE>(b - ray.origin, ray.main);
-        let rc = turned::<IMAGE>(c - ray.origin, ray.main);
+        let ra = main_last::<IMAGE>(a - ray.origin, ray.main);
+        let rb = main_last::<IMAGE>(b - ray.origin, ray.main);
+        let rc = main_last::<IMAGE>(c - ray.origin, ray.main);
         Self(Sheared {
             ax: sheared(ra.x, x, ra.z),
             ay: sheared(ra.y, y, ra.z),
