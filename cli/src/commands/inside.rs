@@ -25,10 +25,11 @@ const EXAMPLES: &str = "\
 Points: a CSV of x,y,z a line (more columns and a line of names are kept, lines that begin with # are
 not), an NPY array of N x 3 f32 or f64, or the vertices of a PLY file. Out come the same points with
 the winding number in one more column: 0 outside, 1 inside a mesh whose triangles are
-counterclockwise seen from outside, -1 if clockwise, more where the mesh overlaps itself. A file to
-write whose name ends in .npy becomes an NPY array of f64, with nothing but x, y, z and the number, any
-other a CSV. Standard output gets what the file of points was. Points with NaN or infinite
-coordinates get 0, and are counted.
+counterclockwise seen from outside, -1 if clockwise, more where the mesh overlaps itself.
+
+A file to write whose name ends in .npy becomes an NPY array of f64 with four columns, any other a
+CSV. Standard output gets an NPY array if the points came in one, else a CSV. Points with NaN or
+infinite coordinates get 0, and are counted.
 
 A point on the surface counts as if it were moved a little, always in the same direction. Of a mesh
 that is not closed no number is right everywhere: a note says so, and raykd check says where.

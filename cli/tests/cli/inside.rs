@@ -1,6 +1,6 @@
 //! `raykd inside` and `raykd check` from outside.
 
-use crate::{text, within};
+use crate::{npy, text, within};
 use serde_json::Value;
 use std::{fs, process::Output};
 use tempfile::TempDir;
@@ -43,8 +43,7 @@ fn points_get_their_winding_number() {
     let array = fs::read(folder.path().join("out.npy")).unwrap();
     assert!(array.starts_with(b"\x93NUMPY"), "{}", text(&array));
     let three: Vec<u8> = (1..=3).flat_map(|x: i32| f64::from(x).to_le_bytes()).collect();
-    let head = format!("\x01\0v\0{:<117}\n", "{'descr': '<f8', 'fortran_order': False, 'shape': (1, 3), }");
-    fs::write(folder.path().join("one.npy"), [&b"\x93NUMPY"[..], head.as_bytes(), &three].concat()).unwrap();
+    fs::write(folder.path().join("one.npy"), npy("<f8", "(1, 3)", &three)).unwrap();
     let told = raykd(&folder, "inside closed.obj --points one.npy --device cpu -o one.csv");
     assert!(told.status.success(), "{}", text(&told.stderr));
     assert_eq!(fs::read_to_string(folder.path().join("one.csv")).unwrap(), "1,2,3,0\n");

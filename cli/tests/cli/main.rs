@@ -30,6 +30,13 @@ fn command(line: &[&str]) -> Command {
     command
 }
 
+/// A file of numpy's: numbers of a kind, in rows.
+fn npy(kind: &str, shape: &str, data: &[u8]) -> Vec<u8> {
+    let header = format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}");
+    let length = u16::try_from(header.len()).unwrap().to_le_bytes();
+    [&b"\x93NUMPY\x01\x00"[..], &length, header.as_bytes(), data].concat()
+}
+
 /// The program in a folder, with a line of words.
 fn within(folder: &TempDir, line: &str) -> Command {
     let mut command = command(&line.split(' ').collect::<Vec<_>>());

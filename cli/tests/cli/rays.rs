@@ -2,7 +2,7 @@
 
 use crate::{
     inside::{folder, raykd},
-    text,
+    npy, text,
 };
 use serde_json::Value;
 use std::fs;
@@ -65,12 +65,14 @@ fn arrays_that_are_no_rays_are_refused() {
     let folder = folder();
     fs::write(folder.path().join("no.npy"), "no array").unwrap();
     // The points of another test's array: three numbers a row.
-    let header = "{'descr': '<f4', 'fortran_order': False, 'shape': (1, 3), }";
-    let mut bytes = b"\x93NUMPY\x01\x00".to_vec();
-    bytes.extend(u16::try_from(header.len()).unwrap().to_le_bytes());
-    bytes.extend(header.bytes().chain([0; 12]));
-    fs::write(folder.path().join("points.npy"), bytes).unwrap();
-    for (file, reason) in [("no.npy", "no NPY array"), ("points.npy", "rays are an array of N x 8")] {
+    fs::write(folder.path().join("points.npy"), npy("<f4", "(1, 3)", &[0; 12])).unwrap();
+    // So many numbers are none, counted in 64 bits.
+    fs::write(folder.path().join("huge.npy"), npy("<f4", "(2305843009213693952, 8)", &[])).unwrap();
+    for (file, reason) in [
+        ("no.npy", "no NPY array"),
+        ("points.npy", "rays are an array of N x 8"),
+        ("huge.npy", "the 2305843009213693952 rays that it promises"),
+    ] {
         let told = raykd(&folder, &format!("trace closed.obj --rays {file} --hits h --device cpu"));
         assert_eq!(told.status.code(), Some(1));
         assert!(text(&told.stderr).contains(reason), "{}", text(&told.stderr));
