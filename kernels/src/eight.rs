@@ -4,11 +4,11 @@
 //! has them: see [`packet`](crate::trace::packet).
 
 use crate::{
-    build::clip::Bounds,
+    bounds::Bounds,
     glam::{UVec4, Vec3, Vec4},
     math::{Digits, Listed, Number, Row, Sides},
     mem::Buf,
-    trace::intersect::pair::{Long, Pair},
+    pair::{Long, Pair},
 };
 use core::{
     arch::x86_64::*,

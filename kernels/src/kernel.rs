@@ -1,5 +1,8 @@
 //! What makes one function body a kernel on both machines: the workgroup, `lanes!` and `kernel!`.
 
+use crate::mem::Slots;
+use raykd_shared::limits::GROUPS_X;
+
 /// The workgroup a group kernel runs for.
 #[derive(Clone, Copy, Debug)]
 pub struct Group {
@@ -114,6 +117,15 @@ impl Group {
         };
         (0..number).map(move |i| i.wrapping_mul(mul).wrapping_add(add) & mask).filter(move |&i| i < count)
     }
+}
+
+/// Indirect arguments for a dispatch of `groups` workgroups.
+#[inline(always)]
+pub fn put_groups(args: &mut (impl Slots<u32> + ?Sized), entry: u32, groups: u32) {
+    let wide = groups > GROUPS_X;
+    args.put(3 * entry, if wide { GROUPS_X } else { groups });
+    args.put(3 * entry + 1, if wide { groups.div_ceil(GROUPS_X) } else { 1 });
+    args.put(3 * entry + 2, 1);
 }
 
 /// The numbers of the bits that are set, from the lowest up. Of references that may go either way a CPU takes those

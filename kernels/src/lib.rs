@@ -77,6 +77,7 @@
 //! * `entry-points`: in SPIR-V, every kernel is an entry point. For raykd's own module; on a CPU it changes nothing.
 //! * `traffic`: count the bytes that kernels move on the CPU, which slows them.
 #![no_std]
+#![allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #![cfg_attr(
     all(target_arch = "spirv", not(feature = "entry-points")),
     allow(unused_imports, reason = "what only entry points use")
@@ -86,19 +87,21 @@
 mod kernel;
 #[macro_use]
 mod words;
+pub mod bounds;
 #[cfg(target_arch = "x86_64")]
 mod eight;
 pub mod math;
 pub mod mem;
 pub mod mesh;
+pub mod pair;
 
 pub mod build;
 pub mod probe;
 pub mod trace;
 
-pub use kernel::Group;
 #[cfg(not(target_arch = "spirv"))]
 pub use kernel::{Access, Bindings, Host, Kernel, Order, RawBuf, Slot, Usual};
+pub use kernel::{Group, put_groups};
 
 #[cfg(not(target_arch = "spirv"))]
 pub use glam;

@@ -3,10 +3,7 @@
 use num_rational::BigRational;
 use proptest::prelude::*;
 use raykd::{
-    internals::kernels::{
-        build::clip::{Bounds, clip_plane},
-        glam::Vec3,
-    },
+    internals::kernels::{bounds::Bounds, build::clip::clip_plane, glam::Vec3},
     rays::Random,
 };
 use raykd_tests::{Failure, cases, exact};

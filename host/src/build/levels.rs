@@ -17,9 +17,7 @@ use crate::{
 use raykd_kernels::{
     build::{
         ARGS_ACTIVE, ARGS_BLOCKS, ARGS_BRANCHES, ARGS_CHUNKS, ARGS_CORNERS, ARGS_EMIT, ARGS_TOP,
-        ARGS_TREELET_BLOCKS, ARGS_TREELETS, ARGS_WORDS, Item, Level, Round, State,
-        alloc::{self, put_groups},
-        assign,
+        ARGS_TREELET_BLOCKS, ARGS_TREELETS, ARGS_WORDS, Item, Level, Round, State, alloc, assign,
         bin::{self, HIST_WORDS, histograms},
         boxes,
         branch::{self, SHARE, branches},
@@ -34,6 +32,7 @@ use raykd_kernels::{
         treelet::{self, scratch_base},
     },
     glam::{UVec2, UVec4, Vec3, Vec4},
+    put_groups,
     trace::prepare::corners,
 };
 use raykd_shared::{

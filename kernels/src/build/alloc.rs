@@ -17,10 +17,11 @@ use crate::{
     Group,
     glam::{UVec2, UVec4},
     mem::{Atomics, Buf, Slots},
+    put_groups,
 };
 use raykd_shared::{
     BuildParams, Node,
-    limits::{BRANCH, GROUPS_X, chunk},
+    limits::{BRANCH, chunk},
     status,
 };
 
@@ -119,7 +120,6 @@ impl Bases {
 }
 
 /// Writes node `k`, that of a lane, and puts its children into the lists.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 fn put_children(
     k: u32,
@@ -191,7 +191,6 @@ fn put_children(
 
 /// Writes whose the next level's chunks are that come from this block's `rest` nodes: while nodes are few and
 /// have many, several lanes to a child.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 fn put_chunks(
     group: Group,
@@ -231,7 +230,6 @@ fn put_chunks(
 }
 
 /// Writes the records of the next level, one without nodes unless its lists fit, and of the build.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 fn put_records(
     group: Group,
@@ -275,7 +273,6 @@ fn put_records(
 }
 
 /// Places the children of block `group.id`, a node a lane.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn alloc(
     group: Group,
     sums: &mut [u32; SUMS],
@@ -334,15 +331,6 @@ pub fn alloc(
         put_chunks(group, sums, parts, outer, rest, size, planes, sizes, next_chunks);
     }
     put_records(group, outer, bases, depth, fits, next_level, next_args, round, state);
-}
-
-/// Indirect arguments for a dispatch of `groups` workgroups.
-#[inline(always)]
-pub fn put_groups(args: &mut (impl Slots<u32> + ?Sized), entry: u32, groups: u32) {
-    let wide = groups > GROUPS_X;
-    args.put(3 * entry, if wide { GROUPS_X } else { groups });
-    args.put(3 * entry + 1, if wide { groups.div_ceil(GROUPS_X) } else { 1 });
-    args.put(3 * entry + 2, 1);
 }
 
 kernel! {

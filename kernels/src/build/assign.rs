@@ -3,7 +3,6 @@
 use super::{
     ARGS_TREELETS, ROUND_EARLIER, ROUND_FROM, ROUND_NUMBER, ROUND_ROOM, ROUND_TOP, ROUND_TREELETS,
     STATE_ROUNDS, STATE_STATUS, STATE_TOP, STATE_TREELETS,
-    alloc::put_groups,
     branch::{Next, branches, put_round},
     scan::{self, LANES, before, scan, total, word},
 };
@@ -11,6 +10,7 @@ use crate::{
     Group,
     glam::UVec4,
     mem::{Atomics, Buf, Slots},
+    put_groups,
 };
 use raykd_shared::{BuildParams, status};
 
@@ -36,7 +36,6 @@ fn placed(k: u32, end: u32, place: UVec4, size: UVec4, places: &mut Buf<UVec4>) 
 
 /// Places what each branch of a round became: its first treelet, its first node but the root, its first branch of the
 /// next round, and that one's room.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn assign(
     group: Group,
     sums: &mut [u32; SUMS],

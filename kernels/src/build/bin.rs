@@ -6,11 +6,12 @@
 //! And the last end and the first start in each bin: planes there cut fewer triangles than one at the bin's
 //! border.
 
-use super::{Item, LEVEL_CHUNKS, chunk_of, clip::Bounds, reference::Reference};
+use super::{Item, LEVEL_CHUNKS, chunk_of, reference::Reference};
 #[cfg(target_arch = "x86_64")]
 use crate::eight::Eight;
 use crate::{
     Group,
+    bounds::Bounds,
     glam::{UVec4, Vec3},
     math::{component, ratio, whole},
     mem::{Atomics, Buf, Slots},
@@ -194,7 +195,6 @@ pub fn add(group: Group, table: &[u32; TABLE], hists: &mut Buf<u32>, node: u32) 
 }
 
 /// Adds chunk `group.id` to the histogram of the root; those of other nodes are made by [`super::scatter`].
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 pub fn bin(
     group: Group,

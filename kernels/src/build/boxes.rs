@@ -14,7 +14,6 @@ pub const fn first(references: u32, small: u32) -> u32 {
 }
 
 /// Writes reference `i`, and clears a word of the root's histogram and sizes.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn bound(
     i: u32,
     params: &Buf<BuildParams>,

@@ -8,9 +8,8 @@
 use super::{
     ARGS_BRANCHES, ARGS_TREELET_BLOCKS, Item, ROUND_EARLIER, ROUND_FROM, ROUND_NUMBER, ROUND_ROOM, ROUND_TOP,
     ROUND_TREELETS, STATE_STATUS, SplitPlane,
-    alloc::put_groups,
     bin::{TABLE, fill},
-    clip::{Bounds, sides_of_halves},
+    clip::sides_of_halves,
     corners_at, cut, growth_left,
     marks::{BLOCKS, Marks, WORDS, scan},
     put_corners,
@@ -24,8 +23,10 @@ use super::{ahead, marks::sides_of};
 use crate::kernel::Bits;
 use crate::{
     Group,
+    bounds::Bounds,
     glam::{UVec2, UVec4},
     mem::{Atomics, Buf, PerLane, Slots},
+    put_groups,
 };
 use raykd_shared::{
     BuildParams, Node,
@@ -265,7 +266,6 @@ const fn holders(count: u32) -> u32 {
 }
 
 /// Divides the references of the node at hand, and marks where they go.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 fn divide(
     group: Group,
@@ -306,7 +306,6 @@ fn divide(
 
 /// [`divide`] on a CPU, whose one lane takes the references by words of marks.
 #[cfg(not(target_arch = "spirv"))]
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 fn divide_words(
     group: Group,
@@ -390,7 +389,6 @@ fn replace(
 }
 
 /// Notes the node at hand, and has its children wait or become treelets.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 fn finish(
     group: Group,
@@ -459,7 +457,6 @@ fn finish(
 /// Builds branch `group.id` of the round. What it becomes, treelets and then what is left, goes to `items`, its nodes
 /// to `nodes`, numbered from 0, the root; `sizes` gets how many items are treelets, how many splits there are, how many
 /// items are left, and the room for their references.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 pub fn branch(
     group: Group,

@@ -17,54 +17,13 @@
 //! flushed, and pads are at least four times what that may lose.
 
 use crate::{
+    bounds::Bounds,
     glam::Vec3,
     math::{abs, cycle, exp2, high, low, ratio},
 };
 
 /// Smaller numbers count as 0 inside, and are rounded outward in results.
 const DUST: f32 = exp2(-100);
-
-/// A box; empty if `lo` exceeds `hi` on some axis.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Bounds {
-    /// Lower corner.
-    pub lo: Vec3,
-    /// Upper corner.
-    pub hi: Vec3,
-}
-
-impl Bounds {
-    /// Whether no point lies inside; the points of a flat box do.
-    #[inline(always)]
-    pub fn is_empty(&self) -> bool {
-        self.lo.x > self.hi.x || self.lo.y > self.hi.y || self.lo.z > self.hi.z
-    }
-
-    /// What lies in both.
-    #[inline(always)]
-    #[must_use]
-    pub fn and(&self, other: &Self) -> Self {
-        let (a, b) = (self, other);
-        Self {
-            lo: Vec3::new(high(a.lo.x, b.lo.x), high(a.lo.y, b.lo.y), high(a.lo.z, b.lo.z)),
-            hi: Vec3::new(low(a.hi.x, b.hi.x), low(a.hi.y, b.hi.y), low(a.hi.z, b.hi.z)),
-        }
-    }
-
-    /// The box of a triangle.
-    #[inline(always)]
-    pub fn of(a: Vec3, b: Vec3, c: Vec3) -> Self {
-        let (x, y, z) = (span(a.x, b.x, c.x), span(a.y, b.y, c.y), span(a.z, b.z, c.z));
-        Self { lo: Vec3::new(x.lo, y.lo, z.lo), hi: Vec3::new(x.hi, y.hi, z.hi) }
-    }
-
-    /// With the axes where they were before `axis` was moved last.
-    #[inline(always)]
-    fn turn_back(&self, axis: u32) -> Self {
-        let back = if axis == 2 { 2 } else { 1 - axis };
-        Self { lo: cycle(self.lo, back), hi: cycle(self.hi, back) }
-    }
-}
 
 /// How far something reaches along an axis.
 #[derive(Clone, Copy)]

@@ -40,7 +40,6 @@ fn clear(group: Group, next_hists: &mut Buf<u32>, next_sizes: &mut Buf<u32>, fir
 /// Adds what chunk `group.id` sends either way to its node's, and notes which reference goes where. Every chunk of a
 /// node chooses the plane: to hand it on would take a dispatch more. The first notes it, and clears what the node's
 /// children add up to, before it is known how many there are.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 pub fn count(
     group: Group,

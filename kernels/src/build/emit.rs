@@ -11,7 +11,6 @@ use raykd_shared::{Node, limits::TREELET};
 const LANES: u32 = TREELET;
 
 /// Emits treelet `group.id`; a lane takes every 32nd node.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn emit(
     group: Group,
     state: &Buf<u32>,

@@ -16,7 +16,6 @@ use raykd_shared::{BuildParams, Node};
 const LANES: u32 = 32;
 
 /// Joins branch `group.id` of the round.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn join(
     group: Group,
     params: &Buf<BuildParams>,

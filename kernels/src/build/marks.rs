@@ -27,7 +27,6 @@ pub const fn bits(references: u32) -> u32 {
 
 /// Marks which of `number` references from `start` on go below and above `plane`. Boxes that straddle it, of triangles
 /// that do not, are clipped.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 pub fn mark(
     group: Group,
@@ -90,7 +89,6 @@ pub(super) fn sides_of(refs: &Buf<UVec4>, first: u32, number: u32, plane: SplitP
 }
 
 /// [`mark`] for every `step`-th reference from `i` on, 32 at most; a bit for each box that straddles the plane.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 fn mark_boxes(
     group: Group,

@@ -4,7 +4,6 @@
 use super::{
     ARGS_CORNERS, ARGS_EMIT, ARGS_TOP, LEVEL_ACTIVE, ROUND_NUMBER, STATE_DEPTH, STATE_LEFT, STATE_NODES,
     STATE_REFS, STATE_ROOM, STATE_STATUS, STATE_TOP, STATE_TREELETS,
-    alloc::put_groups,
     scan::{self, LANES, before, scan, word},
     tally::blocks_of,
 };
@@ -12,6 +11,7 @@ use crate::{
     Group,
     glam::UVec2,
     mem::{Atomics, Buf, Slots},
+    put_groups,
 };
 use core::mem::offset_of;
 use raykd_shared::TreeHeader;
@@ -41,7 +41,6 @@ const PARTS: usize = scan::blocks(SCANNED);
 const OUTER: usize = (SCANNED + KINDS) as usize;
 
 /// Places the treelets of block `group.id`. The first block writes the tree's sizes.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn place(
     group: Group,
     sums: &mut [u32; SUMS],

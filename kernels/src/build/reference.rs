@@ -4,7 +4,8 @@ use super::{SplitPlane, from_bits, is_above, is_below, to_bits};
 #[cfg(not(target_arch = "spirv"))]
 use crate::glam::Vec4;
 use crate::{
-    build::clip::{Bounds, clip_plane},
+    bounds::Bounds,
+    build::clip::clip_plane,
     glam::UVec4,
     math::component,
     mem::{Buf, Slots},

@@ -21,7 +21,6 @@ use raykd_shared::{BuildParams, rule};
 
 /// Reads which references of the chunk go below and above, in so many `words` of `bits` from `from` on, and adds up
 /// what the node's chunks before this one, from `first_chunk` on, send either way.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 fn read(
     group: Group,
@@ -60,7 +59,6 @@ fn read(
 
 /// Moves every `step`-th reference from `lane` on, in batches: triangles are clipped together, for which
 /// lanes meet and a CPU asks ahead.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 fn move_references(
     group: Group,
@@ -108,7 +106,6 @@ fn move_references(
 }
 
 /// Moves every `step`-th reference from `i` on, 32 at most, but those that go both ways: a bit for each.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 fn move_boxes(
     group: Group,
@@ -162,7 +159,6 @@ fn move_boxes(
 
 /// Scatters chunk `group.id`. References that go both ways are clipped again: [`super::count`] has no room for two
 /// boxes.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 pub fn scatter(
     group: Group,

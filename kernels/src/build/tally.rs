@@ -94,7 +94,6 @@ pub fn count(
 }
 
 /// The sums of block `group.id`, if it is not alone.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn tally(
     group: Group,
     sums: &mut [u32; SUMS],

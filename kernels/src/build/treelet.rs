@@ -5,7 +5,7 @@
 
 use super::{
     Costs, Item, STATE_STATUS, STATE_TREELETS, Sah,
-    clip::{Bounds, clip_plane},
+    clip::clip_plane,
     corners_at, is_above, is_below, place, put_corners,
     reference::{Reference, triangle_at},
     tally::BLOCK,
@@ -19,6 +19,7 @@ use super::{
 use crate::kernel::Bits;
 use crate::{
     Group, ON_GPU,
+    bounds::Bounds,
     glam::{UVec2, UVec4, Vec3},
     math::ones,
     mem::{Atomics, Buf, PerLane, Slots},
@@ -417,7 +418,6 @@ impl Cheapest {
 
 /// Finds which of the node's references go below and above, and what is left of each on either side. Theirs
 /// is the triangle of reference `first` and those behind.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 fn divide(
     group: Group,
@@ -465,7 +465,6 @@ fn divide(
 
 /// [`divide`] by the one lane of a CPU.
 #[cfg(not(target_arch = "spirv"))]
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 fn divide_all(
     group: Group,
@@ -562,7 +561,6 @@ fn replace(
 }
 
 /// Writes the node to `scratch`, from `base` on, and has its children wait.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 fn finish(
     group: Group,
@@ -628,7 +626,6 @@ fn finish(
 /// Builds treelet `group.id`. Its nodes go to `scratch`, numbered from 0, the root; a leaf is the mask of its
 /// references and `local first << 2 | 3`. `sizes` gets nodes without the root and references, and [`place`]'s
 /// blocks their sums.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 pub fn treelet(
     group: Group,

@@ -267,7 +267,6 @@ impl Lanes {
 
 /// Answers those of 64 rays from `first` on whose bits are in `left`, and returns which are left still.
 #[inline(always)]
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub(super) fn answer<N: Sides, V: Visits>(
     first: u32,
     mut left: u64,

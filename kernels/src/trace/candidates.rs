@@ -7,7 +7,7 @@
 use super::{
     apart::{self, Visits},
     frame::{Frame, flush},
-    intersect::{Best, Glance, NORMAL, exact::Exact, filter::by, pair::Long},
+    intersect::{Best, Glance, NORMAL, exact::Exact, filter::by},
     job::{JOB_ANY, record},
     packet::{Leaves, Packet, Scaled, many, near, neighbours},
     traverse::{
@@ -22,6 +22,7 @@ use crate::{
     kernel::Bits,
     math::Sides,
     mem::{Buf, Slots},
+    pair::Long,
 };
 use raykd_shared::{MISS, Node, TreeHeader};
 
@@ -416,7 +417,6 @@ unsafe fn by_eight<const ANY: bool>(
 
 /// Answers those of a workgroup's rays that go side by side, and returns which are left: a bit a ray.
 #[inline(always)]
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub(super) fn side_by_side(
     group: &Group,
     job: &Buf<u32>,

@@ -114,7 +114,6 @@ pub(super) fn crossings(ray: &mut Frame, tree: (&Buf<UVec4>, &Buf<Vec4>)) -> Cro
 
 /// Counts for every ray of a workgroup. Writes how many crossings leave and how many enter; where some are undecided,
 /// that is marked, and the references that list their triangles stand in place of a hit and in `more`.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn count(
     group: Group,
     shared: &mut [u32; SHARED],
@@ -148,7 +147,6 @@ pub fn count(
 }
 
 /// Decides in block `group.id` what [`count`] has left undecided.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn settle(
     group: Group,
     marks: &mut [u32; MARKS],

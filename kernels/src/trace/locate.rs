@@ -158,7 +158,6 @@ unsafe fn by_eight(
 
 /// Finds the number of every point of a workgroup: that of a point outside of the scene's box is 0, and one in a leaf
 /// that lists triangles has [`UNKNOWN`].
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn locate(
     group: Group,
     job: &Buf<u32>,

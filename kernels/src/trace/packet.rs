@@ -641,7 +641,6 @@ pub(super) fn near(header: &TreeHeader) -> Option<f32> {
 /// The processor has these instructions.
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 #[inline(never)]
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 unsafe fn by_eight<const ANY: bool>(
     (first, end): (u32, u32),
     header: &TreeHeader,
@@ -674,7 +673,6 @@ pub(super) fn neighbours(group: &Group, job: &Buf<u32>) -> Option<(u32, u32)> {
 
 /// Answers those of a workgroup's rays that go side by side, and returns which are left: a bit a ray.
 #[inline(always)]
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn side_by_side<const ANY: bool>(
     group: &Group,
     job: &Buf<u32>,

@@ -60,7 +60,6 @@ pub const SHARED: usize = ASIDE * THREADS as usize;
 
 /// Answers no rays side by side.
 #[cfg(not(any(target_arch = "spirv", target_arch = "x86_64")))]
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 fn side_by_side<const ANY: bool>(
     _group: &crate::Group,
     _job: &Buf<u32>,
@@ -107,7 +106,6 @@ macro_rules! query {
 
         /// Answers the rays of a workgroup, one a lane that takes one.
         #[inline(always)]
-        #[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
         pub fn answer(
             group: $crate::Group,
             shared: &mut [u32; $crate::trace::queries::SHARED],
@@ -208,7 +206,6 @@ query! {
 /// A triangle may be listed in several leaves, and where a hit lies is too uncertain to say which of them
 /// owns it. But hits have an order, (`t`, triangle), in which each comes once: so this asks for the closest
 /// hit after the last one until there is none. `n` hits take `n + 1` traversals, each from the last hit on.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn each<I: Intersector>(
     lane: u32,
     job: &Buf<u32>,

@@ -66,7 +66,6 @@ impl<N: Sides> Leaves<N> for Tallies {
 /// The processor has these instructions.
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 #[inline(never)]
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 unsafe fn answer(
     (first, end): (u32, u32),
     header: &TreeHeader,
@@ -99,7 +98,6 @@ unsafe fn answer(
 
 /// Counts for those of a workgroup's rays that go side by side, and returns which are left: a bit a ray.
 #[inline(always)]
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub(super) fn side_by_side(
     group: &Group,
     job: &Buf<u32>,

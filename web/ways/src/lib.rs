@@ -23,7 +23,8 @@ mod steps;
 #[allow(
     unreachable_pub,
     dead_code,
-    reason = "the kernels' sources are public there, and not all is used here"
+    clippy::too_many_arguments,
+    reason = "the kernels' sources are public there, have one argument per buffer, and not all is used here"
 )]
 mod trace {
     pub(crate) use crate::place;

@@ -2,10 +2,12 @@
 //!
 //! An event is one word: position, kind, reference; comparing events is comparing integers, and no two are equal.
 
-use raykd_kernels::build::{
-    bin::{ordered, unordered},
-    clip::Bounds,
-    reference::Reference,
+use raykd_kernels::{
+    bounds::Bounds,
+    build::{
+        bin::{ordered, unordered},
+        reference::Reference,
+    },
 };
 
 /// A face of a reference's box: position (ordered as an integer), kind, reference.

@@ -22,9 +22,10 @@ use crate::{
 };
 use raykd_kernels::{
     Usual,
+    bounds::Bounds,
     build::{
         Costs, Sah,
-        clip::{Bounds, clip_plane},
+        clip::clip_plane,
         faces::{Flat, MOST},
         growth_left,
         reference::Reference,

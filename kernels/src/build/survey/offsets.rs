@@ -13,7 +13,6 @@ const SUMS: usize = scan::sums(1);
 const PARTS: usize = scan::blocks(1);
 
 /// Replaces the counts of all blocks by the sums of those before.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn offsets(
     group: Group,
     sums: &mut [u32; SUMS],

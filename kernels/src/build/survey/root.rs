@@ -6,13 +6,14 @@ use super::{
 };
 use crate::{
     build::{
-        ARGS_ACTIVE, ARGS_BRANCHES, ARGS_CHUNKS, LEVEL_ACTIVE, ROUND_NUMBER, STATE_STATUS, alloc::put_groups,
-        bin::unordered, to_bits,
+        ARGS_ACTIVE, ARGS_BRANCHES, ARGS_CHUNKS, LEVEL_ACTIVE, ROUND_NUMBER, STATE_STATUS, bin::unordered,
+        to_bits,
     },
     glam::{UVec4, Vec3},
     math::{div, exp2},
     mem::{Atomics, Buf, Slots},
-    trace::intersect::pair::Pair,
+    pair::Pair,
+    put_groups,
 };
 use core::mem::offset_of;
 use raykd_shared::{
@@ -65,7 +66,6 @@ fn exponent(extent: Pair) -> i32 {
 
 /// Gives the build the box of its root, if the mesh is as expected: with so many triangles that take part, no scale, no
 /// dust. Else it makes the build one of nothing, and the host looks for itself.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn root(
     i: u32,
     found: &Buf<u32>,

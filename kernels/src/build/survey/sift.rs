@@ -56,7 +56,6 @@ impl Measure {
 }
 
 /// Sifts block `group.id`.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn sift(
     group: Group,
     sums: &mut [u32; WORDS],

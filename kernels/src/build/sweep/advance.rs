@@ -7,9 +7,9 @@ use super::{
     STATE_STATUS, THREADS, WHOLE, blocks, fresh_room, ranked, room, sample::SHARE, weigh::LANES,
 };
 use crate::{
-    build::alloc::put_groups,
     glam::UVec2,
     mem::{Buf, Slots},
+    put_groups,
 };
 use raykd_shared::{BuildParams, status};
 
@@ -52,7 +52,6 @@ pub fn record(to: &mut (impl Slots<u32> + ?Sized), level: Level) {
 }
 
 /// Goes on to the next level. The state says what was needed if it does not fit.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn advance(
     i: u32,
     params: &Buf<BuildParams>,

@@ -12,7 +12,6 @@ use crate::{
 use raykd_shared::BuildParams;
 
 /// Moves face `i`, counted through all lists of the level.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn carry(
     i: u32,
     params: &Buf<BuildParams>,

@@ -15,7 +15,6 @@ use raykd_shared::{BuildParams, Node};
 pub const NO_BOUND: u32 = f32::INFINITY.to_bits();
 
 /// Writes node `i` of the level and its two children. Nodes are numbered level by level for now.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn children(
     i: u32,
     params: &Buf<BuildParams>,

@@ -11,7 +11,6 @@ use crate::{
 use raykd_shared::{BuildParams, Node, rule};
 
 /// The code of reference `i`.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn classify(
     i: u32,
     params: &Buf<BuildParams>,

@@ -20,7 +20,6 @@ const MASK: u32 = LANES / 32;
 const MASKS: usize = (VALUES * MASK) as usize;
 
 /// Deals a block of a list, by the digit number `pass.x`: 256 faces at a time. A list has room for `pass.y`.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn deal(
     group: Group,
     sums: &mut [u32; SUMS],

@@ -13,7 +13,6 @@ use crate::{
 use raykd_shared::{BuildParams, rule};
 
 /// Moves reference `i`. `moved` gets the new number of one that stays whole; the faces of others are new.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn distribute(
     i: u32,
     params: &Buf<BuildParams>,

@@ -10,7 +10,6 @@ use crate::{
 use raykd_shared::BuildParams;
 
 /// Moves face `i`, counted through the sorted lists of new faces.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn insert(
     i: u32,
     params: &Buf<BuildParams>,

@@ -62,13 +62,13 @@ pub const KERNELS: &[&crate::Kernel] = &[
 use super::{
     Costs, Sah, SplitPlane,
     bin::{ordered, unordered},
-    clip::Bounds,
     cut, from_bits,
     reference::Reference,
     scan::LANES,
     to_bits,
 };
 use crate::{
+    bounds::Bounds,
     glam::{UVec2, UVec4},
     math::component,
     mem::{Buf, Slots},

@@ -19,7 +19,6 @@ fn added(sides: u32) -> u32 {
 }
 
 /// Ranks one block of all rows; ranks share their words with where the reference or face itself goes.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn rank(
     group: Group,
     sums: &mut [u32; SUMS],

@@ -12,7 +12,6 @@ use raykd_shared::BuildParams;
 pub const SHARE: u32 = 32;
 
 /// Weighs face `i / LISTS * SHARE` of list `i % LISTS`, if its cell has lists.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn sample(
     i: u32,
     params: &Buf<BuildParams>,

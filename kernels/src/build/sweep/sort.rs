@@ -8,7 +8,6 @@ use crate::{
 use raykd_shared::BuildParams;
 
 /// Moves face `i`: in runs of `2^pass.x` that are sorted, sixteen runs become one. A list has room for `pass.y`.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn sort(
     i: u32,
     params: &Buf<BuildParams>,

@@ -8,7 +8,6 @@ use crate::{
 use raykd_shared::BuildParams;
 
 /// Makes reference `i` of the root.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn start(
     i: u32,
     params: &Buf<BuildParams>,

@@ -79,7 +79,6 @@ fn one_by_one(i: u32, cell: &Cell, sah: &Sah, refs: &Buf<UVec4>) -> UVec4 {
 /// Of starts at one position the first counts, of ends the last: how many there are before it, or up to it, is then its
 /// place.
 #[inline(always)]
-#[allow(clippy::too_many_arguments, reason = "what is known of the face")]
 pub(super) fn in_list(
     best: UVec4,
     i: u32,
@@ -156,7 +155,6 @@ fn instead(sah: &Sah, cell: &Cell) -> UVec4 {
 
 /// The best candidate for reference `i`, of cell `number`.
 #[inline(always)]
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 fn best_of(
     i: u32,
     number: u32,
@@ -197,7 +195,6 @@ fn at(table: &[u32; WORDS], lane: u32) -> UVec4 {
 }
 
 /// Weighs for the references of block `group.id`. The best of those of one cell is left with the first of them.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 pub fn weigh(
     group: Group,

@@ -4,8 +4,10 @@
 //! within `8 * 2^-53 M`. A pair's are closer where they are small. So beside small triangles far away doubles leave
 //! more to triples, but one operation does the work of a pair's ten to twenty.
 
-use super::pair::{Long, Pair};
-use crate::math::exp2;
+use crate::{
+    math::exp2,
+    pair::{Long, Pair},
+};
 
 impl Long for f64 {
     type One = f32;

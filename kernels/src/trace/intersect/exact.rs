@@ -2,7 +2,7 @@
 //! border, on the numbers as they are; `t`, `u` and `v` are correctly rounded.
 //!
 //! Stages, each for what the one before leaves open: floats turn away triangles that the ray passes at more than they
-//! round, or that surely lie behind it or a hit that it has (`bounds.rs`); pairs of floats ([`pair`](super::pair)), on
+//! round, or that surely lie behind it or a hit that it has (`bounds.rs`); pairs of floats ([`pair`](crate::pair)), on
 //! a CPU doubles, find signs and quotients with bounds of their errors, but for a `t` next to 0, which the volume of
 //! triangle and origin gives (`filter.rs`); what those do not decide, one triangle of some thousands, triples do
 //! ([`triple`](super::triple)); and what is left after those, such as rays exactly through an edge, integers do
@@ -17,12 +17,11 @@ use super::{
     bounds::{Edges, bounds},
     filter::{First, Line, Verdict, all_turned, by, turned},
     integers,
-    pair::Long,
     strict::Mirrored,
     triple::Triple,
     vertices,
 };
-use crate::trace::frame::Frame;
+use crate::{pair::Long, trace::frame::Frame};
 
 /// The test.
 #[derive(Clone, Copy, Debug)]
@@ -103,8 +102,9 @@ test!(brute_exact::BRUTE_EXACT = Exact);
 
 #[cfg(test)]
 mod tests {
-    use super::super::{pair::Pair, strict::shear};
+    use super::super::strict::shear;
     use super::*;
+    use crate::pair::Pair;
     use crate::{glam::Vec3, math::exp2};
     use bytemuck::Zeroable as _;
     use raykd_shared::{Ray, TreeHeader};

@@ -1,14 +1,11 @@
 //! Signs and quotients by numbers of more digits than a float, with bounds of their errors: the second and third stage
 //! of the [exact test](super::exact), for one ray or several side by side.
 
-use super::{
-    bounds::NEAR,
-    pair::{Long, Mask, One, PAIR_FLOOR, Pair},
-    triple::Triple,
-};
+use super::{bounds::NEAR, triple::Triple};
 use crate::{
     glam::Vec3,
     math::{Digits, Number, cycle, exp2, exponent},
+    pair::{Long, Mask, One, PAIR_FLOOR, Pair},
     trace::frame::{Frame, HEADING},
 };
 

@@ -344,7 +344,6 @@ fn rows(det: u32) -> (u32, u32, u32) {
 /// Adds the component on `axis` of the cross product of two rows, or takes it, to the number of `n` digits from `base`.
 /// Rows come with their digits, `signs` as of [`put_coordinates`].
 #[inline(always)]
-#[allow(clippy::too_many_arguments, reason = "a place, and what goes there")]
 fn add_cross(
     m: &mut Digits,
     base: u32,

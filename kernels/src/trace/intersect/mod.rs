@@ -13,7 +13,6 @@ pub mod exact;
 pub(in crate::trace) mod filter;
 pub mod integers;
 pub mod moeller;
-pub mod pair;
 pub mod perturbed;
 pub mod plane;
 pub mod strict;

@@ -26,13 +26,12 @@ use super::{
     Best, Corners, Intersector,
     exact::Exact,
     filter::{Edge, First, Line, all_turned, look},
-    integers,
-    pair::Pair,
-    vertices,
+    integers, vertices,
 };
 use crate::{
     glam::Vec3,
     math::{exp2, product_difference_wide},
+    pair::Pair,
     trace::frame::Frame,
 };
 

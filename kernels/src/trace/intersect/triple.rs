@@ -1,8 +1,10 @@
 //! Numbers as sums of three floats, about 70 digits (after Fabiano, Muller & Picot 2019, "Algorithms for triple-word
 //! arithmetic", with simpler sums).
 
-use super::pair::{Across, Long, Pair};
-use crate::math::{Digits, exp2};
+use crate::{
+    math::{Digits, exp2},
+    pair::{Across, Long, Pair},
+};
 
 /// `a + b + c`, each far smaller than the one before.
 #[derive(Clone, Copy, Debug)]

@@ -1,8 +1,8 @@
 //! Rays whose number stands in a buffer: how many workgroups trace them.
 
 use crate::{
-    build::alloc::put_groups,
     mem::{Buf, Slots},
+    put_groups,
     trace::job::{JOB_RAYS, THREADS},
 };
 

@@ -15,7 +15,6 @@ use crate::{
 use raykd_shared::{TreeHeader, status};
 
 /// Tests ray `i` against the job's slice of the list `kept`.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn brute<I: Intersector>(
     i: u32,
     job: &Buf<u32>,

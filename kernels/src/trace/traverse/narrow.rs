@@ -158,7 +158,6 @@ impl<const ANY: bool> Choice<Exact> for Narrow<ANY> {
 
 /// Writes of every ray of a workgroup which references list the triangles that may be the closest hit: four in place of
 /// the hit, four more apart; a miss where there are none.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn narrow<const ANY: bool>(
     group: Group,
     shared: &mut [u32; SHARED],

@@ -23,7 +23,6 @@ use crate::{
 use raykd_shared::TreeHeader;
 
 /// Answers the rays of block `group.id` that are left.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn rest(
     group: Group,
     marks: &mut [u32; MARKS],

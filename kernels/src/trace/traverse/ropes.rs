@@ -59,7 +59,6 @@ fn passage(ray: &Frame, axis: u32, back: bool, lo: u32, hi: u32, ropes: (u32, u3
 
 /// Finds the closest hit, or if `any` will do the best one in the first leaf that has one. `OPTIMISED` ropes
 /// skip nodes.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #[inline(always)]
 pub fn walk<const OPTIMISED: bool>(
     ray: &Frame,

@@ -16,7 +16,6 @@ use crate::{
 use raykd_shared::{MISS, TreeHeader, status};
 
 /// Settles which of its triangles is the hit of ray `i`.
-#[allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 pub fn settle(
     i: u32,
     job: &Buf<u32>,

@@ -242,7 +242,6 @@ pub fn walk<I: Intersector, C: Choice<I>, const COUNT: bool>(
 
 /// [`walk`] with words in which `choice` keeps something.
 #[inline(always)]
-#[allow(clippy::too_many_arguments, reason = "what is kept where differs")]
 pub(in crate::trace) fn walk_keeping<I: Intersector, C: Choice<I>, const COUNT: bool>(
     ray: &mut Frame,
     pairs: &Buf<UVec4>,

@@ -3,11 +3,11 @@
 use crate::math::{Digits, Number, exp2};
 
 /// What a [`Long`] consists of.
-pub(super) type One<L> = <L as Long>::One;
+pub(crate) type One<L> = <L as Long>::One;
 /// Answers of those.
-pub(super) type Mask<L> = <One<L> as Number>::Mask;
+pub(crate) type Mask<L> = <One<L> as Number>::Mask;
 
-/// Numbers of more digits than a float. What bounds the errors that `filter.rs` makes stands with each
+/// Numbers of more digits than a float. What bounds the errors that `trace/intersect/filter.rs` makes stands with each
 /// kind.
 pub trait Long: Copy {
     /// The floats of which it is the sum, or as many side by side.
@@ -112,10 +112,10 @@ impl<N: Digits> Pair<N> {
 }
 
 /// Products of smaller numbers may lose digits below the range of `f32`.
-pub(super) const PAIR_FLOOR: f32 = exp2(-36);
+pub(crate) const PAIR_FLOOR: f32 = exp2(-36);
 
 /// `p - q + r - s` is `x * main - side * z`.
-pub(super) struct Across<N> {
+pub(crate) struct Across<N> {
     pub p: Pair<N>,
     pub q: Pair<N>,
     pub r: Pair<N>,
@@ -125,7 +125,7 @@ pub(super) struct Across<N> {
 impl<N: Digits> Across<N> {
     /// And whether it is a float, exactly.
     #[inline(always)]
-    pub(super) fn new(x: Pair<N>, z: Pair<N>, main: N, side: N) -> (Self, N::Mask) {
+    pub(crate) fn new(x: Pair<N>, z: Pair<N>, main: N, side: N) -> (Self, N::Mask) {
         let (p, q) = (Pair::product(x.hi, main), Pair::product(side, z.hi));
         let (r, s) = (Pair::product(x.lo, main), Pair::product(side, z.lo));
         let first = Pair::sum(p.hi, -q.hi);
