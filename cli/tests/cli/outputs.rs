@@ -380,7 +380,7 @@ fn costs_that_cannot_be_kept_are_measured_all_the_same() {
         .unwrap();
     // It is told before anything is measured, which takes long: nobody waits for that.
     let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
-    let [first, second] = [(); 2].map(|()| lines.next().map_or_else(String::new, Result::unwrap));
+    let [first, second, third] = [(); 3].map(|()| lines.next().map_or_else(String::new, Result::unwrap));
     let going_on = child.try_wait().unwrap().is_none();
     send(TERMINATE, &child);
     child.wait().unwrap();
@@ -389,6 +389,8 @@ fn costs_that_cannot_be_kept_are_measured_all_the_same() {
         "{first}"
     );
     assert!(second.contains("measuring what trees cost on this CPU, for this run"), "{second}");
+    // And then from time to time how far that is.
+    assert!(third.contains(" s: measuring what trees cost on the CPU, "), "{third}");
     assert!(going_on);
     // But whoever wants them kept hears it at once.
     let mut calibrate = raykd(&folder, "calibrate --device cpu");
