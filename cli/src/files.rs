@@ -1,6 +1,6 @@
 //! What a command reads and writes, looked at before it does any work.
 
-use anyhow::anyhow;
+use anyhow::bail;
 use raykd::{
     internals::{files_beside, output, quoted},
     mesh::MeshSource,
@@ -8,35 +8,40 @@ use raykd::{
 use same_file::Handle;
 use std::{
     ffi::OsStr,
-    iter,
     path::{Path, PathBuf},
 };
 
 /// What a command reads and writes.
 #[derive(Debug, Default)]
 pub(super) struct Files {
-    read: Vec<PathBuf>,
-    written: Vec<PathBuf>,
+    read: Vec<Use>,
+    written: Vec<Use>,
 }
+
+/// A file, and what is done with it: read by --rays.
+type Use = (PathBuf, String);
 
 impl Files {
     /// Reads scenes that have files.
     pub(super) fn of_scenes(names: &[impl AsRef<OsStr>]) -> Self {
-        let scenes: Vec<PathBuf> = names.iter().filter_map(|name| file_of(name.as_ref())).collect();
-        let beside = scenes.iter().flat_map(|path| files_beside(path));
-        let read = beside.chain(scenes.iter().cloned()).collect();
+        let mut read = Vec::new();
+        for path in names.iter().filter_map(|name| file_of(name.as_ref())) {
+            let beside = files_beside(&path).into_iter();
+            read.extend(beside.map(|buffer| (buffer, "read as a buffer of the mesh".to_owned())));
+            read.push((path, "read as the mesh".to_owned()));
+        }
         Self { read, written: Vec::new() }
     }
 
-    /// Reads these too.
-    pub(super) fn read(mut self, more: &[&Option<PathBuf>]) -> Self {
-        self.read.extend(more.iter().copied().flatten().cloned());
+    /// Reads these too, by an option.
+    pub(super) fn read<'a>(mut self, option: &str, more: impl IntoIterator<Item = &'a PathBuf>) -> Self {
+        self.read.extend(more.into_iter().map(|path| (path.clone(), format!("read by {option}"))));
         self
     }
 
-    /// Writes these.
-    pub(super) fn write(mut self, outputs: impl IntoIterator<Item = PathBuf>) -> Self {
-        self.written.extend(outputs);
+    /// Writes these, by an option.
+    pub(super) fn write(mut self, option: &str, outputs: impl IntoIterator<Item = PathBuf>) -> Self {
+        self.written.extend(outputs.into_iter().map(|path| (path, format!("written by {option}"))));
         self
     }
 
@@ -45,7 +50,7 @@ impl Files {
     /// # Errors
     /// Nothing could be written there; an output or standard output is the same file as an input, or both are one.
     pub(super) fn check(&self) -> anyhow::Result<()> {
-        for output in &self.written {
+        for (output, _) in &self.written {
             output::check(output)?;
         }
         apart(&self.read, &self.written)
@@ -63,18 +68,47 @@ fn identity(path: &Path) -> Option<Handle> {
 }
 
 /// Finds out whether all that is written differs from all that is read, and from what is printed.
-fn apart(read: &[PathBuf], written: &[PathBuf]) -> anyhow::Result<()> {
-    let known = |paths: &[PathBuf]| -> Vec<(String, Handle)> {
-        paths.iter().filter_map(|path| Some((quoted(path.display()), identity(path)?))).collect()
+fn apart(read: &[Use], written: &[Use]) -> anyhow::Result<()> {
+    let known = |files: &[Use]| -> Vec<(String, String, Handle)> {
+        let known = |(path, how): &Use| Some((quoted(path.display()), how.clone(), identity(path)?));
+        files.iter().filter_map(known).collect()
     };
     let (read, mut written) = (known(read), known(written));
     // A device takes what is printed and what is written alike.
     let printed = Handle::stdout().ok().filter(|it| it.as_file().metadata().is_ok_and(|it| it.is_file()));
-    written.extend(printed.map(|printed| ("standard output".to_owned(), printed)));
-    let same = |(a, b): (&(String, Handle), &(String, Handle))| {
-        (a.1 == b.1).then(|| anyhow!("{} and {} are the same file; write to another one", a.0, b.0))
-    };
-    let pairs = written.iter().enumerate();
-    let mut pairs = pairs.flat_map(|(i, a)| iter::repeat(a).zip(read.iter().chain(&written[i + 1..])));
-    pairs.find_map(same).map_or(Ok(()), Err)
+    written.extend(printed.map(|it| (String::new(), "written as standard output".to_owned(), it)));
+    for (i, (a, written_how, file)) in written.iter().enumerate() {
+        let mut others = read.iter().chain(&written[i + 1..]);
+        if let Some((b, how, _)) = others.find(|(_, _, other)| other == file) {
+            // Standard output has no name.
+            let names = match (a.as_str(), b.as_str()) {
+                ("", name) | (name, "") => name.to_owned(),
+                (a, b) if a == b => a.to_owned(),
+                (a, b) => format!("{a}, the same file as {b},"),
+            };
+            bail!("{names} would be both {how} and {written_how}; name another file");
+        }
+    }
+    Ok(())
+}
+
+/// A name to suggest instead of one that does not end so.
+pub(super) fn renamed(path: &Path, extension: &str) -> String {
+    // A folder has no ending: `.` and `..` name one.
+    let path = if path.file_name().is_some() { path.to_owned() } else { path.join("mesh") };
+    quoted(path.with_extension(extension).display())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn suggested_names_have_one_ending() {
+        for (name, better) in
+            [("p.jpg", "p.png"), ("p", "p.png"), ("a.b/p.tar.gz", "a.b/p.tar.png"), ("..", "../mesh.png")]
+        {
+            assert_eq!(renamed(Path::new(name), "png"), better);
+        }
+    }
 }

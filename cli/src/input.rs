@@ -40,6 +40,7 @@ impl Input {
 
     /// Whether the mesh is closed, so that every point is inside or outside. Notes that it is not.
     pub(super) fn is_closed(&self, notes: &Notes) -> bool {
+        notes.stage(format_args!("{}: telling whether it is closed", self.name));
         let closed = self.mesh.edges().are_closed();
         if !closed {
             notes.note(format_args!(

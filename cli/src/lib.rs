@@ -32,6 +32,7 @@ use commands::Args;
 use raykd::internals::{QUOTED, quoted};
 use std::{
     env,
+    ffi::OsString,
     fmt::Write as _,
     io::{self, StdoutLock, Write as _},
     process::ExitCode,
@@ -48,7 +49,7 @@ pub fn main() -> ExitCode {
     }
     #[cfg(unix)]
     signals::watch();
-    let args = Args::try_parse().and_then(|args| args.check().map(|()| args));
+    let args = Args::try_parse_from(words(env::args_os())).and_then(|args| args.check().map(|()| args));
     let args = args.unwrap_or_else(|error| shortened(error).exit());
     let mut out = io::stdout().lock();
     let done = run(&args, &mut out).and_then(|code| Ok(out.flush().map(|()| code)?));
@@ -59,6 +60,13 @@ pub fn main() -> ExitCode {
         eprint!("{}", told(&error));
         ExitCode::FAILURE
     })
+}
+
+/// The words of the command line, but those that ask `raykd help` for help: it knows the names of commands only.
+fn words(mut line: impl Iterator<Item = OsString>) -> impl Iterator<Item = OsString> {
+    let begin = line.by_ref().take(2).collect::<Vec<_>>();
+    let help = begin.get(1).is_some_and(|word| word == "help");
+    begin.into_iter().chain(line.filter(move |word| !help || (word != "--help" && word != "-h")))
 }
 
 fn run(args: &Args, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {

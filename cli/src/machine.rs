@@ -7,7 +7,10 @@ use crate::{
     report::capitals,
 };
 use raykd::{Device, DeviceKind, Error};
-use std::io::{self, Write};
+use std::{
+    io::{self, Write},
+    thread::available_parallelism,
+};
 
 /// The device of a command that uses one.
 #[derive(Debug)]
@@ -26,7 +29,7 @@ impl Machine {
             implied.or_else(|| more.threads.map(|_| One::Cpu))
         });
         Ok(match wish {
-            Some(One::Cpu) => Self { device: cpu(more)?, automatic: false },
+            Some(One::Cpu) => Self { device: cpu(more, notes)?, automatic: false },
             Some(One::Gpu) => Self { device: gpu(more, notes)?, automatic: false },
             None => match hardware() {
                 Ok(device) => Self { device, automatic: true },
@@ -35,7 +38,7 @@ impl Machine {
                     if !matches!(error, Error::NoAdapter { .. }) {
                         notes.note(format_args!("{}; using the CPU", hints::told(&error)));
                     }
-                    Self { device: cpu(more)?, automatic: true }
+                    Self { device: cpu(more, notes)?, automatic: true }
                 }
             },
         })
@@ -75,10 +78,9 @@ impl Machines {
     /// The devices asked for; or the CPU and, if there is one, the best Vulkan adapter.
     pub(super) fn choose(wish: Option<Which>, more: &MachineArgs, notes: &Notes) -> anyhow::Result<Self> {
         notes.stage("opening the devices");
-        let named = more.adapter.is_some();
-        let wish = wish.or(if named && more.threads.is_none() { Some(Which::Gpu) } else { None });
-        let automatic = wish.is_none() && !named;
-        let cpu = if wish == Some(Which::Gpu) { None } else { Some(cpu(more)?) };
+        let wish = self::wish(wish, more);
+        let automatic = wish.is_none() && more.adapter.is_none();
+        let cpu = if wish == Some(Which::Gpu) { None } else { Some(cpu(more, notes)?) };
         let gpu = match wish {
             Some(Which::Cpu) => None,
             _ => match gpu(more, notes) {
@@ -113,6 +115,12 @@ impl Machines {
     }
 }
 
+/// The devices of a command that compares them, as far as its options say it.
+pub(super) fn wish(device: Option<Which>, more: &MachineArgs) -> Option<Which> {
+    let gpu_only = more.adapter.is_some() && more.threads.is_none();
+    device.or(if gpu_only { Some(Which::Gpu) } else { None })
+}
+
 /// The devices to choose among: the one asked for, or the CPU and, if there is one, a real GPU.
 pub(super) fn candidates(
     wish: Option<One>,
@@ -123,7 +131,7 @@ pub(super) fn candidates(
     if asked {
         return Ok(vec![Machine::choose(wish, more, notes)?.device]);
     }
-    Ok(std::iter::once(cpu(more)?).chain(hardware().ok()).collect())
+    Ok(std::iter::once(cpu(more, notes)?).chain(hardware().ok()).collect())
 }
 
 /// Whether another device might do better.
@@ -134,11 +142,13 @@ pub(super) const fn at_fault(error: &Error) -> bool {
     )
 }
 
-fn cpu(more: &MachineArgs) -> Result<Device, Error> {
-    match more.threads {
-        Some(threads) => Device::cpu_with_threads(threads.into()),
-        None => Ok(Device::cpu()),
+fn cpu(more: &MachineArgs, notes: &Notes) -> Result<Device, Error> {
+    let Some(threads) = more.threads else { return Ok(Device::cpu()) };
+    let there = available_parallelism().map_or(threads.into(), usize::from);
+    if usize::from(threads) > there {
+        notes.note(format_args!("--threads {threads}: {there} run at once here, more may be slower"));
     }
+    Device::cpu_with_threads(threads.into())
 }
 
 #[cfg(feature = "gpu")]

@@ -1,25 +1,24 @@
 //! What goes to standard error while a command works: the stage it is at, and remarks.
 
 use crate::report::capitals;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{ProgressBar, ProgressStyle, WeakProgressBar};
 use raykd::Device;
 use std::{
-    cell::{Cell, RefCell},
+    cell::RefCell,
     collections::HashSet,
     fmt::Display,
     io::{IsTerminal as _, stderr},
-    time::{Duration, Instant},
+    thread,
+    time::Duration,
 };
 
 /// A spinner that names the stage, on a terminal only; and notes, always. Elsewhere long work says from time to
-/// time how far it is.
+/// time where it is.
 #[derive(Debug)]
 pub(super) struct Notes {
     bar: ProgressBar,
     /// Notes so far, each of which is said once.
     noted: RefCell<HashSet<String>>,
-    /// Where there is no terminal: when something was said last.
-    said: Option<Cell<Instant>>,
 }
 
 /// Of long work without a terminal something is heard so often.
@@ -32,8 +31,10 @@ impl Notes {
         let bar = if quiet { ProgressBar::hidden() } else { ProgressBar::new_spinner() };
         bar.set_style(ProgressStyle::with_template("{spinner} {wide_msg}").expect("a valid template"));
         bar.enable_steady_tick(Duration::from_millis(120));
-        let silent = !quiet && !stderr().is_terminal();
-        Self { bar, noted: RefCell::default(), said: silent.then(|| Cell::new(Instant::now())) }
+        if !quiet && !stderr().is_terminal() {
+            tell_often(bar.downgrade());
+        }
+        Self { bar, noted: RefCell::default() }
     }
 
     /// From now on shows how many of so many jobs are done, and about how long the others will take.
@@ -46,12 +47,6 @@ impl Notes {
     /// One of them is done.
     pub(super) fn step(&self) {
         self.bar.inc(1);
-        if let Some(said) = self.said.as_ref().filter(|said| said.get().elapsed() > OFTEN) {
-            said.set(Instant::now());
-            let left = self.bar.eta().as_secs();
-            let (done, all) = (self.bar.position(), self.bar.length().unwrap_or(0));
-            self.note(format_args!("{done} of {all} done, about {left} s left"));
-        }
     }
 
     /// Says what happens now.
@@ -76,6 +71,25 @@ impl Notes {
     pub(super) fn clear(&self) {
         self.bar.finish_and_clear();
     }
+}
+
+/// Says what the spinner would show, as long as it is there.
+fn tell_often(bar: WeakProgressBar) {
+    let tell = move || {
+        loop {
+            thread::sleep(OFTEN);
+            let Some(bar) = bar.upgrade().filter(|bar| !bar.is_finished()) else { return };
+            let (after, stage, left) = (bar.elapsed().as_secs(), bar.message(), bar.eta().as_secs());
+            match (bar.position(), bar.length()) {
+                (done, Some(all)) => {
+                    eprintln!("note: after {after} s: {done} of {all} done, about {left} s left: {stage}");
+                }
+                _ => eprintln!("note: after {after} s: {stage}"),
+            }
+        }
+    };
+    // Without a thread nothing is heard, and the work goes on.
+    let _ = thread::Builder::new().spawn(tell);
 }
 
 impl Drop for Notes {

@@ -1,7 +1,7 @@
 //! Files of points.
 
 use crate::npy::{self, Rows};
-use anyhow::{Context as _, bail};
+use anyhow::{Context as _, anyhow, bail};
 use raykd::internals::{all_of, ply_vertices, quoted};
 use std::{
     ffi::OsStr,
@@ -101,7 +101,13 @@ fn text(bytes: &[u8]) -> anyhow::Result<Points> {
         .from_reader(bytes);
     let (mut points, mut head, mut lines) = (Vec::new(), None, Vec::new());
     for record in reader.records() {
-        let record = record?;
+        let record = record.map_err(|error| match error.kind() {
+            csv::ErrorKind::Utf8 { pos, .. } => {
+                let line = pos.as_ref().map_or(0, csv::Position::line);
+                anyhow!("line {line}: this is no UTF-8 text; save the file as CSV in UTF-8")
+            }
+            _ => error.into(),
+        })?;
         let number = |i: usize| record.get(i).and_then(|field| field.parse::<f64>().ok());
         match (number(0), number(1), number(2)) {
             (Some(x), Some(y), Some(z)) => {
@@ -169,11 +175,16 @@ mod tests {
 
     #[test]
     fn wrong_lines_are_named() {
-        for (text, line) in
-            [("1,2,3\n1,2\n", 2), ("a,b\n", 1), ("x,y,z\nx,y,z\n", 2), ("1,2,3\nx,y,z\n", 2), ("1 2 3\n", 1)]
-        {
-            let error = format!("{:#}", read("p.csv", text.as_bytes()).err().unwrap());
-            assert!(error.contains(&format!("line {line}: ")), "{error}");
+        for (text, told) in [
+            (&b"1,2,3\n1,2\n"[..], "line 2: "),
+            (b"a,b\n", "line 1: "),
+            (b"x,y,z\nx,y,z\n", "line 2: "),
+            (b"1,2,3\nx,y,z\n", "line 2: "),
+            (b"1 2 3\n", "line 1: "),
+            (b"# gr\xfc\xdfe\n1,2,3\n4,5,6,gr\xfc\n", "p.csv: line 3: this is no UTF-8 text; save the file"),
+        ] {
+            let error = format!("{:#}", read("p.csv", text).err().unwrap());
+            assert!(error.contains(told), "{error}");
         }
     }
 

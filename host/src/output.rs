@@ -147,7 +147,7 @@ fn existing(path: &Path) -> io::Result<Option<(PathBuf, Metadata)>> {
     };
     let old = fs::metadata(&target)?;
     if old.is_dir() {
-        return Err(ErrorKind::IsADirectory.into());
+        return refuse(ErrorKind::IsADirectory, "this is a folder; name a file in it");
     }
     if !old.is_file() {
         return refuse(ErrorKind::InvalidInput, "this is no regular file");

@@ -25,7 +25,8 @@ fn error(error: Error) -> PyErr {
         text += "; to use it all the same, name it and set RAYKD_ALLOW_INEXACT=1";
     }
     match error {
-        Error::Io { source, .. } | Error::Mesh(MeshError::Read { source, .. }) => {
+        Error::Io { source, .. }
+        | Error::Mesh(MeshError::Read { source, .. } | MeshError::Buffer { source, .. }) => {
             // By its number Python chooses the kind, such as `FileNotFoundError`.
             match source.raw_os_error() {
                 Some(number) => PyOSError::new_err((number, text)),

@@ -1,5 +1,6 @@
 //! Which devices a command runs on.
 
+use super::values::whole;
 use clap::ValueEnum;
 
 /// More about the devices to run on.
@@ -9,7 +10,7 @@ pub(crate) struct MachineArgs {
     #[arg(long, value_name = "SUBSTRING")]
     pub adapter: Option<String>,
     /// Threads of the CPU; implies the CPU where one device is used; left out: all
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    #[arg(long, value_name = "N", value_parser = whole(1_u16, 4096))]
     pub threads: Option<u16>,
 }
 

@@ -8,4 +8,4 @@ mod values;
 pub(super) use machine::{MachineArgs, One, OneArgs, Which, WhichArgs};
 pub(super) use read::ReadArgs;
 pub(super) use tree::{HowArgs, Quality, TreeArgs, WalkArgs};
-pub(super) use values::{direction, one_of, point, size, within};
+pub(super) use values::{direction, one_of, point, size, whole, within};

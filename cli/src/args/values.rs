@@ -24,6 +24,17 @@ where
     }
 }
 
+/// A parser of whole numbers in a range. clap's own tells of a digit in 1.5, not of a number.
+pub(crate) fn whole<T>(lo: T, hi: T) -> impl Fn(&str) -> Result<T, String> + Clone
+where
+    T: FromStr + PartialOrd + std::fmt::Display + Copy,
+{
+    move |text| {
+        let x = text.parse().ok().filter(|x| lo <= *x && *x <= hi);
+        x.ok_or_else(|| format!("write a whole number from {lo} to {hi}"))
+    }
+}
+
 pub(crate) fn size(text: &str) -> Result<[u32; 2], String> {
     let side = |text: &str| text.parse().ok().filter(|n| (1..=16384).contains(n));
     let sides = text.split_once('x').and_then(|(w, h)| Some([side(w)?, side(h)?]));
@@ -78,6 +89,11 @@ mod tests {
         }
         assert_eq!(direction("0,-2,0"), Ok([0.0, -2.0, 0.0]));
         assert!(direction("0,0,-0").is_err() && direction("up").is_err());
+        let whole = whole(1_u16, 4096);
+        assert_eq!([whole("1"), whole("4096")], [Ok(1), Ok(4096)]);
+        for wrong in ["", "0", "-1", "1.5", "x", "4097", "99999"] {
+            assert_eq!(whole(wrong).unwrap_err(), "write a whole number from 1 to 4096", "{wrong}");
+        }
         let cost = within(1e-6_f32, 1e6);
         assert!(cost("nan").is_err() && cost("-1").is_err() && cost("inf").is_err() && cost("0.5").is_ok());
     }

@@ -2,7 +2,7 @@
 
 use crate::{
     amount::{self, Amount},
-    args::{HowArgs, ReadArgs, WalkArgs, WhichArgs},
+    args::{HowArgs, ReadArgs, WalkArgs, WhichArgs, whole},
     changes,
     files::Files,
     input::{Input, RepairCounts},
@@ -55,7 +55,7 @@ pub(crate) struct BenchArgs {
     #[arg(value_name = "SCENE")]
     pub scenes: Vec<OsString>,
     /// Random rays to trace
-    #[arg(long, value_name = "N", default_value_t = 50_000, value_parser = clap::value_parser!(u32).range(1..=1 << 28))]
+    #[arg(long, value_name = "N", default_value_t = 50_000, value_parser = whole(1_u32, 1 << 28))]
     pub rays: u32,
     #[command(flatten)]
     pub walk: WalkArgs,
@@ -153,7 +153,9 @@ impl Task for BenchArgs {
     }
 
     fn files(&self) -> Files {
-        Files::of_scenes(&self.scenes).read(&[&self.how.amount.costs, &self.compare_with])
+        Files::of_scenes(&self.scenes)
+            .read("--costs", &self.how.amount.costs)
+            .read("--compare-with", &self.compare_with)
     }
 
     fn check(&self) -> Result<(), String> {

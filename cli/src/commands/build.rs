@@ -2,7 +2,7 @@
 
 use crate::{
     amount,
-    args::{HowArgs, OneArgs, ReadArgs, Which},
+    args::{HowArgs, OneArgs, ReadArgs, Which, whole},
     builders,
     files::Files,
     input::{Input, RepairCounts},
@@ -56,7 +56,7 @@ pub(crate) struct BuildArgs {
     #[command(flatten)]
     pub how: HowArgs,
     /// With --quality auto: how many rays the tree is for; left out: a million
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "N", value_parser = whole(1, u64::MAX))]
     pub rays: Option<u64>,
     /// Print JSON
     #[arg(long)]
@@ -124,7 +124,9 @@ impl Task for BuildArgs {
     }
 
     fn files(&self) -> Files {
-        Files::of_scenes(self.mesh.as_slice()).read(&[&self.how.amount.costs]).write(self.output.clone())
+        Files::of_scenes(self.mesh.as_slice())
+            .read("--costs", &self.how.amount.costs)
+            .write("-o", self.output.clone())
     }
 
     fn check(&self) -> Result<(), String> {

@@ -2,15 +2,14 @@
 
 use super::chart::Checked;
 use crate::{
-    args::WhichArgs,
+    args::{Which, WhichArgs},
     costs::measure,
     files::Files,
-    machine::Machines,
+    machine::{Machines, wish},
     notes::Notes,
     report::{Table, count, three, write_json},
     task::{On, Task},
 };
-use anyhow::bail;
 use clap::Parser;
 use raykd::plan::{CHOICES, create_cache_file};
 use std::{
@@ -53,15 +52,20 @@ impl Task for CalibrateArgs {
     }
 
     fn files(&self) -> Files {
-        Files::of_scenes(&self.check).write(self.output.clone())
+        Files::of_scenes(&self.check).write("-o", self.output.clone())
+    }
+
+    fn check(&self) -> Result<(), String> {
+        let one = matches!(wish(self.on.device, &self.on.more), Some(Which::Cpu | Which::Gpu));
+        if self.output.is_some() && !one {
+            return Err("a file holds one device's costs: say which by --device cpu or gpu".to_owned());
+        }
+        Ok(())
     }
 
     fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
         let notes = Notes::new(self.json);
         let machines = Machines::choose(self.on.device, &self.on.more, &notes)?;
-        if self.output.is_some() && machines.iter().count() > 1 {
-            bail!("a file holds one device's costs: say which by --device");
-        }
         if !self.check.is_empty() {
             let checked = Checked::new(&self.check, &machines, &notes)?;
             notes.clear();

@@ -95,8 +95,8 @@ impl Task for InsideArgs {
 
     fn files(&self) -> Files {
         Files::of_scenes(std::slice::from_ref(&self.mesh))
-            .read(&[&Some(self.points.clone())])
-            .write(self.output.clone())
+            .read("--points", [&self.points])
+            .write("-o", self.output.clone())
     }
 
     fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {

@@ -2,8 +2,8 @@
 
 use crate::{
     amount,
-    args::{HowArgs, OneArgs, ReadArgs, WalkArgs, direction, one_of, point, size, within},
-    files::Files,
+    args::{HowArgs, OneArgs, ReadArgs, WalkArgs, direction, one_of, point, size, whole, within},
+    files::{Files, renamed},
     input::Input,
     measure::ms,
     notes::Notes,
@@ -11,7 +11,7 @@ use crate::{
     report::{capitals, count},
     task::{On, Task},
 };
-use anyhow::{Context as _, bail};
+use anyhow::Context as _;
 use clap::Parser;
 use raykd::{
     Device, Error, Scene,
@@ -54,7 +54,7 @@ pub(crate) struct RenderArgs {
     #[command(flatten)]
     pub walk: WalkArgs,
     /// Rays per pixel are the square of this; left out: 2 for normal, else 1
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=8))]
+    #[arg(long, value_name = "N", value_parser = whole(1_u32, 8))]
     pub samples: Option<u32>,
     /// Where the camera is; left out: far enough to see the whole mesh
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
@@ -76,6 +76,8 @@ pub(crate) struct RenderArgs {
     pub how: HowArgs,
 }
 
+const SAME: &str = "--eye and --target are the same point; move one of them";
+
 impl Task for RenderArgs {
     fn on(&self) -> Option<On<'_>> {
         Some(On::One(&self.on))
@@ -83,21 +85,24 @@ impl Task for RenderArgs {
 
     fn files(&self) -> Files {
         Files::of_scenes(std::slice::from_ref(&self.mesh))
-            .read(&[&self.how.amount.costs])
-            .write([self.output.clone()])
+            .read("--costs", &self.how.amount.costs)
+            .write("-o", [self.output.clone()])
     }
 
     fn check(&self) -> Result<(), String> {
+        if self.output.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("png")) {
+            let [name, better] = [quoted(self.output.display()), renamed(&self.output, "png")];
+            return Err(format!("{name}: pictures are PNG files; name it like {better}"));
+        }
+        if self.eye.is_some() && self.eye == self.target {
+            return Err(SAME.to_owned());
+        }
         self.how.check(false)?;
         self.walk.check((self.shading == Shading::Heat).then_some("counting steps"))
     }
 
     fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
         let notes = Notes::new(false);
-        let extension = self.output.extension().map(std::ffi::OsStr::to_ascii_lowercase);
-        if extension.is_none_or(|e| e != "png") {
-            bail!("{}: pictures are PNG files; name it like {0}.png", quoted(self.output.display()));
-        }
         let input = Input::load(&self.mesh, self.read, &notes)?;
         let camera = camera(self, &input)?;
         let shading = self.shading;
@@ -140,7 +145,6 @@ fn camera(args: &RenderArgs, input: &Input) -> anyhow::Result<Camera> {
     let [width, height] = args.size.map(f64::from);
     let ends = [args.eye, args.target].map(|end| end.map(local));
     let camera = picture::camera(&input.mesh, width / height, ends, args.up, args.fov);
-    (camera.eye != camera.target)
-        .then_some(camera)
-        .context("--eye and --target are the same point; move one of them")
+    // The middle of the mesh, or the same after rounding.
+    (camera.eye != camera.target).then_some(camera).context(SAME)
 }

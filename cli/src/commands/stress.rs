@@ -1,7 +1,7 @@
 //! `raykd stress`: scenes in which ray tracers fail, by every method, judged exactly.
 
 use crate::{
-    args::{ReadArgs, WhichArgs},
+    args::{ReadArgs, WhichArgs, whole},
     files::Files,
     input::Input,
     machine::Machines,
@@ -55,7 +55,7 @@ pub(crate) struct StressArgs {
     pub methods: Vec<String>,
     /// Rays a scene; of leaks, a surface; of a mesh, half as many more
     #[arg(long, value_name = "N", default_value_t = 1000)]
-    #[arg(value_parser = clap::value_parser!(u64).range(1..=1_000_000_000_000))]
+    #[arg(value_parser = whole(1_u64, 1_000_000_000_000))]
     pub rays: u64,
     /// Trace the failing rays of an earlier --json output again
     #[arg(long, value_name = "FILE", conflicts_with_all = ["scenes", "methods", "rays"])]
@@ -151,7 +151,7 @@ impl Task for StressArgs {
     }
 
     fn files(&self) -> Files {
-        Files::of_scenes(&self.scenes).read(&[&self.replay])
+        Files::of_scenes(&self.scenes).read("--replay", &self.replay)
     }
 
     fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {

@@ -2,7 +2,7 @@
 
 use crate::{
     amount,
-    args::{HowArgs, OneArgs, ReadArgs, WalkArgs, Which},
+    args::{HowArgs, OneArgs, ReadArgs, WalkArgs, Which, whole},
     compare,
     files::Files,
     input::{Input, RepairCounts},
@@ -75,7 +75,7 @@ pub(crate) struct TraceArgs {
     #[arg(long, conflicts_with = "query")]
     pub any: bool,
     /// With --query all: hits a ray to write; left out: 8
-    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..=65536))]
+    #[arg(long, value_name = "K", value_parser = whole(1_u32, 65536))]
     pub limit: Option<u32>,
     #[command(flatten)]
     pub walk: WalkArgs,
@@ -160,8 +160,10 @@ impl Task for TraceArgs {
 
     fn files(&self) -> Files {
         Files::of_scenes(std::slice::from_ref(&self.mesh))
-            .read(&[&self.rays, &self.tree, &self.how.amount.costs])
-            .write(self.hits.clone())
+            .read("--rays", &self.rays)
+            .read("--tree", &self.tree)
+            .read("--costs", &self.how.amount.costs)
+            .write("--hits", self.hits.clone())
     }
 
     fn check(&self) -> Result<(), String> {

@@ -166,6 +166,10 @@ fn help_has_examples() {
     has(&good(&["trace", "--help"]), &["0xFFFFFFFF", "little-endian", "file order", "--any", "--tree"]);
     has(&good(&["render", "--help"]), &["normal", "depth", "heat", "id", "1024x1024", "--eye"]);
     has(&good(&["--version"]), &["raykd 0."]);
+    for line in [&["help"] as &[&str], &["help", "--help"], &["help", "-h"]] {
+        assert_eq!(good(line), general, "{line:?}");
+    }
+    assert_eq!(good(&["help", "bench", "--help"]), good(&["bench", "--help"]));
 }
 
 #[test]
@@ -181,6 +185,9 @@ fn wrong_usage_exits_with_2() {
         &["trace", "teapot", "--rays", "r"],
         &["render", "teapot", "-o", "a.png", "--size", "10"],
         &["render", "teapot", "-o", "a.png", "--target", "1,2,3"],
+        &["render", "none.ply", "-o", "a.png", "--eye", "1,2,3", "--target", "1,2,3"],
+        &["calibrate", "-o", "c.json"],
+        &["calibrate", "-o", "c.json", "--device", "both"],
         &["walk"],
     ] {
         bad(line, 2);
@@ -192,6 +199,7 @@ fn errors_name_file_and_remedy() {
     let folder = folder();
     let file = |name: &str| path(&folder, name);
     has(&bad(&["build", &file("none.ply"), "--device", "cpu"], 1), &["none.ply", "No such file"]);
+    has(&bad(&["build", "teapot", "--rays", "1.5"], 2), &["write a whole number from 1 to 1844"]);
     has(&bad(&["bench", "teepot", "--device", "cpu"], 1), &["teepot", "teapot", "dragon_res4", "sponza"]);
 
     let rays = file("rays");
@@ -205,8 +213,12 @@ fn errors_name_file_and_remedy() {
     let nowhere = file("nowhere/out.png");
     has(&bad(&["render", "teapot", "-o", &nowhere, "--device", "cpu"], 1), &[&nowhere, "no such folder"]);
     has(&bad(&["build", "teapot", "-o", &nowhere, "--device", "cpu"], 1), &[&nowhere, "no such folder"]);
-    has(&bad(&["build", "teapot", "-o", &file(""), "--device", "cpu"], 1), &["directory"]);
-    has(&bad(&["render", "teapot", "-o", &file("a.jpg"), "--device", "cpu"], 1), &["a.jpg", "PNG"]);
+    has(
+        &bad(&["build", "teapot", "-o", &file(""), "--device", "cpu"], 1),
+        &["this is a folder; name a file in it"],
+    );
+    has(&bad(&["render", "none.ply", "-o", "a.jpg"], 2), &["a.jpg: pictures are PNG", "like a.png\n"]);
+    has(&bad(&["build", &file("")], 1), &["name a file in it (", ".ply"]);
 
     let none = bad(&["build", "teapot", "--adapter", "Voodoo 2"], 1);
     has(&none, &["Voodoo 2", "raykd devices", "mesa-vulkan-drivers"]);
@@ -291,6 +303,9 @@ fn one_device_has_nothing_to_compare() {
     assert_eq!(rows.as_array().unwrap().len(), 1);
     assert!(rows[0]["identical"].is_null());
     has(rows[0]["adapter"].as_str().unwrap(), &["1 thread"]);
+    let many = std::thread::available_parallelism().unwrap().get() + 1;
+    let output = raykd(&["build", "teapot:1", "--json", "--threads", &many.to_string()]);
+    has(text(&output.stderr), &[&format!("note: --threads {many}: {} run at once here", many - 1)]);
     assert!(rows[0]["kernels"].as_array().unwrap().iter().any(|kernel| kernel["name"] == "treelet"));
 }
 

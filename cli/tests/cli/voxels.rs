@@ -47,14 +47,15 @@ fn voxels_that_cannot_be_are_refused() {
     let folder = folder();
     fs::write(folder.path().join("flat.obj"), "v 0 0 0\nv 1 1 1\nv 2 2 2\nf 1 2 3\n").unwrap();
     for (line, told, code) in [
-        ("voxels closed.obj --size 257 -o v.vox", "256 voxels along an axis at most; use --size 256", 1),
-        ("voxels closed.obj --size 1025 -o v.png", "--size 1024", 1),
-        ("voxels closed.obj --size 4 -o v.ply", "name it like v.ply.npy", 1),
+        ("voxels closed.obj --size 257 -o v.vox", "256 voxels along an axis at most; use --size 256", 2),
+        ("voxels closed.obj --size 1025 -o v.png", "--size 1024", 2),
+        ("voxels closed.obj --size 4 -o v.ply", "name it like v.npy\n", 2),
         ("voxels closed.obj --size 4 -o none/v.npy", "none/v.npy", 1),
         ("voxels flat.obj --size 4 -o v.npy", "flat.obj: no triangle has an area", 1),
         ("voxels none.obj --size 4 -o v.npy", "none.obj", 1),
-        ("voxels closed.obj --size 4 -o closed.obj", "closed.obj", 1),
-        ("voxels closed.obj --size 0 -o v.npy", "--size", 2),
+        ("voxels closed.obj --size 4 -o closed.obj", "closed.obj", 2),
+        ("voxels closed.obj --size 0 -o v.npy", "a whole number from 1 to 4096", 2),
+        ("voxels closed.obj --size 1.5 -o v.npy", "a whole number from 1 to 4096", 2),
         ("voxels closed.obj --size 4097 -o v.npy", "--size", 2),
         ("voxels closed.obj --size 4", "--output", 2),
         ("voxels closed.obj -o v.npy", "--size", 2),

@@ -100,9 +100,22 @@ fn either(folders: &[PathBuf]) -> String {
 #[non_exhaustive]
 pub enum MeshError {
     /// The file could not be read.
-    #[error("cannot read {}: {source}; check the path and its permissions", quoted(path.display()))]
+    #[error("cannot read {}: {source}; {}", quoted(path.display()), remedy(source))]
     Read {
         /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The file of a glTF file's buffer could not be read.
+    #[error(
+        "{at}: cannot read {}: {source}; put this file there, or export the mesh as one .glb file",
+        quoted(path.display())
+    )]
+    Buffer {
+        /// The buffer.
+        at: Place,
+        /// Its file.
         path: PathBuf,
         /// What the system said.
         source: std::io::Error,
@@ -247,6 +260,14 @@ pub enum MeshError {
     },
 }
 
+/// What to do about a file that cannot be read.
+fn remedy(source: &std::io::Error) -> String {
+    match source.kind() {
+        std::io::ErrorKind::IsADirectory => format!("name a file in it ({})", super::formats::extensions()),
+        _ => "check the path and its permissions".to_owned(),
+    }
+}
+
 /// The valid indices, in words.
 fn range_of(first: u32, vertices: u64) -> String {
     match vertices {
@@ -279,7 +300,8 @@ impl MeshError {
     /// Names the file in an error that does not name one yet.
     pub(crate) fn in_file(mut self, path: &Path) -> Self {
         match &mut self {
-            Self::TooLong { at, .. }
+            Self::Buffer { at, .. }
+            | Self::TooLong { at, .. }
             | Self::Gzip { at, .. }
             | Self::UnknownFormat { at, .. }
             | Self::Extension { at, .. }

@@ -212,13 +212,14 @@ fn gltf_buffers_in_files_of_their_own() {
     std::fs::write(folder.path().join("short.bin"), [0; 59]).unwrap();
     for (uri, message) in [
         ("short.bin", "a.gltf, buffer 0: it has 59 bytes of 60 announced"),
-        ("missing.bin", "missing.bin: No such file"),
+        ("missing.bin", "a.gltf, buffer 0: cannot read "),
         ("/dev/zero", "a.gltf, buffer 0: '/dev/zero' is no file beside this one"),
         (
             "https://example.org/a.bin",
             "a.gltf, buffer 0: 'https://example.org/a.bin' is no file beside this one",
         ),
-        (".", "not a regular file"),
+        ("missing.bin", "missing.bin: No such file"),
+        (".", "not a regular file; put this file there"),
         ("data:;base64,=AAA", "a.gltf, buffer 0: its data are no base64"),
         ("data:none", "a.gltf, buffer 0: its data are no base64"),
     ] {

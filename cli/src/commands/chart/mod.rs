@@ -15,7 +15,7 @@ mod verdict;
 
 use crate::report::{Table, capitals, count};
 use crate::{
-    args::WhichArgs,
+    args::{WhichArgs, whole},
     files::Files,
     input::Input,
     machine::Machines,
@@ -60,7 +60,7 @@ pub(crate) struct ChartArgs {
     #[arg(long)]
     pub quick: bool,
     /// About so many rays for each measurement; left out: as many as the device likes
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(256..=1 << 26))]
+    #[arg(long, value_name = "N", value_parser = whole(256_u32, 1 << 26))]
     pub rays: Option<u32>,
     /// What peers/ wrote with --json, for a figure of other crates
     #[arg(long, value_name = "FILE")]
@@ -80,7 +80,7 @@ impl Task for ChartArgs {
     }
 
     fn files(&self) -> Files {
-        Files::of_scenes(&self.scenes).read(&[&self.peers]).write(replaced(&self.output))
+        Files::of_scenes(&self.scenes).read("--peers", &self.peers).write("-o", replaced(&self.output))
     }
 
     fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {

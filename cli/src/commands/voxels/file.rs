@@ -1,7 +1,6 @@
 //! Files of voxels.
 
-use crate::png_file;
-use anyhow::{bail, ensure};
+use crate::{files::renamed, png_file};
 use raykd::internals::quoted;
 use std::{
     ffi::OsStr,
@@ -23,20 +22,26 @@ pub(super) enum Format {
 
 impl Format {
     /// What the file is, if it holds so many voxels along an axis.
-    pub(super) fn of(path: &Path, most: usize) -> anyhow::Result<Self> {
+    pub(super) fn of(path: &Path, most: usize) -> Result<Self, String> {
         let name = quoted(path.display());
         let extension = path.extension().and_then(OsStr::to_str).unwrap_or_default().to_ascii_lowercase();
         let (format, limit) = match extension.as_str() {
             "npy" => (Self::Npy, usize::MAX),
             "vox" => (Self::Vox, 256),
             "png" => (Self::Png, 1024),
-            _ => bail!("{name}: voxels are written as .npy, .vox or .png; name it like {name}.npy"),
+            _ => {
+                let better = renamed(path, "npy");
+                return Err(format!(
+                    "{name}: voxels are written as .npy, .vox or .png; name it like {better}"
+                ));
+            }
         };
-        ensure!(
-            most <= limit,
-            "{name}: a .{extension} file takes {limit} voxels along an axis at most; use --size {limit}, or \
-             write a .npy"
-        );
+        if most > limit {
+            return Err(format!(
+                "{name}: a .{extension} file takes {limit} voxels along an axis at most; use --size {limit}, or \
+                 write a .npy"
+            ));
+        }
         Ok(format)
     }
 }
@@ -202,7 +207,7 @@ mod tests {
 
     #[test]
     fn names_tell_the_format_and_its_limit() {
-        let of = |name: &str, most| Format::of(Path::new(name), most).map_err(|error| error.to_string());
+        let of = |name: &str, most| Format::of(Path::new(name), most);
         assert_eq!(of("a.NPY", 4096), Ok(Format::Npy));
         assert_eq!([of("a.vox", 256), of("a.png", 1024)], [Ok(Format::Vox), Ok(Format::Png)]);
         assert!(of("a.vox", 257).unwrap_err().contains("256 voxels along an axis at most; use --size 256"));

@@ -4,7 +4,7 @@ mod file;
 mod grid;
 
 use crate::{
-    args::{OneArgs, ReadArgs, TreeArgs},
+    args::{OneArgs, ReadArgs, TreeArgs, whole},
     files::Files,
     input::{Input, RepairCounts},
     machine::Machine,
@@ -53,7 +53,7 @@ pub(crate) struct VoxelsArgs {
     /// Scene name or mesh file
     pub mesh: OsString,
     /// Voxels along the longest side of the mesh's box
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=4096))]
+    #[arg(long, value_name = "N", value_parser = whole(1_u16, 4096))]
     pub size: u16,
     /// File to write: .npy, .vox or .png
     #[arg(short, long, value_name = "FILE")]
@@ -104,21 +104,31 @@ struct Told {
     across: Option<usize>,
 }
 
+impl VoxelsArgs {
+    /// What the file to write is, if it takes voxels of that size.
+    fn format(&self) -> Result<Format, String> {
+        Format::of(&self.output, self.size.into())
+    }
+}
+
 impl Task for VoxelsArgs {
     fn on(&self) -> Option<On<'_>> {
         Some(On::One(&self.on))
     }
 
     fn files(&self) -> Files {
-        Files::of_scenes(std::slice::from_ref(&self.mesh)).write([self.output.clone()])
+        Files::of_scenes(std::slice::from_ref(&self.mesh)).write("-o", [self.output.clone()])
+    }
+
+    fn check(&self) -> Result<(), String> {
+        self.format().map(drop)
     }
 
     fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
         let notes = Notes::new(self.json);
-        let most = usize::from(self.size);
-        let format = Format::of(&self.output, most)?;
+        let format = self.format().map_err(anyhow::Error::msg)?;
         let input = Input::load(&self.mesh, self.read, &notes)?;
-        let grid = Grid::around(&input.mesh, most).with_context(|| {
+        let grid = Grid::around(&input.mesh, self.size.into()).with_context(|| {
             format!("{}: no triangle has an area, so there is nothing to fill", input.name)
         })?;
         let closed = input.is_closed(&notes);

@@ -501,7 +501,7 @@ impl File<'_> {
             }
             read::up_to(std::fs::File::open(&path)?.take(length), self.left.get(), about.len().min(length))
         };
-        let bytes = read().map_err(|source| MeshError::Read { path: path.clone(), source })?;
+        let bytes = read().map_err(|source| MeshError::Buffer { at: at(), path: path.clone(), source })?;
         let bytes = bytes.ok_or_else(|| MeshError::TooLong { at: at(), limit: self.limit })?;
         self.left.set(self.left.get() - bytes.len() as u64);
         Ok(bytes)
