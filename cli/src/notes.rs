@@ -7,7 +7,7 @@ use std::{
     cell::RefCell,
     collections::HashSet,
     fmt::Display,
-    io::{IsTerminal as _, stderr},
+    io::{IsTerminal as _, Write as _, stderr},
     thread,
     time::Duration,
 };
@@ -80,12 +80,14 @@ fn tell_often(bar: WeakProgressBar) {
             thread::sleep(OFTEN);
             let Some(bar) = bar.upgrade().filter(|bar| !bar.is_finished()) else { return };
             let (after, stage, left) = (bar.elapsed().as_secs(), bar.message(), bar.eta().as_secs());
-            match (bar.position(), bar.length()) {
+            let mut err = stderr();
+            // Whoever closed it does not want to know.
+            let _ = match (bar.position(), bar.length()) {
                 (done, Some(all)) => {
-                    eprintln!("note: after {after} s: {done} of {all} done, about {left} s left: {stage}");
+                    writeln!(err, "note: after {after} s: {done} of {all} done, about {left} s left: {stage}")
                 }
-                _ => eprintln!("note: after {after} s: {stage}"),
-            }
+                _ => writeln!(err, "note: after {after} s: {stage}"),
+            };
         }
     };
     // Without a thread nothing is heard, and the work goes on.
