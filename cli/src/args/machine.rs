@@ -2,6 +2,14 @@
 
 use super::values::whole;
 use clap::ValueEnum;
+use std::thread::available_parallelism;
+
+/// The most threads of a CPU: 64 for each that runs at once. Threads without work look for some at all others, so that
+/// thousands on a few cores do nothing else.
+fn most() -> u16 {
+    let there = available_parallelism().map_or(1, usize::from);
+    (64 * there).min(4096) as u16
+}
 
 /// More about the devices to run on.
 #[derive(Clone, Debug, clap::Args)]
@@ -10,7 +18,7 @@ pub(crate) struct MachineArgs {
     #[arg(long, value_name = "SUBSTRING")]
     pub adapter: Option<String>,
     /// Threads of the CPU; implies the CPU where one device is used; left out: all
-    #[arg(long, value_name = "N", value_parser = whole(1_u16, 4096))]
+    #[arg(long, value_name = "N", value_parser = whole(1, most()))]
     pub threads: Option<u16>,
 }
 

@@ -306,6 +306,10 @@ fn one_device_has_nothing_to_compare() {
     let many = std::thread::available_parallelism().unwrap().get() + 1;
     let output = raykd(&["build", "teapot:1", "--json", "--threads", &many.to_string()]);
     has(text(&output.stderr), &[&format!("note: --threads {many}: {} run at once here", many - 1)]);
+    let too_many = (64 * (many - 1) + 1).to_string();
+    let output = raykd(&["build", "teapot:1", "--threads", &too_many]);
+    assert_eq!(output.status.code(), Some(2));
+    has(text(&output.stderr), &["write a whole number from 1 to "]);
     assert!(rows[0]["kernels"].as_array().unwrap().iter().any(|kernel| kernel["name"] == "treelet"));
 }
 
