@@ -1,16 +1,13 @@
 //! Which device a command runs on.
 
 use crate::{
-    args::{MachineArgs, One, Which},
+    args::{MachineArgs, One, Which, at_once},
     hints,
     notes::Notes,
     report::capitals,
 };
 use raykd::{Device, DeviceKind, Error};
-use std::{
-    io::{self, Write},
-    thread::available_parallelism,
-};
+use std::io::{self, Write};
 
 /// The device of a command that uses one.
 #[derive(Debug)]
@@ -144,7 +141,7 @@ pub(super) const fn at_fault(error: &Error) -> bool {
 
 fn cpu(more: &MachineArgs, notes: &Notes) -> Result<Device, Error> {
     let Some(threads) = more.threads else { return Ok(Device::cpu()) };
-    let there = available_parallelism().map_or(threads.into(), usize::from);
+    let there = at_once();
     if usize::from(threads) > there {
         notes.note(format_args!("--threads {threads}: {there} run at once here, more may be slower"));
     }

@@ -4,11 +4,15 @@ use super::values::whole;
 use clap::ValueEnum;
 use std::thread::available_parallelism;
 
+/// How many threads run at once here.
+pub(crate) fn at_once() -> usize {
+    available_parallelism().map_or(1, usize::from)
+}
+
 /// The most threads of a CPU: 64 for each that runs at once. Threads without work look for some at all others, so that
 /// thousands on a few cores do nothing else.
 fn most() -> u16 {
-    let there = available_parallelism().map_or(1, usize::from);
-    (64 * there).min(4096) as u16
+    (64 * at_once()).min(4096) as u16
 }
 
 /// More about the devices to run on.

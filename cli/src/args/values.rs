@@ -29,14 +29,12 @@ pub(crate) fn whole<T>(lo: T, hi: T) -> impl Fn(&str) -> Result<T, String> + Clo
 where
     T: FromStr + PartialOrd + std::fmt::Display + Copy,
 {
-    move |text| {
-        let x = text.parse().ok().filter(|x| lo <= *x && *x <= hi);
-        x.ok_or_else(|| format!("write a whole number from {lo} to {hi}"))
-    }
+    let number = within(lo, hi);
+    move |text| number(text).map_err(|_| format!("write a whole number from {lo} to {hi}"))
 }
 
 pub(crate) fn size(text: &str) -> Result<[u32; 2], String> {
-    let side = |text: &str| text.parse().ok().filter(|n| (1..=16384).contains(n));
+    let side = |text: &str| whole(1, 16384)(text).ok();
     let sides = text.split_once('x').and_then(|(w, h)| Some([side(w)?, side(h)?]));
     sides.ok_or_else(|| "write it like 1024x768, each from 1 to 16384".to_owned())
 }

@@ -23,10 +23,14 @@ const QUIT: i32 = 3;
 const TERMINATE: i32 = 15;
 
 /// The message of a command that fails.
-fn refused(mut command: Command) -> String {
+fn refused(command: Command) -> String {
+    refused_by(1, command)
+}
+
+fn refused_by(code: i32, mut command: Command) -> String {
     let output = command.output().unwrap();
     let message = told(&output);
-    assert_eq!(output.status.code(), Some(1), "{command:?}: {message}");
+    assert_eq!(output.status.code(), Some(code), "{command:?}: {message}");
     assert!(message.contains("error: "), "{message}");
     message
 }
@@ -280,11 +284,13 @@ fn what_must_not_be_replaced_is_not() {
         (&deep, ""),
     ] {
         for line in ["build none.obj -o", "trace none.obj --rays rays --hits", "render none.obj -o"] {
-            // What is named as no picture is wrong usage.
-            if line.starts_with("render") && Path::new(place).extension().is_none() {
-                continue;
-            }
-            let message = refused(raykd(&folder, &format!("{line} {place}")));
+            // A picture's name is looked at first: what ends in no .png is wrong usage.
+            let (code, why) = if line.starts_with("render") && Path::new(place).extension().is_none() {
+                (2, "pictures are PNG files")
+            } else {
+                (1, why)
+            };
+            let message = refused_by(code, raykd(&folder, &format!("{line} {place}")));
             assert!(message.contains(why), "{line} {place}: {message}");
             assert!(!message.contains("none.obj"), "{line} {place} read the mesh first: {message}");
         }
