@@ -36,38 +36,41 @@ macro_rules! answer_left {
             job::{self, THREADS},
             left::{BLOCK, marked_after},
         };
-        let number = if $outcome.at(job::OUTCOME_LEFT) != 0 { $job.at(job::JOB_RAYS) } else { 0 };
-        // There may be more workgroups than blocks.
-        let first = if $group.id > number / BLOCK { number } else { $group.id * BLOCK };
-        lanes!($group, |lane| {
-            if lane < MARKS as u32 {
-                $marks.put(lane, 0);
-            }
-        });
-        lanes!($group, |lane| {
-            let mut i = lane;
-            while i < BLOCK && first + i < number {
-                let $i = first + i;
-                if $is_left {
-                    $marks.or(i / 32, 1 << (i % 32));
+        // All lanes of all workgroups see the same.
+        if $outcome.at(job::OUTCOME_LEFT) != 0 {
+            let number = $job.at(job::JOB_RAYS);
+            // There may be more workgroups than blocks.
+            let first = if $group.id > number / BLOCK { number } else { $group.id * BLOCK };
+            lanes!($group, |lane| {
+                if lane < MARKS as u32 {
+                    $marks.put(lane, 0);
                 }
-                i += THREADS;
-            }
-        });
-        lanes!($group, |lane| {
-            let mut before = lane;
-            let mut running = number > 0;
-            while running {
-                let $ray = first + marked_after(before, $marks);
-                running = $ray < first + BLOCK;
-                if running {
-                    $answer;
-                    before += THREADS;
+            });
+            lanes!($group, |lane| {
+                let mut i = lane;
+                while i < BLOCK && first + i < number {
+                    let $i = first + i;
+                    if $is_left {
+                        $marks.or(i / 32, 1 << (i % 32));
+                    }
+                    i += THREADS;
                 }
-            }
-            if !job::loops_are_whole($job) {
-                $outcome.or(job::OUTCOME_STATUS, ::raykd_shared::status::CUT_SHORT);
-            }
-        });
+            });
+            lanes!($group, |lane| {
+                let mut before = lane;
+                let mut running = number > 0;
+                while running {
+                    let $ray = first + marked_after(before, $marks);
+                    running = $ray < first + BLOCK;
+                    if running {
+                        $answer;
+                        before += THREADS;
+                    }
+                }
+                if !job::loops_are_whole($job) {
+                    $outcome.or(job::OUTCOME_STATUS, ::raykd_shared::status::CUT_SHORT);
+                }
+            });
+        }
     };
 }

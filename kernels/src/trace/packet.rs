@@ -425,6 +425,10 @@ impl<N: Sides> Packet<N> {
     pub(super) fn glance(&self, corners: Corners, some: u32) -> Option<(N::Mask, Glance<N>)> {
         let s = self.sheared(corners);
         let edges = Edges::new(&s, self.pad);
+        if N::bits(edges.may_hit()) & some == 0 {
+            return None;
+        }
+        let edges = edges.closer(&s, self.pad);
         let may = edges.may_hit();
         if N::bits(may) & some == 0 {
             return None;

@@ -68,27 +68,46 @@ impl<N: Digits> Starts<N> {
     }
 }
 
-/// Edge functions by rounded products, and how far they may be off. Sheared corners are off by at most a quarter of the
-/// pad, rounded products by `2^-24` of themselves: an edge function by less than `pad / 2` times the coordinates in it.
+/// Edge functions by rounded products, and how far they may be off.
 pub(in crate::trace) struct Edges<N: Digits> {
     u: N,
     v: N,
     w: N,
     errors: (N, N, N),
-    /// The sum of all coordinates, by size.
-    size: N,
+    /// The coordinates of each corner, added up by size.
+    sizes: (N, N, N),
 }
 
 impl<N: Digits> Edges<N> {
+    /// With `e = 2^-24` and `M` the scene's size as seen from the origin, the pad is `32 e M`, and sheared corners are off
+    /// by at most `8 e M`. Coordinates are at most `2 M`, so that the rounding of their products is worth `2 e M` to each.
     #[inline(always)]
     pub(in crate::trace) fn new(s: &Sheared<N>, pad: N) -> Self {
-        let half = N::all(0.5) * pad;
-        let (a, b, c) = (s.ax.abs() + s.ay.abs(), s.bx.abs() + s.by.abs(), s.cx.abs() + s.cy.abs());
+        let sizes = (s.ax.abs() + s.ay.abs(), s.bx.abs() + s.by.abs(), s.cx.abs() + s.cy.abs());
         let u = s.cx * s.by - s.cy * s.bx;
         let v = s.ax * s.cy - s.ay * s.cx;
         let w = s.bx * s.ay - s.by * s.ax;
-        let errors = (half * (b + c + half), half * (c + a + half), half * (a + b + half));
-        Self { u, v, w, errors, size: a + b + c }
+        Self { u, v, w, errors: Self::errors(sizes, N::all(11.0 * exp2(-5)) * pad), sizes }
+    }
+
+    /// What edge functions are off by, if corners and the rounding of products are worth `off` to a coordinate.
+    #[inline(always)]
+    fn errors((a, b, c): (N, N, N), off: N) -> (N, N, N) {
+        (off * (b + c + off), off * (c + a + off), off * (a + b + off))
+    }
+
+    /// The same with closer bounds, by where the triangle is. A corner at depth `z`, which is off by `e z`, is sheared by
+    /// `S z`; `S` is off by `2 e`, the product by `e`, what it is taken from and the result by `e` of themselves. So the
+    /// result `x` is off by `5 e z + 2 e x`, and the rounding of products is worth `2 e` of the largest `x`.
+    #[inline(always)]
+    pub(in crate::trace) fn closer(self, s: &Sheared<N>, pad: N) -> Self {
+        let all = N::all;
+        let (a, b, c) = self.sizes;
+        let depth = most(s.az.abs(), s.bz.abs(), s.cz.abs());
+        // Far more than what is too small for a float.
+        let dust = all(exp2(-12)) * pad;
+        let off = all(6.0 * exp2(-24)) * (depth + most(a, b, c)) + dust;
+        Self { errors: Self::errors((a, b, c), off), ..self }
     }
 
     /// Which are surely negative, and which positive: u, v and w.
@@ -111,6 +130,12 @@ impl<N: Digits> Edges<N> {
     }
 }
 
+/// The largest of three.
+#[inline(always)]
+fn most<N: Digits>(a: N, b: N, c: N) -> N {
+    a.high(b.high(c))
+}
+
 /// How a ray's line passes through a triangle's border.
 pub(in crate::trace) struct Through<N: Digits> {
     edges: Edges<N>,
@@ -125,9 +150,10 @@ pub(in crate::trace) struct Through<N: Digits> {
 impl<N: Digits> Through<N> {
     /// Edge functions are off by an eighth of what their sum is compared with.
     #[inline(always)]
-    pub(in crate::trace) fn new(edges: Edges<N>, pad: N) -> Self {
+    pub(in crate::trace) fn new(edges: Edges<N>) -> Self {
         let all = N::all;
-        let error = all(2.0) * pad * (edges.size + all(0.75) * pad);
+        let (eu, ev, ew) = edges.errors;
+        let error = all(2.0) * (eu + ev + ew);
         let det = edges.u + edges.v + edges.w;
         let known = det.abs().exceeds(all(4.0) * error);
         let (negative, positive) = edges.signs();
@@ -151,7 +177,7 @@ impl<N: Digits> Through<N> {
         let unit = self.det.unit();
         let inverse = (self.det * unit).inverse();
         let t = s.depth(along, u * unit, v * unit, w * unit) * inverse;
-        let spread = along.abs() * (s.az.high(s.bz.high(s.cz)) - s.az.low(s.bz.low(s.cz)));
+        let spread = along.abs() * (most(s.az, s.bz, s.cz) - s.az.low(s.bz.low(s.cz)));
         let off = N::all(4.0) * self.error * unit * inverse.abs() * spread + N::all(2.0) * pad;
         (t - off, t + off)
     }
@@ -164,7 +190,12 @@ pub(super) fn bounds(ray: &Frame, s: &Sheared, corners: (Vec3, Vec3, Vec3)) -> G
         origin: [ray.origin.x, ray.origin.y, ray.origin.z],
         inverse: [ray.inverse.x, ray.inverse.y, ray.inverse.z],
     };
-    glance(s, Edges::new(s, ray.pad), &starts, component(ray.inverse, ray.main), ray.pad, corners)
+    let edges = Edges::new(s, ray.pad).closer(s, ray.pad);
+    if !edges.may_hit() {
+        // Met nowhere.
+        return Glance { near: f32::INFINITY, later: f32::NEG_INFINITY, sure: false, leaving: false };
+    }
+    glance(s, edges, &starts, component(ray.inverse, ray.main), ray.pad, corners)
 }
 
 /// The same for one ray or several side by side.
@@ -179,7 +210,7 @@ pub(in crate::trace) fn glance<N: Digits>(
 ) -> Glance<N> {
     let all = N::all;
     let zero = all(0.0);
-    let through = Through::new(edges, pad);
+    let through = Through::new(edges);
     let (known, sure) = (through.known, through.known & through.sure);
     let (none, any) = (all(f32::NEG_INFINITY), all(f32::INFINITY));
     if N::every(!known) {

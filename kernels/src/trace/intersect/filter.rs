@@ -95,6 +95,14 @@ struct Seen<L: Long> {
 }
 
 impl<L: Long> Seen<L> {
+    /// Stands for a corner that is still to come.
+    #[inline(always)]
+    fn none() -> Self {
+        let zero = One::<L>::all(0.0);
+        let none = Pair::float(zero);
+        Self { x: L::of(none), y: L::of(none), z: none, size: zero, known: zero.is(zero) }
+    }
+
     #[inline(always)]
     fn new(line: &Line<One<L>>, p: &Turned<One<L>>) -> Self {
         let [x, y, z] = line.from.to(p);
@@ -116,6 +124,14 @@ pub(super) struct Edge<L: Long = First> {
 }
 
 impl<L: Long> Edge<L> {
+    /// Stands for one that is still to come.
+    #[inline(always)]
+    fn none() -> Self {
+        let zero = One::<L>::all(0.0);
+        let yes = zero.is(zero);
+        Self { value: L::of(Pair::float(zero)), positive: yes, negative: yes, certain: yes, error: zero }
+    }
+
     /// Of two corners of a scene of size `far`.
     #[inline(always)]
     fn new(a: &Seen<L>, b: &Seen<L>, far: One<L>) -> Self {
@@ -193,15 +209,30 @@ pub(super) fn look<L: Long>(line: &Line<One<L>>, corners: &[Turned<One<L>>; 3]) 
     let all = One::<L>::all;
     let [a, b, c] = corners;
     let level = level_of(line, corners);
-    let (a, b, c) = (Seen::<L>::new(line, a), Seen::<L>::new(line, b), Seen::<L>::new(line, c));
     let far = line.far;
+    // Loops, so that a GPU has less code: a warp that needs triples waits until it is fetched.
+    let (mut seen, mut corners) = ((Seen::<L>::none(), Seen::none(), Seen::none()), (*a, *b, *c));
+    let mut i = 0;
+    while i < 3 {
+        seen = (seen.1, seen.2, Seen::new(line, &corners.0));
+        corners = (corners.1, corners.2, corners.0);
+        i += 1;
+    }
+    let (a, b, c) = seen;
     let size = most(a.size, b.size, c.size);
     // All corners on one side: most triangles that the ray passes by.
     let aside = all(L::CORNER) * size + all(L::CORNER_FAR) * far;
     let (x, y) = ((a.x.hi(), b.x.hi(), c.x.hi()), (a.y.hi(), b.y.hi(), c.y.hi()));
     let below = most(x.0, x.1, x.2).below(-aside) | most(y.0, y.1, y.2).below(-aside);
     let above = least(x.0, x.1, x.2).exceeds(aside) | least(y.0, y.1, y.2).exceeds(aside);
-    let (u, v, w) = (Edge::new(&c, &b, far), Edge::new(&a, &c, far), Edge::new(&b, &a, far));
+    let mut edges = (Edge::none(), Edge::none(), Edge::none());
+    let mut i = 0;
+    while i < 3 {
+        edges = (edges.1, edges.2, Edge::new(&seen.2, &seen.1, far));
+        seen = (seen.1, seen.2, seen.0);
+        i += 1;
+    }
+    let (u, v, w) = edges;
     let negative = u.negative | v.negative | w.negative;
     let positive = u.positive | v.positive | w.positive;
     let sure = u.certain & v.certain & w.certain;
