@@ -38,6 +38,9 @@ fn stl_of_both_forms() {
     }
     is_the_quad(&read("a.stl", QUAD_STL.to_uppercase()).unwrap());
     is_the_quad(&read("a.stl", QUAD_STL.replace('\n', "\r")).unwrap());
+    // A mark of UTF-8.
+    is_the_quad(&read("a.stl", format!("\u{feff}{QUAD_STL}")).unwrap());
+    is_the_quad(&read("a", format!("\u{feff}{QUAD_STL}")).unwrap());
     // Several solids, and blank lines.
     let (first, second) = QUAD_STL.split_at(QUAD_STL.rfind(" facet").unwrap());
     is_the_quad(&read("a.stl", format!("\n{first}endsolid\n\nsolid\n{second}\n\n")).unwrap());
