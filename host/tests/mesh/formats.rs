@@ -441,6 +441,43 @@ fn gltf_sparse_accessors() {
     }
 }
 
+/// All primitives have the same vertices: what is done for each must not grow with their number.
+#[test]
+fn gltf_primitives_take_no_quadratic_time() {
+    const PRIMITIVES: usize = 100_000;
+    let timed = |primitive: &Value, vertices: usize, changes: usize| {
+        let mut json = quad_json();
+        let primitives = vec![primitive.clone(); PRIMITIVES];
+        json["meshes"][0]["primitives"] = primitives.into();
+        let zeros = json!({"componentType": 5126, "count": vertices, "type": "VEC3"});
+        json["accessors"].as_array_mut().unwrap().push(zeros);
+        let mut bytes = quad_bytes();
+        let (places, values) = (bytes.len(), bytes.len() + 4 * changes);
+        bytes.extend((0..changes as u32).flat_map(u32::to_le_bytes));
+        bytes.resize(values + 12 * changes, 0);
+        json["buffers"][0]["byteLength"] = bytes.len().into();
+        if changes > 0 {
+            let views = json["bufferViews"].as_array_mut().unwrap();
+            views.push(json!({"buffer": 0, "byteOffset": places, "byteLength": 4 * changes}));
+            views.push(json!({"buffer": 0, "byteOffset": values, "byteLength": 12 * changes}));
+            json["accessors"][2]["sparse"] = json!({
+                "count": changes,
+                "indices": {"bufferView": 2, "componentType": 5125},
+                "values": {"bufferView": 3},
+            });
+        }
+        let file = glb(&json, &bytes);
+        let start = std::time::Instant::now();
+        let found = read("a.glb", file);
+        assert!(start.elapsed().as_secs() < 10, "{primitive}: {:?}", start.elapsed());
+        found
+    };
+    let points = timed(&json!({"attributes": {"POSITION": 2}, "mode": 0}), 3_000_000, 0);
+    assert!(points.unwrap_err().to_string().starts_with("a.glb: there are no faces"));
+    let sparse = timed(&json!({"attributes": {"POSITION": 2}, "indices": 1}), 500_000, 500_000);
+    assert_eq!(sparse.unwrap().triangles().len(), 2 * PRIMITIVES);
+}
+
 #[test]
 fn gltf_extensions_are_refused_by_name() {
     let draco = "KHR_draco_mesh_compression";
