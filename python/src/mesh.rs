@@ -78,8 +78,9 @@ impl Mesh {
         [lo, hi].map(|corner| [0, 1, 2].map(|axis| f64::from(corner[axis]) / f64::from(scale) + moved[axis]))
     }
 
-    fn is_closed(&self, py: Python<'_>) -> bool {
-        py.detach(|| self.0.edges().are_closed())
+    fn is_closed(&self, py: Python<'_>) -> PyResult<bool> {
+        same_process()?;
+        Ok(py.detach(|| self.0.edges().are_closed()))
     }
 
     fn repairs<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {

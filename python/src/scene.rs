@@ -248,6 +248,7 @@ impl Scene {
 
     /// The bytes of a tree file.
     fn tree<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        same_process()?;
         let bytes = py.detach(|| self.scene.tree().map(|tree| tree.to_bytes())).map_err(error)?;
         Ok(PyBytes::new(py, &bytes))
     }
@@ -265,6 +266,7 @@ impl Scene {
 
     /// What the tree is, and what building it took.
     fn about<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        same_process()?;
         let tree = py.detach(|| self.scene.tree()).map_err(error)?;
         let about = PyDict::new(py);
         about.set_item("digest", tree.digest())?;

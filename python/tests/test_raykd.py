@@ -409,20 +409,23 @@ def test_an_interrupt_is_heard():
 def test_a_forked_process_is_told_to_start_afresh(teapot):
     program = """
         import os, raykd
-        raykd.Scene(raykd.Mesh.teapot(1), device="cpu")
-        child = os.fork()
-        if child == 0:
-            try:
-                raykd.Scene(raykd.Mesh.teapot(1), device="cpu")
-            except RuntimeError as error:
-                os._exit(3 if "forked" in str(error) else 4)
-            os._exit(5)
-        print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+        mesh = raykd.Mesh.teapot(20)
+        scene = raykd.Scene(mesh, device="cpu")
+        calls = [lambda: raykd.Scene(mesh, device="cpu"), lambda: mesh.is_closed, lambda: scene.tree]
+        for call in calls:
+            child = os.fork()
+            if child == 0:
+                try:
+                    call()
+                except RuntimeError as error:
+                    os._exit(3 if "forked" in str(error) else 4)
+                os._exit(5)
+            print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
     """
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", textwrap.dedent(program)], capture_output=True, text=True, timeout=60
     )
-    assert done.stdout == "3\n", done.stderr
+    assert done.stdout == 3 * "3\n", done.stderr
 
 
 def test_pictures(teapot):
