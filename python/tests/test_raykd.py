@@ -197,6 +197,8 @@ def test_rays_that_are_none_miss_and_are_counted(teapot):
         (lambda s: s.closest([0, 0], [0, 0, 1]), "origins"),
         (lambda s: s.closest(["a", "b", "c"], [0, 0, 1]), "numbers"),
         (lambda s: s.closest(np.zeros((2, 3)), np.zeros((3, 3))), "go together"),
+        (lambda s: s.closest([0, 0, 0], [0, 0, 1], t_max=None), "t_max must be numbers"),
+        (lambda s: s.any([0, 0, 0], [0, 0, 1], t_min=1j), "t_min must be numbers"),
         (lambda s: s.closest([0, 0, 0], [0, 0, 1], exclude=-1), "exclude"),
         (lambda s: s.using(test="moeller").count([0, 0, 0], [0, 0, 1]), "exact"),
         (lambda s: raykd._raykd.Scene(s.mesh._mesh, ("cpu", None), ("stack", "strict"), b"no tree", {}), "tree"),
