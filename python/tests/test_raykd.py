@@ -145,6 +145,27 @@ def test_a_ray_leaves_the_triangle_that_is_excluded(teapot):
     assert (next_ones.t >= hits.t).all() and next_ones.is_hit.any()
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere memory is told in other units")
+def test_a_ray_with_many_hits_takes_no_room_for_others():
+    program = """
+        import resource, numpy as np, raykd
+        vertices = np.tile(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32), (4000, 1))
+        vertices[:, 2] = np.repeat(np.arange(4000), 3)
+        scene = raykd.Scene(vertices, np.arange(12000).reshape(-1, 3), device="cpu")
+        origins = np.full((1 << 14, 3), 5, np.float32)
+        origins[[7, 9000]] = [0.2, 0.2, -1]
+        peak = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        before = peak()
+        found = scene.all(origins, [0, 0, 1], limit=3999)
+        assert (found.ray == np.repeat([7, 9000], 3999)).all() and len(found.begin) == (1 << 14) + 1
+        assert (found.hits.triangle == np.tile(np.arange(3999), 2)).all()
+        print((peak() - before) // 1024)
+    """
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) < 200
+
+
 @pytest.mark.parametrize("device", DEVICES)
 def test_what_is_inside_of_a_box(device):
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
