@@ -40,6 +40,19 @@ impl Mesh {
         }
     }
 
+    /// The mesh of these positions, moved by what they lack.
+    #[staticmethod]
+    fn moved(
+        py: Python<'_>,
+        positions: PyReadonlyArray2<'_, f32>,
+        faces: PyReadonlyArray2<'_, u32>,
+        translation: [f64; 3],
+    ) -> PyResult<Self> {
+        same_process()?;
+        let (positions, faces) = (rows(&positions)?.to_vec(), rows(&faces)?.to_vec());
+        Self::of(py.detach(|| Ok(raykd::Mesh::new(positions, faces)?.moved(translation))))
+    }
+
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         same_process()?;

@@ -505,6 +505,18 @@ def test_pickles_carry_the_tree(teapot):
     assert (mesh.vertices == teapot.vertices).all() and (mesh.faces == teapot.faces).all()
 
 
+def test_pickles_of_moved_meshes_are_moved_as_far():
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]) + 1e6
+    # Rounding takes this, and what is left would be no reason to move the mesh.
+    corners[1, 1] += 1e-9
+    mesh = raykd.Mesh(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    assert any(mesh._mesh.translation) and mesh.repairs["rounded"]
+    again = pickle.loads(pickle.dumps(mesh))
+    assert again._mesh.translation == mesh._mesh.translation and (again.vertices == mesh.vertices).all()
+    scene = raykd.Scene(mesh, device="cpu")
+    assert pickle.loads(pickle.dumps(scene)).tree["digest"] == scene.tree["digest"]
+
+
 @pytest.mark.parametrize("device", DEVICES)
 def test_scenes_in_files(teapot, tmp_path, device):
     far = raykd.Mesh(teapot.vertices + [1e6, 2e6, -3e6], teapot.faces)

@@ -224,7 +224,9 @@ impl Mesh {
     }
 
     /// The mesh with its positions taken for coordinates less a translation.
-    pub(crate) fn moved(self, translation: [f64; 3]) -> Self {
+    #[doc(hidden)]
+    #[must_use]
+    pub fn moved(self, translation: [f64; 3]) -> Self {
         Self { translation, ..self }
     }
 
