@@ -478,6 +478,25 @@ fn gltf_primitives_take_no_quadratic_time() {
     assert_eq!(sparse.unwrap().triangles().len(), 2 * PRIMITIVES);
 }
 
+/// All nodes have the same mesh, of which little is triangles.
+#[test]
+fn gltf_nodes_take_no_quadratic_time() {
+    const MANY: usize = 100_000;
+    let mut json = quad_json();
+    let points = json!({"attributes": {"POSITION": 0}, "mode": 0});
+    json["meshes"][0]["primitives"].as_array_mut().unwrap().resize(MANY, points);
+    json["meshes"][0]["primitives"][7]["targets"] = json!([{}]);
+    json["nodes"] = vec![json!({"mesh": 0}); MANY].into();
+    json["scenes"][0]["nodes"] = (0..MANY).collect::<Vec<_>>().into();
+    let file = glb(&json, &quad_bytes());
+    let start = std::time::Instant::now();
+    let mesh = read("a.glb", file).unwrap();
+    assert!(start.elapsed().as_secs() < 20, "{:?}", start.elapsed());
+    assert_eq!(corners(&mesh), [[A, B, C], [A, C, D]].repeat(MANY));
+    let repairs = mesh.repairs();
+    assert_eq!((repairs.ignored, repairs.unposed), (u32::MAX, MANY as u32));
+}
+
 #[test]
 fn gltf_extensions_are_refused_by_name() {
     let draco = "KHR_draco_mesh_compression";

@@ -163,7 +163,8 @@ pub(super) fn parse(Source { bytes, folder, most }: Source<'_>) -> Result<Raw, M
     let changes = document.accessors.iter().map(|_| OnceCell::new()).collect();
     let left = Cell::new(limit.saturating_sub(bytes.len() as u64));
     let size = bytes.len() as u64;
-    let file = File { document: &document, blob, folder, buffers, changes, size, limit, left };
+    let drawn = document.meshes.iter().map(|_| OnceCell::new()).collect();
+    let file = File { document: &document, blob, folder, buffers, changes, drawn, size, limit, left };
     let mut raw = Raw::default();
     file.read(&mut raw)?;
     if raw.triangles.is_empty() {
@@ -242,6 +243,16 @@ impl Node {
     }
 }
 
+/// What a mesh that many nodes may have gives each of them.
+struct Drawn {
+    /// Primitives with triangles.
+    primitives: Vec<usize>,
+    /// How many of the others are points or lines.
+    ignored: u32,
+    /// Whether it has morph targets.
+    morphs: bool,
+}
+
 /// A document with its bytes.
 struct File<'a> {
     document: &'a Document,
@@ -255,6 +266,8 @@ struct File<'a> {
     buffers: Vec<OnceCell<Cow<'a, [u8]>>>,
     /// What sparse accessors change, of those that were needed so far.
     changes: Vec<OnceCell<Vec<Change>>>,
+    /// Of meshes that a node had.
+    drawn: Vec<OnceCell<Drawn>>,
     /// Bytes of the file.
     size: u64,
 }
@@ -295,11 +308,30 @@ impl File<'_> {
 
     fn mesh(&self, number: usize, matrix: &Matrix, skin: bool, raw: &mut Raw) -> Result<(), MeshError> {
         let mesh = get(&self.document.meshes, number, "mesh")?;
-        for (index, primitive) in mesh.primitives.iter().enumerate() {
-            let kind = format!("mesh {number}, primitive");
-            self.primitive(primitive, &|| Place::element(&kind, index as u64), matrix, raw)?;
-        }
-        let morphs = mesh.primitives.iter().any(|primitive| !primitive.targets.is_empty());
+        let primitive = |index: usize, raw: &mut Raw| {
+            let at = || Place::element(&format!("mesh {number}, primitive"), index as u64);
+            self.primitive(&mesh.primitives[index], &at, matrix, raw)
+        };
+        let morphs = match self.drawn[number].get() {
+            Some(Drawn { primitives, ignored, morphs }) => {
+                raw.repairs.ignored = raw.repairs.ignored.saturating_add(*ignored);
+                primitives.iter().try_for_each(|&index| primitive(index, raw))?;
+                *morphs
+            }
+            None => {
+                let (before, mut primitives) = (raw.repairs.ignored, Vec::new());
+                for index in 0..mesh.primitives.len() {
+                    let triangles = raw.triangles.len();
+                    primitive(index, raw)?;
+                    if raw.triangles.len() > triangles {
+                        primitives.push(index);
+                    }
+                }
+                let morphs = mesh.primitives.iter().any(|primitive| !primitive.targets.is_empty());
+                let ignored = raw.repairs.ignored - before;
+                self.drawn[number].get_or_init(|| Drawn { primitives, ignored, morphs }).morphs
+            }
+        };
         raw.repairs.unposed = raw.repairs.unposed.saturating_add((skin || morphs).into());
         Ok(())
     }
