@@ -67,6 +67,9 @@ def rays(origins: Any, directions: Any, t_min: Any, t_max: Any) -> tuple[Rays, t
             raise ValueError(f"{name} must be of shape (..., 3), but are of shape {array.shape}")
     # Numbers for all rays do not make them float64.
     limits = [on_host(t_min), on_host(t_max)]
+    for limit, name in zip(limits, ("t_min", "t_max")):
+        if limit.dtype.kind not in "fiu":
+            raise ValueError(f"{name} must be numbers, but are {limit.dtype}")
     wide = o.dtype == np.float64 or d.dtype == np.float64
     wide = wide or any(limit.ndim > 0 and limit.dtype != np.float32 for limit in limits)
     kind = np.float64 if wide else np.float32

@@ -94,12 +94,8 @@ class Mesh:
         return len(self.faces)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Mesh, self._parts()
-
-    def _parts(self) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices and faces that make the same mesh again."""
-        moved = any(self._mesh.translation)
-        return (self.vertices if moved else self._mesh.positions()), self.faces
+        # Not the vertices: where rounding took the last digits, a mesh of them might be moved elsewhere, or not at all.
+        return _moved, (self._mesh.positions(), self.faces, self._mesh.translation)
 
     def __repr__(self) -> str:
         return f"Mesh({len(self)} triangles)"
@@ -305,6 +301,11 @@ def load(path: str | os.PathLike[str], *, device: str = "auto", threads: int | N
     """
     file = os.path.abspath(os.fspath(path))
     return Scene._of(_raykd.Scene.load(file, (device, threads)), (device, threads), file)
+
+
+def _moved(positions: np.ndarray, faces: np.ndarray, translation: list[float]) -> Mesh:
+    """A pickled mesh."""
+    return Mesh._of(_raykd.Mesh.moved(positions, faces, translation))
 
 
 def _from_file(file: str, device: _Device, ways: tuple[str, str]) -> Scene:

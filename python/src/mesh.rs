@@ -40,6 +40,19 @@ impl Mesh {
         }
     }
 
+    /// The mesh of these positions, moved by what they lack.
+    #[staticmethod]
+    fn moved(
+        py: Python<'_>,
+        positions: PyReadonlyArray2<'_, f32>,
+        faces: PyReadonlyArray2<'_, u32>,
+        translation: [f64; 3],
+    ) -> PyResult<Self> {
+        same_process()?;
+        let (positions, faces) = (rows(&positions)?.to_vec(), rows(&faces)?.to_vec());
+        Self::of(py.detach(|| Ok(raykd::Mesh::new(positions, faces)?.moved(translation))))
+    }
+
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         same_process()?;
@@ -78,8 +91,9 @@ impl Mesh {
         [lo, hi].map(|corner| [0, 1, 2].map(|axis| f64::from(corner[axis]) / f64::from(scale) + moved[axis]))
     }
 
-    fn is_closed(&self, py: Python<'_>) -> bool {
-        py.detach(|| self.0.edges().are_closed())
+    fn is_closed(&self, py: Python<'_>) -> PyResult<bool> {
+        same_process()?;
+        Ok(py.detach(|| self.0.edges().are_closed()))
     }
 
     fn repairs<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {

@@ -248,6 +248,7 @@ impl Scene {
 
     /// The bytes of a tree file.
     fn tree<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        same_process()?;
         let bytes = py.detach(|| self.scene.tree().map(|tree| tree.to_bytes())).map_err(error)?;
         Ok(PyBytes::new(py, &bytes))
     }
@@ -265,6 +266,7 @@ impl Scene {
 
     /// What the tree is, and what building it took.
     fn about<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        same_process()?;
         let tree = py.detach(|| self.scene.tree()).map_err(error)?;
         let about = PyDict::new(py);
         about.set_item("digest", tree.digest())?;
@@ -316,22 +318,42 @@ impl Scene {
         begins: &mut Vec<u64>,
         found: &mut Vec<Hit>,
     ) -> Result<u64, Error> {
-        // So many that room for as many hits as the ray with the most has is little.
         const AT_ONCE: usize = 1 << 14;
         let mut invalid = 0;
-        for rays in rays.chunks(AT_ONCE) {
-            let totals = self.scene.all(rays, 0)?.totals;
-            let most = totals.iter().copied().max().unwrap_or(0).min(limit.unwrap_or(u32::MAX));
-            let all = self.scene.all(rays, most)?;
-            invalid += all.invalid;
-            for (i, &total) in totals.iter().enumerate() {
-                let first = i * most as usize;
-                found.extend_from_slice(&all.hits[first..first + total.min(most) as usize]);
-                begins.push(found.len() as u64);
+        for mut rays in rays.chunks(AT_ONCE) {
+            let counted = self.scene.all(rays, 0)?;
+            invalid += counted.invalid;
+            let wanted: Vec<u32> =
+                counted.totals.iter().map(|&total| total.min(limit.unwrap_or(u32::MAX))).collect();
+            let mut wanted = wanted.as_slice();
+            while !rays.is_empty() {
+                let (some, most) = together(wanted);
+                let hits = self.scene.all(&rays[..some], most)?.hits;
+                for (i, &wanted) in wanted[..some].iter().enumerate() {
+                    let first = i * most as usize;
+                    found.extend_from_slice(&hits[first..first + wanted as usize]);
+                    begins.push(found.len() as u64);
+                }
+                (rays, wanted) = (&rays[some..], &wanted[some..]);
             }
         }
         Ok(invalid)
     }
+}
+
+/// How many of some rays, from the first on, are asked for their hits at once, and the most hits that one of them has:
+/// all get room for as many, and one with many would make that a lot for the others.
+fn together(wanted: &[u32]) -> (usize, u32) {
+    const ROOM: u64 = 1 << 20;
+    let mut most = 0;
+    for (i, &wanted) in wanted.iter().enumerate() {
+        let more = wanted.max(most);
+        if i > 0 && (i as u64 + 1) * u64::from(more) > ROOM {
+            return (i, most);
+        }
+        most = more;
+    }
+    (wanted.len(), most)
 }
 
 fn build_options(given: &Bound<'_, PyDict>) -> PyResult<BuildOptions> {

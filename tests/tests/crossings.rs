@@ -248,6 +248,29 @@ proptest! {
     }
 }
 
+/// A kernel takes the height of an empty leaf's middle for 0, which lies in the slab below. Points above the middle
+/// have all their digits.
+#[test]
+fn no_number_is_kept_of_a_leaf_whose_middle_counts_as_zero() {
+    let mut slab = Welded::default();
+    slab.cube([0.0; 3]);
+    let (positions, triangles) = slab.done();
+    let flat = positions.iter().map(|p| [1.75 * p[0], 1.75 * p[1], 0.25 * p[2]]);
+    // A tetrahedron that stands on its tip above the slab.
+    let tip = [[0.875, 0.875, 1.625], [0.0, 0.0, 1.75], [1.75, 0.0, 1.75], [0.0, 1.75, 1.75]];
+    let positions = flat.chain(tip).map(|p| p.map(|x| x * f32::MIN_POSITIVE)).collect();
+    let sides = [[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]].map(|t| t.map(|v| v + 8));
+    let mesh = Mesh::new(positions, [triangles, sides.to_vec()].concat()).unwrap();
+    for named in devices() {
+        let scene = Scene::build(&named.device, &mesh, &BuildOptions::default()).unwrap();
+        let before = scene.bytes_on_device();
+        let point = [1.25, 1.25, 1.5].map(|x| x * f32::MIN_POSITIVE);
+        let found = scene.winding(&vec![point; 300]).unwrap();
+        assert!(scene.bytes_on_device() > before, "{}", named.name);
+        assert_eq!((found.counts, found.invalid), (vec![0; 300], 0), "{}", named.name);
+    }
+}
+
 /// Tasks of rayon that ask a scene while another finds numbers out, on threads that take up any task while they wait.
 #[test]
 fn tasks_that_ask_at_once_do_not_wait_for_each_other() {

@@ -81,6 +81,7 @@ pub use teapot::teapot_level_for;
 
 use crate::vector::below;
 use raw::{Raw, fits};
+use raykd_shared::TreeHeader;
 use std::borrow::Cow;
 use std::path::Path;
 
@@ -143,20 +144,46 @@ impl Mesh {
         lost.count() as u32
     }
 
+    /// The mesh of a scene, of positions without dust. Which triangles take part is known: of one without area a corner
+    /// may be 0 that was not, so that it has area now.
+    pub(crate) fn of_scene(
+        positions: Vec<[f32; 3]>,
+        triangles: Vec<[u32; 3]>,
+        kept: Vec<u32>,
+        header: &TreeHeader,
+    ) -> Result<Self, MeshError> {
+        check(&positions, &triangles)?;
+        let larger = 1.0 / header.scale;
+        let bounds = (header.lo.map(|x| x * larger), header.hi.map(|x| x * larger));
+        let survey = repair::Survey { kept, bounds, scale: header.scale, dust: 0.0 };
+        Ok(Self::surveyed(positions, triangles, survey, Repairs::default(), [0.0; 3]))
+    }
+
     fn checked(
         positions: Vec<[f32; 3]>,
         triangles: Vec<[u32; 3]>,
-        mut repairs: Repairs,
+        repairs: Repairs,
         translation: [f64; 3],
     ) -> Result<Self, MeshError> {
-        let repair::Survey { kept, bounds, scale, dust } = repair::survey(&positions, &triangles)?;
+        let survey = repair::survey(&positions, &triangles)?;
+        Ok(Self::surveyed(positions, triangles, survey, repairs, translation))
+    }
+
+    fn surveyed(
+        positions: Vec<[f32; 3]>,
+        triangles: Vec<[u32; 3]>,
+        survey: repair::Survey,
+        mut repairs: Repairs,
+        translation: [f64; 3],
+    ) -> Self {
+        let repair::Survey { kept, bounds, scale, dust } = survey;
         repairs.zero_area = (triangles.len() - kept.len()) as u32;
         repairs.zero_area_at = repair::first_left_out(triangles.len(), &kept);
         (repairs.duplicates, repairs.duplicate_at) = repair::duplicates(&positions, &triangles, &kept);
         let flushed =
             positions.as_flattened().iter().filter(|&&x| x != 0.0 && repair::settle(x, dust) == 0.0);
         repairs.flushed = flushed.count().try_into().unwrap_or(u32::MAX);
-        Ok(Self { positions, triangles, kept, repairs, bounds, scale, dust, translation })
+        Self { positions, triangles, kept, repairs, bounds, scale, dust, translation }
     }
 
     /// Reads an OBJ, PLY, STL or glTF file, each of them also gzipped. The format is told by the extension (`.obj`,
@@ -224,7 +251,9 @@ impl Mesh {
     }
 
     /// The mesh with its positions taken for coordinates less a translation.
-    pub(crate) fn moved(self, translation: [f64; 3]) -> Self {
+    #[doc(hidden)]
+    #[must_use]
+    pub fn moved(self, translation: [f64; 3]) -> Self {
         Self { translation, ..self }
     }
 

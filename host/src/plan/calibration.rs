@@ -245,19 +245,23 @@ fn leaning(level: u32) -> Mesh {
     Mesh::new(positions, teapot.triangles().to_vec()).expect("a leaning teapot is a mesh")
 }
 
+/// No cost is larger, whatever a file says: sums and products of costs are numbers.
+const MOST: f64 = 1e60;
+
 /// Reads between points by rising x, as if y were a power of x between two of them.
 fn power(points: &[(f64, f64)], x: f64) -> f64 {
-    let logs: Vec<(f64, f64)> = points.iter().map(|&(x, y)| (x.max(1.0).ln(), y.max(1e-9).ln())).collect();
+    let log = |&(x, y): &(f64, f64)| (x.max(1.0).ln(), y.clamp(1e-9, MOST).ln());
+    let logs: Vec<(f64, f64)> = points.iter().map(log).collect();
     let x = x.max(1.0).ln();
     let [(x0, y0), (x1, y1)] = match logs.windows(2).find(|pair| x <= pair[1].0).or(logs.windows(2).last()) {
         Some(pair) => [pair[0], pair[1]],
-        None => return points.first().map_or(0.0, |point| point.1),
+        None => return points.first().map_or(0.0, |point| point.1.min(MOST)),
     };
     // Below the smallest mesh nothing gets cheaper than there.
     if x <= x0 || x1 <= x0 {
         return y0.exp();
     }
-    (y0 + (x - x0) / (x1 - x0) * (y1 - y0)).exp()
+    (y0 + (x - x0) / (x1 - x0) * (y1 - y0)).exp().min(MOST)
 }
 
 /// The file of a device in the user's cache: in the folder that `RAYKD_CACHE` names, or the system's.
@@ -389,6 +393,20 @@ mod tests {
         std::fs::write(&path, "{ nonsense").unwrap();
         let told = Calibration::load(&path, &device).unwrap_err().to_string();
         assert!(told.contains("c.json") && told.contains("line 1"), "{told}");
+    }
+
+    /// Of costs that no machine has a choice is made, too.
+    #[test]
+    fn costs_beyond_all_numbers_are_compared() {
+        for steep in [[1e-9, 1e308], [1e308, 1e308], [1e308, 0.0]] {
+            let mut calibration = made();
+            for (i, cost) in calibration.costs.iter_mut().enumerate() {
+                cost.triangles = [10, 11][i % 2];
+                (cost.ray_ns, cost.worst_ns) = (steep[i % 2], steep[i % 2]);
+                (cost.build_ms, cost.launch_ms, cost.transfer_ns) = (cost.ray_ns, cost.ray_ns, cost.ray_ns);
+            }
+            assert!(choose(&Mesh::teapot(8), u64::MAX, &[&calibration]).total_ms() >= 0.0, "{steep:?}");
+        }
     }
 
     #[test]

@@ -100,7 +100,8 @@ impl Scene {
         let larger = 1.0 / self.header.scale;
         let vertex = |p: &[f32; 3]| p.map(|x| x * larger);
         let positions = positions.as_chunks().0.iter().map(vertex).collect();
-        Ok(Mesh::new(positions, indices)?.moved(self.translation))
+        let kept = self.kept.list(&self.device)?.to_vec();
+        Ok(Mesh::of_scene(positions, indices, kept, &self.header)?.moved(self.translation))
     }
 
     /// The mesh as it lies on the device, scaled.
@@ -140,5 +141,36 @@ impl Scene {
         let tree = self.header_buffer.bytes() + self.nodes.bytes() + self.refs.bytes() + self.corners.bytes();
         let mesh = positions.bytes() + indices.bytes() + self.kept.bytes_on_device();
         tree + mesh + transforms + self.extras.all_bytes() + self.regions.bytes()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::BuildOptions;
+
+    /// Coordinates that are 0 for kernels, others next to them that are not, and a triangle on one line that has area
+    /// without the former; small, too, so that a vertex of such a triangle is too large to be scaled.
+    #[test]
+    fn a_scene_has_the_mesh_of_which_it_was_built() {
+        let dust = 2f32.powi(-60);
+        let solid = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let on_lines = [[0.9 * dust, 0.5, 0.0], [1.8 * dust, 1.0, 0.0]];
+        let tiny = solid.map(|p| p.map(|x| x * 2f32.powi(-100)));
+        let huge = [[1e8, 1e-20, 0.0], [4e8, 4e-20, 0.0]];
+        for corners in [[solid.as_slice(), &on_lines].concat(), [tiny.as_slice(), &huge].concat()] {
+            let triangles = vec![[0, 1, 2], [0, 1, 3], [0, 4, 5]];
+            let mesh = Mesh::new(corners, triangles).unwrap();
+            assert_eq!(mesh.kept(), [0, 1]);
+            let scene = Scene::build(&Device::cpu(), &mesh, &BuildOptions::default()).unwrap();
+            let back = scene.mesh().unwrap();
+            assert_eq!((back.kept(), back.triangles()), (mesh.kept(), mesh.triangles()));
+            assert_eq!((back.bounds(), back.scale()), (mesh.bounds(), mesh.scale()));
+            assert_eq!(
+                (back.scaled_positions(), back.tree_key()),
+                (mesh.scaled_positions(), mesh.tree_key())
+            );
+            assert!(scene.contacts(&back).is_ok());
+        }
     }
 }

@@ -130,11 +130,11 @@ impl Scene {
             return Ok(None);
         }
         let larger = 1.0 / scale;
-        // Of a point so small that digits are lost nothing is known.
+        // Of a point so small that digits are lost, here or to a kernel that takes it for 0, nothing is known.
         let points: Vec<[f32; 3]> = regions.iter().map(|region| region.inner.map(|x| x * larger)).collect();
         let found = self.winding_by_rays(points.len(), &|range, part| points[range].clone_into(part))?;
         for ((region, point), number) in regions.iter().zip(&points).zip(found.counts) {
-            let same = point.map(|x| x * scale) == region.inner;
+            let same = (0..3).all(|a| point[a] * scale == region.inner[a] && !point[a].is_subnormal());
             let number = if same { number.cast_unsigned() } else { UNKNOWN };
             nodes[region.leaf] = Node::leaf(number, 0);
         }

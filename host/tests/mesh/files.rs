@@ -345,6 +345,15 @@ fn ply_passes_over_nothing() {
 }
 
 #[test]
+fn ply_headers_of_many_names_take_no_quadratic_time() {
+    let names = |line: &str| (0..200_000).map(|i| format!("{line}{i}\n")).collect::<String>();
+    let properties = format!("element other 0\n{}element face", names("property int a"));
+    let start = std::time::Instant::now();
+    is_the_quad(&read("a.ply", QUAD_PLY.replace("element face", &properties)).unwrap());
+    assert!(start.elapsed().as_secs() < 10, "{:?}", start.elapsed());
+}
+
+#[test]
 fn obj_errors_name_the_line() {
     let v = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
     for (text, message) in [

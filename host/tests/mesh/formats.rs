@@ -38,6 +38,9 @@ fn stl_of_both_forms() {
     }
     is_the_quad(&read("a.stl", QUAD_STL.to_uppercase()).unwrap());
     is_the_quad(&read("a.stl", QUAD_STL.replace('\n', "\r")).unwrap());
+    // A mark of UTF-8.
+    is_the_quad(&read("a.stl", format!("\u{feff}{QUAD_STL}")).unwrap());
+    is_the_quad(&read("a", format!("\u{feff}{QUAD_STL}")).unwrap());
     // Several solids, and blank lines.
     let (first, second) = QUAD_STL.split_at(QUAD_STL.rfind(" facet").unwrap());
     is_the_quad(&read("a.stl", format!("\n{first}endsolid\n\nsolid\n{second}\n\n")).unwrap());
@@ -436,6 +439,62 @@ fn gltf_sparse_accessors() {
         let found = sparse(Some(0), indices).unwrap_err().to_string();
         assert!(found.starts_with("a.glb, accessor 0: sparse index"), "{found}");
     }
+}
+
+/// All primitives have the same vertices: what is done for each must not grow with their number.
+#[test]
+fn gltf_primitives_take_no_quadratic_time() {
+    const PRIMITIVES: usize = 100_000;
+    let timed = |primitive: &Value, vertices: usize, changes: usize| {
+        let mut json = quad_json();
+        let primitives = vec![primitive.clone(); PRIMITIVES];
+        json["meshes"][0]["primitives"] = primitives.into();
+        let zeros = json!({"componentType": 5126, "count": vertices, "type": "VEC3"});
+        json["accessors"].as_array_mut().unwrap().push(zeros);
+        let mut bytes = quad_bytes();
+        let (places, values) = (bytes.len(), bytes.len() + 4 * changes);
+        bytes.extend((0..changes as u32).flat_map(u32::to_le_bytes));
+        bytes.resize(values + 12 * changes, 0);
+        json["buffers"][0]["byteLength"] = bytes.len().into();
+        if changes > 0 {
+            let views = json["bufferViews"].as_array_mut().unwrap();
+            views.push(json!({"buffer": 0, "byteOffset": places, "byteLength": 4 * changes}));
+            views.push(json!({"buffer": 0, "byteOffset": values, "byteLength": 12 * changes}));
+            json["accessors"][2]["sparse"] = json!({
+                "count": changes,
+                "indices": {"bufferView": 2, "componentType": 5125},
+                "values": {"bufferView": 3},
+            });
+        }
+        let file = glb(&json, &bytes);
+        let start = std::time::Instant::now();
+        let found = read("a.glb", file);
+        assert!(start.elapsed().as_secs() < 10, "{primitive}: {:?}", start.elapsed());
+        found
+    };
+    let points = timed(&json!({"attributes": {"POSITION": 2}, "mode": 0}), 3_000_000, 0);
+    assert!(points.unwrap_err().to_string().starts_with("a.glb: there are no faces"));
+    let sparse = timed(&json!({"attributes": {"POSITION": 2}, "indices": 1}), 500_000, 500_000);
+    assert_eq!(sparse.unwrap().triangles().len(), 2 * PRIMITIVES);
+}
+
+/// All nodes have the same mesh, of which little is triangles.
+#[test]
+fn gltf_nodes_take_no_quadratic_time() {
+    const MANY: usize = 100_000;
+    let mut json = quad_json();
+    let points = json!({"attributes": {"POSITION": 0}, "mode": 0});
+    json["meshes"][0]["primitives"].as_array_mut().unwrap().resize(MANY, points);
+    json["meshes"][0]["primitives"][7]["targets"] = json!([{}]);
+    json["nodes"] = vec![json!({"mesh": 0}); MANY].into();
+    json["scenes"][0]["nodes"] = (0..MANY).collect::<Vec<_>>().into();
+    let file = glb(&json, &quad_bytes());
+    let start = std::time::Instant::now();
+    let mesh = read("a.glb", file).unwrap();
+    assert!(start.elapsed().as_secs() < 20, "{:?}", start.elapsed());
+    assert_eq!(corners(&mesh), [[A, B, C], [A, C, D]].repeat(MANY));
+    let repairs = mesh.repairs();
+    assert_eq!((repairs.ignored, repairs.unposed), (u32::MAX, MANY as u32));
 }
 
 #[test]

@@ -160,8 +160,11 @@ pub(super) fn parse(Source { bytes, folder, most }: Source<'_>) -> Result<Raw, M
         return Err(extension(Place::header(), name));
     }
     let buffers = document.buffers.iter().map(|_| OnceCell::new()).collect();
+    let changes = document.accessors.iter().map(|_| OnceCell::new()).collect();
     let left = Cell::new(limit.saturating_sub(bytes.len() as u64));
-    let file = File { document: &document, blob, folder, buffers, size: bytes.len() as u64, limit, left };
+    let size = bytes.len() as u64;
+    let drawn = document.meshes.iter().map(|_| OnceCell::new()).collect();
+    let file = File { document: &document, blob, folder, buffers, changes, drawn, size, limit, left };
     let mut raw = Raw::default();
     file.read(&mut raw)?;
     if raw.triangles.is_empty() {
@@ -240,6 +243,16 @@ impl Node {
     }
 }
 
+/// What a mesh that many nodes may have gives each of them.
+struct Drawn {
+    /// Primitives with triangles.
+    primitives: Vec<usize>,
+    /// How many of the others are points or lines.
+    ignored: u32,
+    /// Whether it has morph targets.
+    morphs: bool,
+}
+
 /// A document with its bytes.
 struct File<'a> {
     document: &'a Document,
@@ -251,6 +264,10 @@ struct File<'a> {
     left: Cell<u64>,
     /// Those that were needed so far.
     buffers: Vec<OnceCell<Cow<'a, [u8]>>>,
+    /// What sparse accessors change, of those that were needed so far.
+    changes: Vec<OnceCell<Vec<Change>>>,
+    /// Of meshes that a node had.
+    drawn: Vec<OnceCell<Drawn>>,
     /// Bytes of the file.
     size: u64,
 }
@@ -291,11 +308,30 @@ impl File<'_> {
 
     fn mesh(&self, number: usize, matrix: &Matrix, skin: bool, raw: &mut Raw) -> Result<(), MeshError> {
         let mesh = get(&self.document.meshes, number, "mesh")?;
-        for (index, primitive) in mesh.primitives.iter().enumerate() {
-            let kind = format!("mesh {number}, primitive");
-            self.primitive(primitive, &|| Place::element(&kind, index as u64), matrix, raw)?;
-        }
-        let morphs = mesh.primitives.iter().any(|primitive| !primitive.targets.is_empty());
+        let primitive = |index: usize, raw: &mut Raw| {
+            let at = || Place::element(&format!("mesh {number}, primitive"), index as u64);
+            self.primitive(&mesh.primitives[index], &at, matrix, raw)
+        };
+        let morphs = match self.drawn[number].get() {
+            Some(Drawn { primitives, ignored, morphs }) => {
+                raw.repairs.ignored = raw.repairs.ignored.saturating_add(*ignored);
+                primitives.iter().try_for_each(|&index| primitive(index, raw))?;
+                *morphs
+            }
+            None => {
+                let (before, mut primitives) = (raw.repairs.ignored, Vec::new());
+                for index in 0..mesh.primitives.len() {
+                    let triangles = raw.triangles.len();
+                    primitive(index, raw)?;
+                    if raw.triangles.len() > triangles {
+                        primitives.push(index);
+                    }
+                }
+                let morphs = mesh.primitives.iter().any(|primitive| !primitive.targets.is_empty());
+                let ignored = raw.repairs.ignored - before;
+                self.drawn[number].get_or_init(|| Drawn { primitives, ignored, morphs }).morphs
+            }
+        };
         raw.repairs.unposed = raw.repairs.unposed.saturating_add((skin || morphs).into());
         Ok(())
     }
@@ -315,6 +351,12 @@ impl File<'_> {
         }
         let positions = positions.ok_or_else(|| malformed(at(), "it has no attribute 'POSITION'"))?;
         let vertices = self.elements::<3>(positions, "VEC3")?;
+        let mode = primitive.mode.unwrap_or(4);
+        // Before its corners are listed: any number of primitives may have the same ones, which nothing else limits.
+        if mode <= 3 {
+            raw.repairs.ignored = raw.repairs.ignored.saturating_add(1);
+            return Ok(());
+        }
         let corners: Vec<u32> = match primitive.indices {
             None if vertices.count > u64::from(u32::MAX) => return Err(too_many()),
             None => (0..vertices.count as u32).collect(),
@@ -331,11 +373,7 @@ impl File<'_> {
                 (0..indices.count).map(corner).collect::<Result<_, _>>()?
             }
         };
-        let triangles: Vec<[u32; 3]> = match primitive.mode.unwrap_or(4) {
-            0..=3 => {
-                raw.repairs.ignored = raw.repairs.ignored.saturating_add(1);
-                return Ok(());
-            }
+        let triangles: Vec<[u32; 3]> = match mode {
             4 if corners.len().is_multiple_of(3) => corners.as_chunks().0.to_vec(),
             4 => return Err(malformed(at(), format!("{} corners are no whole triangles", corners.len()))),
             5 | 6 if corners.len() < 3 => {
@@ -394,25 +432,42 @@ impl File<'_> {
             }
             None => None,
         };
-        let mut elements = Elements { count: accessor.count, part, items, changed: Vec::new() };
-        if let Some(Sparse { count, indices, values }) = &accessor.sparse {
-            let index_part = indices.component_type.and_then(|kind| Component::new(kind, false));
-            let Some(index_part) = index_part.filter(Component::is_index) else {
-                return Err(malformed(at(), "its sparse indices are no unsigned integers"));
-            };
-            let places =
-                self.items(indices.buffer_view, indices.byte_offset, *count, index_part.bytes, &at)?;
-            let values = self.items(values.buffer_view, values.byte_offset, *count, N * part.bytes, &at)?;
-            for i in 0..*count {
-                let place = index_part.read(places.get(i)) as u64;
-                let risen = elements.changed.last().is_none_or(|(last, _)| *last < place);
-                if place >= accessor.count || !risen {
-                    return Err(malformed(at(), format!("sparse index {place} is out of range or order")));
-                }
-                elements.changed.push((place, part.read_all(values.get(i))));
-            }
+        let changed = match &accessor.sparse {
+            Some(sparse) => self.changes::<N>(number, sparse, accessor.count, part, &at)?,
+            None => &[],
+        };
+        Ok(Elements { count: accessor.count, part, items, changed })
+    }
+
+    /// The elements that a sparse accessor changes. They are read once: many primitives may use it.
+    fn changes<const N: usize>(
+        &self,
+        number: usize,
+        Sparse { count, indices, values }: &Sparse,
+        elements: u64,
+        part: Component,
+        at: &dyn Fn() -> Place,
+    ) -> Result<&[Change], MeshError> {
+        if let Some(known) = self.changes[number].get() {
+            return Ok(known);
         }
-        Ok(elements)
+        let index_part = indices.component_type.and_then(|kind| Component::new(kind, false));
+        let Some(index_part) = index_part.filter(Component::is_index) else {
+            return Err(malformed(at(), "its sparse indices are no unsigned integers"));
+        };
+        let places = self.items(indices.buffer_view, indices.byte_offset, *count, index_part.bytes, at)?;
+        let values = self.items(values.buffer_view, values.byte_offset, *count, N * part.bytes, at)?;
+        let mut changed: Vec<Change> = Vec::new();
+        for i in 0..*count {
+            let place = index_part.read(places.get(i)) as u64;
+            let risen = changed.last().is_none_or(|(last, _)| *last < place);
+            if place >= elements || !risen {
+                return Err(malformed(at(), format!("sparse index {place} is out of range or order")));
+            }
+            let value: [f64; N] = part.read_all(values.get(i));
+            changed.push((place, std::array::from_fn(|i| value.get(i).copied().unwrap_or_default())));
+        }
+        Ok(self.changes[number].get_or_init(|| changed))
     }
 
     /// So many items of so many bytes each, in a buffer view.
@@ -617,14 +672,18 @@ struct Elements<'a, const N: usize> {
     /// None where all are zeros but those changed.
     items: Option<Items<'a>>,
     /// By rising number.
-    changed: Vec<(u64, [f64; N])>,
+    changed: &'a [Change],
 }
+
+/// The number of an element, and what it is instead: of a scalar the first.
+type Change = (u64, [f64; 3]);
 
 impl<const N: usize> Elements<'_, N> {
     /// One of those that are there.
     fn get(&self, i: u64) -> [f64; N] {
         if let Ok(found) = self.changed.binary_search_by_key(&i, |(place, _)| *place) {
-            return self.changed[found].1;
+            let value = self.changed[found].1;
+            return std::array::from_fn(|i| value[i]);
         }
         self.items.as_ref().map_or([0.0; N], |items| self.part.read_all(items.get(i)))
     }

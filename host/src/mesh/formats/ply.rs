@@ -10,6 +10,7 @@ use ply_rs_bw::ply::{
     BeginList, ElementDef, Encoding, Header, Property, PropertyAccess, PropertyAccessResult, PropertyType,
     ScalarType,
 };
+use std::collections::HashSet;
 use std::io::ErrorKind;
 
 /// Whether a file begins as one does.
@@ -59,7 +60,8 @@ fn header_error(e: &ParseError) -> MeshError {
 
 /// Refuses two elements, or two properties of an element, of one name: of those `ply-rs-bw` tells the last only.
 fn no_name_twice(header: &[u8]) -> Result<(), MeshError> {
-    let (mut elements, mut properties) = (Vec::new(), Vec::new());
+    // Sets, as a header may name hundreds of thousands.
+    let (mut elements, mut properties) = (HashSet::new(), HashSet::new());
     for (line, text) in (1..).zip(header.split(|&b| b == b'\n')) {
         let mut words = text.trim_ascii().split(u8::is_ascii_whitespace);
         let (names, name) = match words.next() {
@@ -70,12 +72,11 @@ fn no_name_twice(header: &[u8]) -> Result<(), MeshError> {
             Some(b"property") => (&mut properties, words.next_back()),
             _ => continue,
         };
-        if names.contains(&name) {
+        if !names.insert(name) {
             let name = quoted_bytes(name.unwrap_or_default());
             let what = format!("the name '{name}' is taken by an earlier element or property");
             return Err(malformed(Place::line(line), what));
         }
-        names.push(name);
     }
     Ok(())
 }

@@ -19,8 +19,8 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Raw, MeshError> {
     if is_binary(bytes) {
         return binary(bytes);
     }
-    if is_text(bytes) {
-        return text(bytes);
+    if is_text(unmarked(bytes)) {
+        return text(unmarked(bytes));
     }
     let Some(count) = count(bytes) else {
         let what = format!(
