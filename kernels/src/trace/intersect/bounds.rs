@@ -79,8 +79,9 @@ pub(in crate::trace) struct Edges<N: Digits> {
 }
 
 impl<N: Digits> Edges<N> {
-    /// With `e = 2^-24` and `M` the scene's size as seen from the origin, the pad is `32 e M`, and sheared corners are off
-    /// by at most `8 e M`. Coordinates are at most `2 M`, so that the rounding of their products is worth `2 e M` to each.
+    /// With `e = 2^-24` and `M` the scene's size as seen from the origin, the pad is `32 e M`, and sheared corners are
+    /// off by at most `8 e M`. Coordinates are at most `2 M`, so the rounding of their products is worth `2 e M` to
+    /// each.
     #[inline(always)]
     pub(in crate::trace) fn new(s: &Sheared<N>, pad: N) -> Self {
         let sizes = (s.ax.abs() + s.ay.abs(), s.bx.abs() + s.by.abs(), s.cx.abs() + s.cy.abs());
@@ -96,8 +97,8 @@ impl<N: Digits> Edges<N> {
         (off * (b + c + off), off * (c + a + off), off * (a + b + off))
     }
 
-    /// The same with closer bounds, by where the triangle is. A corner at depth `z`, which is off by `e z`, is sheared by
-    /// `S z`; `S` is off by `2 e`, the product by `e`, what it is taken from and the result by `e` of themselves. So the
+    /// The same with closer bounds, by where the triangle is. A corner at depth `z`, off by `e z`, is sheared by `S z`.
+    /// `S` is off by `2 e`, the product by `e`, what it is taken from and the result by `e` of themselves. So the
     /// result `x` is off by `5 e z + 2 e x`, and the rounding of products is worth `2 e` of the largest `x`.
     #[inline(always)]
     pub(in crate::trace) fn closer(self, s: &Sheared<N>, pad: N) -> Self {

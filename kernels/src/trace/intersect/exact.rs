@@ -187,9 +187,11 @@ mod tests {
             }
             let right = integers::cross(frame.origin, frame.heading, a, b, c);
             let in_range = right.hit && right.t >= frame.t_min;
-            let seen = bounds(&frame, &shear(&frame, (a, b, c)), (a, b, c));
+            let image = shear(&frame, (a, b, c));
+            let seen = bounds(&frame, &image, (a, b, c));
             let (line, corners) = (Line::of(&frame), all_turned((a, b, c), frame.main));
             if right.hit {
+                assert!(Edges::new(&image, frame.pad).may_hit(), "{ray:?} {a} {b} {c}");
                 assert!(seen.near <= right.t && right.t <= seen.later, "{ray:?} {a} {b} {c}");
             }
             if seen.sure {
