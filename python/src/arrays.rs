@@ -121,17 +121,17 @@ impl<'a> Rays<'a> {
         }
     }
 
-    /// Traces some of them. Each is made when it is its turn, while others are traced.
+    /// Traces some of them. Each is made when it is its turn, while others are traced, with the interpreter's lock held:
+    /// a program may write to its arrays meanwhile.
     pub(crate) fn trace(&self, scene: &Scene, query: Query, range: Range<usize>) -> Result<Traced, Error> {
         let (from, count) = (range.start, range.len());
         let there = |range: Range<usize>| from + range.start..from + range.end;
         match self {
-            Self::Narrow(parts) => {
-                scene.trace_made(query, count, |range| parts.rays(there(range), narrow).into())
-            }
-            Self::Wide(parts) => {
-                scene.trace_made(query, count, |range| parts.rays(there(range), wide).into())
-            }
+            Self::Narrow(parts) => scene.trace_made(query, count, |range| {
+                Python::attach(|_| parts.rays(there(range), narrow)).into()
+            }),
+            Self::Wide(parts) => scene
+                .trace_made(query, count, |range| Python::attach(|_| parts.rays(there(range), wide)).into()),
         }
     }
 }

@@ -120,12 +120,13 @@ impl Scene {
         }
         let (mut found, mut invalid) = (Vec::new(), 0);
         for range in self.ranges(rays.len())? {
-            let traced = py.detach(|| match exclude {
-                None => rays.trace(&self.scene, query, range),
-                Some(exclude) => with_rays!(rays.part(range.clone()), part => {
-                    self.scene.trace_except(query, &part, &exclude[range])
-                }),
-            });
+            let traced = match exclude {
+                None => py.detach(|| rays.trace(&self.scene, query, range)),
+                Some(exclude) => {
+                    let (part, exclude) = (rays.part(range.clone()), exclude[range].to_vec());
+                    py.detach(|| with_rays!(part, part => self.scene.trace_except(query, &part, &exclude)))
+                }
+            };
             let traced = traced.map_err(error)?;
             invalid += traced.invalid;
             // Hits of many rays take longer to copy than to find.
