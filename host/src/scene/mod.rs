@@ -173,4 +173,12 @@ mod tests {
             assert!(scene.contacts(&back).is_ok());
         }
     }
+
+    /// More bytes than a process has addresses.
+    #[test]
+    fn all_hits_that_no_memory_holds_are_an_error() {
+        let scene = Scene::build(&Device::cpu(), &Mesh::teapot(1), &BuildOptions::default()).unwrap();
+        let rays = vec![raykd_shared::Ray::new([0.0; 3], [1.0, 0.0, 0.0]); 4096];
+        assert!(matches!(scene.all(&rays, u32::MAX), Err(Error::OutOfMemory { buffer: "hits", .. })));
+    }
 }

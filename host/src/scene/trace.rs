@@ -295,10 +295,13 @@ impl Scene {
     /// of 0 hits are only counted. Uses the full stack, once more than the ray has hits.
     ///
     /// # Errors
-    /// The device failed, the hits of one ray do not fit it, or the scene's triangle test is neither the default nor
-    /// `exact`.
+    /// The device failed, the hits of one ray do not fit it, there is no memory for those of all, or the scene's triangle
+    /// test is neither the default nor `exact`.
     pub fn all(&self, rays: &[impl AnyRay], limit: u32) -> Result<AllHits, Error> {
         let mut all = AllHits::default();
+        let wanted = rays.len().saturating_mul(limit as usize);
+        let bytes = (wanted as u64).saturating_mul(size_of::<Hit>() as u64);
+        all.hits.try_reserve_exact(wanted).map_err(|_| Error::OutOfMemory { buffer: "hits", bytes })?;
         let room = (self.device.limit().bytes / 16 / u64::from(limit.max(1))) as usize;
         for part in rays.chunks(self.batch_limit().min(room).max(1)) {
             let start = Instant::now();
