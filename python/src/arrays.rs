@@ -121,8 +121,8 @@ impl<'a> Rays<'a> {
         }
     }
 
-    /// Traces some of them. Each is made when it is its turn, while others are traced, with the interpreter's lock held:
-    /// a program may write to its arrays meanwhile.
+    /// Traces some of them. Each is made when it is its turn, while others are traced, and with the interpreter's lock
+    /// held: a program may write to its arrays meanwhile.
     pub(crate) fn trace(&self, scene: &Scene, query: Query, range: Range<usize>) -> Result<Traced, Error> {
         let (from, count) = (range.start, range.len());
         let there = |range: Range<usize>| from + range.start..from + range.end;

@@ -295,8 +295,8 @@ impl Scene {
     /// of 0 hits are only counted. Uses the full stack, once more than the ray has hits.
     ///
     /// # Errors
-    /// The device failed, the hits of one ray do not fit it, there is no memory for those of all, or the scene's triangle
-    /// test is neither the default nor `exact`.
+    /// The device failed, the hits of one ray do not fit it, there is no memory for those of all, or the scene's
+    /// triangle test is neither the default nor `exact`.
     pub fn all(&self, rays: &[impl AnyRay], limit: u32) -> Result<AllHits, Error> {
         let mut all = AllHits::default();
         let wanted = rays.len().saturating_mul(limit as usize);
