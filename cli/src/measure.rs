@@ -3,7 +3,9 @@
 use crate::report::{Table, three};
 use raykd::{
     AllHits, BuildOptions, BuildTimes, Builder, Device, DeviceKind, Error, Hit, KdTree, KernelTimes, Mesh,
-    Query, Ray, ResidentRays, Scene, Traced, internals::SWEEP_LISTED, shared::Report,
+    Query, Ray, ResidentRays, Scene, Traced,
+    internals::{SWEEP_LISTED, reserve},
+    shared::Report,
 };
 use std::time::{Duration, Instant};
 
@@ -171,8 +173,8 @@ pub(super) fn trace(scene: &Scene, query: Query, rays: &[Ray]) -> Result<Traced,
 /// much more in memory than that.
 pub(super) fn all(scene: &Scene, rays: &[Ray], limit: u32) -> Result<AllHits, Error> {
     let mut total = AllHits::default();
-    room(&mut total.hits, "hits", rays.len() as u64 * u64::from(limit))?;
-    room(&mut total.totals, "totals", rays.len() as u64)?;
+    reserve(&mut total.hits, "hits", rays.len() as u64 * u64::from(limit))?;
+    reserve(&mut total.totals, "totals", rays.len() as u64)?;
     let least = (PART / (size_of::<Hit>() * limit.max(1) as usize)).max(1);
     for part in rays.chunks(rays.len().div_ceil(PARTS).max(least).min(batch(scene))) {
         let (mut upload, mut trace, mut download) = (Vec::new(), Vec::new(), Vec::new());
@@ -193,13 +195,6 @@ pub(super) fn all(scene: &Scene, rays: &[Ray], limit: u32) -> Result<AllHits, Er
         total.times.download += median(download);
     }
     Ok(total)
-}
-
-/// Makes room for so many.
-fn room<T>(list: &mut Vec<T>, buffer: &'static str, count: u64) -> Result<(), Error> {
-    let bytes = count.saturating_mul(size_of::<T>() as u64);
-    let reserved = usize::try_from(count).ok().and_then(|count| list.try_reserve_exact(count).ok());
-    reserved.ok_or(Error::OutOfMemory { buffer, bytes })
 }
 
 /// Median time to trace rays, less often if it takes long: for large pictures.

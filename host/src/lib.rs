@@ -115,7 +115,7 @@ pub mod internals {
     };
     pub use crate::{
         build::LISTED as SWEEP_LISTED,
-        exec::{AnyBuffer, Buffer, Cpu, Groups, Launch, OnDevice, Out, Step, Timing, watch},
+        exec::{AnyBuffer, Buffer, Cpu, Groups, Launch, OnDevice, Out, Step, Timing, reserve, watch},
         intersector::WithTest,
         mesh::{known_formats, mesh_extensions, ply_vertices, teapot_level_for},
         quoted::{QUOTED, quoted},

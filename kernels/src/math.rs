@@ -376,6 +376,18 @@ pub fn high(a: f32, b: f32) -> f32 {
     if b > a { b } else { a }
 }
 
+/// The smallest of three.
+#[inline(always)]
+pub(crate) fn least<N: Digits>(a: N, b: N, c: N) -> N {
+    a.low(b.low(c))
+}
+
+/// The largest of three.
+#[inline(always)]
+pub(crate) fn most<N: Digits>(a: N, b: N, c: N) -> N {
+    a.high(b.high(c))
+}
+
 /// The whole part of a number, held to the range from 0 to `MOST`; 0 for NaN.
 #[inline(always)]
 pub fn whole<const MOST: u32>(a: f32) -> u32 {

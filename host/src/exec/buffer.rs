@@ -1,6 +1,7 @@
 //! Memory on a device, and what is read of it.
 
 use super::Memory;
+use crate::Error;
 use raykd_kernels::Host;
 #[cfg(feature = "gpu")]
 use rayon::prelude::*;
@@ -176,6 +177,13 @@ pub(crate) struct Back<'a> {
 /// Bytes that one thread copies at least. One alone moves much less than a bus, the more so into memory that the
 /// process has never touched. So many, or fewer, are copied by the thread that asks.
 pub(super) const PIECE: usize = 256 << 10;
+
+/// Makes room in a list for so many.
+pub fn reserve<T>(list: &mut Vec<T>, name: &'static str, count: u64) -> Result<(), Error> {
+    let bytes = count.saturating_mul(size_of::<T>() as u64);
+    let reserved = usize::try_from(count).ok().and_then(|count| list.try_reserve_exact(count).ok());
+    reserved.ok_or(Error::OutOfMemory { buffer: name, bytes })
+}
 
 /// Bytes of a buffer of so many elements: some, and a multiple of 16.
 pub(super) const fn whole_bytes<T>(count: u64) -> u64 {

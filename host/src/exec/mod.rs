@@ -10,7 +10,7 @@ mod step;
 #[doc(hidden)]
 pub mod watch;
 
-pub use buffer::{AnyBuffer, Buffer, OnDevice, Out};
+pub use buffer::{AnyBuffer, Buffer, OnDevice, Out, reserve};
 pub(crate) use buffer::{Back, To};
 pub use cpu::Cpu;
 #[cfg(feature = "gpu")]

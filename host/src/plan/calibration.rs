@@ -250,18 +250,15 @@ const MOST: f64 = 1e60;
 
 /// Reads between points by rising x, as if y were a power of x between two of them.
 fn power(points: &[(f64, f64)], x: f64) -> f64 {
-    let log = |&(x, y): &(f64, f64)| (x.max(1.0).ln(), y.clamp(1e-9, MOST).ln());
-    let logs: Vec<(f64, f64)> = points.iter().map(log).collect();
+    let logs: Vec<(f64, f64)> = points.iter().map(|&(x, y)| (x.max(1.0).ln(), y.max(1e-9).ln())).collect();
     let x = x.max(1.0).ln();
     let [(x0, y0), (x1, y1)] = match logs.windows(2).find(|pair| x <= pair[1].0).or(logs.windows(2).last()) {
         Some(pair) => [pair[0], pair[1]],
         None => return points.first().map_or(0.0, |point| point.1.min(MOST)),
     };
     // Below the smallest mesh nothing gets cheaper than there.
-    if x <= x0 || x1 <= x0 {
-        return y0.exp();
-    }
-    (y0 + (x - x0) / (x1 - x0) * (y1 - y0)).exp().min(MOST)
+    let y = if x <= x0 || x1 <= x0 { y0 } else { y0 + (x - x0) / (x1 - x0) * (y1 - y0) };
+    y.exp().min(MOST)
 }
 
 /// The file of a device in the user's cache: in the folder that `RAYKD_CACHE` names, or the system's.

@@ -4,7 +4,7 @@ use super::{Scene, batch::Batch};
 use crate::{
     Error, Query,
     clock::Instant,
-    exec::{Buffer, OnDevice, Step, To},
+    exec::{Buffer, OnDevice, Step, To, reserve},
     intersector::Bound,
     lock::lock,
     rays::AnyRay,
@@ -299,9 +299,7 @@ impl Scene {
     /// triangle test is neither the default nor `exact`.
     pub fn all(&self, rays: &[impl AnyRay], limit: u32) -> Result<AllHits, Error> {
         let mut all = AllHits::default();
-        let wanted = rays.len().saturating_mul(limit as usize);
-        let bytes = (wanted as u64).saturating_mul(size_of::<Hit>() as u64);
-        all.hits.try_reserve_exact(wanted).map_err(|_| Error::OutOfMemory { buffer: "hits", bytes })?;
+        reserve(&mut all.hits, "hits", (rays.len() as u64).saturating_mul(limit.into()))?;
         let room = (self.device.limit().bytes / 16 / u64::from(limit.max(1))) as usize;
         for part in rays.chunks(self.batch_limit().min(room).max(1)) {
             let start = Instant::now();

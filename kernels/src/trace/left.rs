@@ -58,7 +58,7 @@ macro_rules! answer_left {
             });
             lanes!($group, |lane| {
                 let mut before = lane;
-                let mut running = number > 0;
+                let mut running = true;
                 while running {
                     let $ray = first + marked_after(before, $marks);
                     running = $ray < first + BLOCK;

@@ -4,7 +4,7 @@
 use super::{Glance, strict::Sheared};
 use crate::{
     glam::Vec3,
-    math::{Digits, component, exp2},
+    math::{Digits, component, exp2, least, most},
     trace::frame::Frame,
 };
 
@@ -131,12 +131,6 @@ impl<N: Digits> Edges<N> {
     }
 }
 
-/// The largest of three.
-#[inline(always)]
-fn most<N: Digits>(a: N, b: N, c: N) -> N {
-    a.high(b.high(c))
-}
-
 /// How a ray's line passes through a triangle's border.
 pub(in crate::trace) struct Through<N: Digits> {
     edges: Edges<N>,
@@ -178,7 +172,7 @@ impl<N: Digits> Through<N> {
         let unit = self.det.unit();
         let inverse = (self.det * unit).inverse();
         let t = s.depth(along, u * unit, v * unit, w * unit) * inverse;
-        let spread = along.abs() * (most(s.az, s.bz, s.cz) - s.az.low(s.bz.low(s.cz)));
+        let spread = along.abs() * (most(s.az, s.bz, s.cz) - least(s.az, s.bz, s.cz));
         let off = N::all(4.0) * self.error * unit * inverse.abs() * spread + N::all(2.0) * pad;
         (t - off, t + off)
     }

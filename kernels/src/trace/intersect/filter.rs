@@ -4,7 +4,7 @@
 use super::{bounds::NEAR, triple::Triple};
 use crate::{
     glam::Vec3,
-    math::{Digits, Number, cycle, exp2, exponent},
+    math::{Digits, Number, cycle, exp2, exponent, least, most},
     pair::{Long, Mask, One, PAIR_FLOOR, Pair},
     trace::frame::{Frame, HEADING},
 };
@@ -172,18 +172,6 @@ pub(in crate::trace) struct Verdict<N: Digits = f32> {
     pub t: N,
     pub u: N,
     pub v: N,
-}
-
-/// The largest of three.
-#[inline(always)]
-fn most<N: Digits>(a: N, b: N, c: N) -> N {
-    a.high(b.high(c))
-}
-
-/// The smallest of three.
-#[inline(always)]
-fn least<N: Digits>(a: N, b: N, c: N) -> N {
-    a.low(b.low(c))
 }
 
 /// What is told of a triangle's border.
