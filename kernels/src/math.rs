@@ -616,7 +616,7 @@ fn parts(a: f32) -> (f32, i32) {
 /// The exponent of 0: less than any sum of two others.
 const OF_ZERO: i32 = -1000;
 
-/// [`product_difference`] for all normal numbers: the result is the first times two to the second.
+/// [`product_difference`] for all normal numbers: 0, or a number of size 1 to 2 times two to the second.
 #[inline(always)]
 pub fn product_difference_wide(a: f32, b: f32, c: f32, d: f32) -> (f32, i32) {
     let ((a, ea), (b, eb), (c, ec), (d, ed)) = (parts(a), parts(b), parts(c), parts(d));
@@ -625,7 +625,9 @@ pub fn product_difference_wide(a: f32, b: f32, c: f32, d: f32) -> (f32, i32) {
     let top = if ep > eq { ep } else { eq };
     // So much smaller than the other product, it changes neither sign nor size by what counts.
     let (x, y) = (power(ep - top), power(eq - top));
-    ((p * x - q * y) + (p_error * x - q_error * y), top)
+    // Products that cancel leave less than `top` says, or nothing.
+    let (rest, own) = parts((p * x - q * y) + (p_error * x - q_error * y));
+    (rest, top + own)
 }
 
 /// `2^e`, or 0 below `2^-60`.

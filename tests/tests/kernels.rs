@@ -269,6 +269,11 @@ fn product_differences_have_exact_signs_and_accurate_sizes() {
             zeros += u32::from(exact == 0.0);
             tight += u32::from(exact != 0.0 && exact.abs() < f64::from(a * b).abs() * 2f64.powi(-24));
             let (value, exponent) = product_difference_wide(a, b, c, d);
+            // The exponent is the difference's own: who compares exponents compares sizes.
+            assert!(
+                value == 0.0 && exponent < -500 || (1.0..2.0).contains(&value.abs()),
+                "{value:e}, {exponent}"
+            );
             let found = f64::from(value) * 2f64.powi(exponent);
             assert!(right(found), "{a:e} * {b:e} - {c:e} * {d:e} is {exact:e}, found {found:e}");
             if spread == 16 {
