@@ -628,6 +628,39 @@ fn builds_in_place(
 }
 
 #[test]
+fn few_rays_allocate_nothing() -> Result<(), Failure> {
+    let alone = alone()?;
+    let gpu = alone.as_gpu().expect("a GPU");
+    let mesh = Mesh::teapot(6);
+    let (scene, usual) = (Scene::build(&alone, &mesh, &BuildOptions::default())?, cpu());
+    let usual = Scene::build(usual, &mesh, &BuildOptions::default())?;
+    // Of many the memory is not kept; those of fewer rays find what others left, more than they need.
+    for (count, is_kept) in [(300, true), (1 << 15, true), (7, true), (300, true), (1 + (1 << 15), false)] {
+        let rays = random(mesh.bounds(), count, 1);
+        let expected = usual.crossings(&rays)?.counts;
+        for round in 0..2 {
+            let before = gpu.allocated();
+            assert!(scene.closest(&rays)? == usual.closest(&rays)?, "{count} rays");
+            assert!(scene.crossings(&rays)?.counts == expected, "{count} rays");
+            let allocated = gpu.allocated() - before;
+            if (allocated == 0) != is_kept && round > 0 {
+                return Err(Failure(format!("{count} rays: {allocated} buffers")));
+            }
+        }
+    }
+    let rays = random(mesh.bounds(), 8000, 1);
+    for (hits, is_kept) in [(4, true), (5, false)] {
+        assert!(scene.all(&rays, hits)?.hits == usual.all(&rays, hits)?.hits);
+        let before = gpu.allocated();
+        scene.all(&rays, hits)?;
+        let allocated = gpu.allocated() - before;
+        // The totals are extra.
+        assert_eq!(allocated <= 1, is_kept, "{hits} hits a ray: {allocated} buffers");
+    }
+    Ok(())
+}
+
+#[test]
 fn rebuilding_allocates_nothing() -> Result<(), Failure> {
     let alone = alone()?;
     let (theirs, _) = alone.wgpu().expect("a GPU");

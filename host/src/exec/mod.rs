@@ -27,6 +27,8 @@ use std::{fmt, sync::Arc};
 use {crate::lock::lock, std::sync::Mutex};
 
 /// A machine that kernels run on: the processor, by rayon, or a Vulkan device, by wgpu. Clones are the same machine.
+///
+/// It keeps some MB for batches of a few thousand rays, which take less time to trace than memory to allocate.
 #[derive(Clone, Debug)]
 pub struct Device {
     machine: Arc<Machine>,
@@ -35,7 +37,12 @@ pub struct Device {
     notes: Option<Arc<Mutex<Option<Past>>>>,
     /// Where the memory of scenes goes and comes from, if it is used again.
     pool: Option<Arc<pool::Pool>>,
+    /// The same for small batches of rays.
+    few_rays: Arc<pool::Pool>,
 }
+
+/// Hits of a batch whose memory is kept, at most: with their rays 2 MiB.
+const FEW_RAYS: usize = 1 << 15;
 
 #[derive(Debug)]
 enum Machine {
@@ -127,6 +134,7 @@ impl Device {
             #[cfg(feature = "gpu")]
             notes: None,
             pool: None,
+            few_rays: Arc::default(),
         }
     }
 
@@ -153,9 +161,15 @@ impl Device {
         }
     }
 
-    /// The same device, which keeps no memory: for rays, as batches are of any size.
+    /// The same device, which keeps no memory: for what may be of any size.
     pub(crate) fn keeping_nothing(&self) -> Self {
         Self { pool: None, ..self.clone() }
+    }
+
+    /// The same device for a batch of rays with so many hits: it keeps the memory of small ones, for the next small
+    /// batch of whatever scene.
+    pub(crate) fn for_rays(&self, hits: usize) -> Self {
+        Self { pool: (hits <= FEW_RAYS).then(|| self.few_rays.clone()), ..self.clone() }
     }
 
     /// For tests: the same device, on which builds expect a mesh like the one before, as those of [`Self::recycling`]

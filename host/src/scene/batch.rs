@@ -93,8 +93,8 @@ impl Job {
         Ok(Self {
             count,
             apart: 0,
-            record: device.alloc("job", u64::from(JOB_WORDS))?,
-            outcome: device.alloc("outcome", u64::from(OUTCOME_WORDS))?,
+            record: device.room("job", u64::from(JOB_WORDS))?,
+            outcome: device.room("outcome", u64::from(OUTCOME_WORDS))?,
         })
     }
 
@@ -135,7 +135,8 @@ impl Batch {
 
     /// With room for so many hits a ray. Rays come in the mesh's own coordinates; here they are moved.
     pub(super) fn with_room(scene: &Scene, rays: &[impl AnyRay], room: u32) -> Result<Self, Error> {
-        Self::of_local(&scene.device.keeping_nothing(), &AnyRay::local(rays, scene.translation), room)
+        let device = scene.device.for_rays(rays.len().saturating_mul(room.max(1) as usize));
+        Self::of_local(&device, &AnyRay::local(rays, scene.translation), room)
     }
 
     /// Of rays that are where the mesh is, in memory of `device`.

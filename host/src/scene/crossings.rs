@@ -45,7 +45,7 @@ impl Scene {
             let start = Instant::now();
             let local = AnyRay::local(part, self.translation);
             counted.times.upload += start.elapsed();
-            self.count_local(&self.device.keeping_nothing(), &local, &mut counted)?;
+            self.count_local(&self.device.for_rays(local.len()), &local, &mut counted)?;
         }
         Ok(counted)
     }

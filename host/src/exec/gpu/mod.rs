@@ -30,7 +30,7 @@ use std::{
 };
 
 /// Writes of at most this many bytes ride along with the next submission.
-const RIDES_ALONG: usize = 64 << 10;
+const RIDES_ALONG: usize = 1 << 20;
 
 /// After how many steps commands are handed over early: about a level of a build first, so that the device soon begins,
 /// and more each time, as the host encodes them while the device works.
