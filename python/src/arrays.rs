@@ -3,7 +3,7 @@
 use bytemuck::{Pod, allocation::cast_vec};
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods as _};
 use pyo3::{exceptions::PyValueError, prelude::*};
-use raykd::{Error, Hit, Query, Ray, Ray64, Scene, Traced, rays::AnyRay};
+use raykd::{Error, Hit, Query, Ray, Ray64, Scene, rays::AnyRay};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -123,7 +123,12 @@ impl<'a> Rays<'a> {
 
     /// Traces some of them. Each is made when it is its turn, while others are traced, and with the interpreter's lock
     /// held: a program may write to its arrays meanwhile.
-    pub(crate) fn trace(&self, scene: &Scene, query: Query, range: Range<usize>) -> Result<Traced, Error> {
+    pub(crate) fn trace(
+        &self,
+        scene: &Scene,
+        query: Query,
+        range: Range<usize>,
+    ) -> Result<(Vec<Hit>, u64), Error> {
         let (from, count) = (range.start, range.len());
         let there = |range: Range<usize>| from + range.start..from + range.end;
         match self {

@@ -120,21 +120,22 @@ impl Scene {
         }
         let (mut found, mut invalid) = (Vec::new(), 0);
         for range in self.ranges(rays.len())? {
-            let traced = match exclude {
+            let hits = match exclude {
                 None => py.detach(|| rays.trace(&self.scene, query, range)),
                 Some(exclude) => {
                     let (part, exclude) = (rays.part(range.clone()), exclude[range].to_vec());
                     py.detach(|| with_rays!(part, part => self.scene.trace_except(query, &part, &exclude)))
+                        .map(|traced| (traced.hits, traced.invalid))
                 }
             };
-            let traced = traced.map_err(error)?;
-            invalid += traced.invalid;
+            let (hits, none) = hits.map_err(error)?;
+            invalid += none;
             // Hits of many rays take longer to copy than to find.
             if found.is_empty() {
-                found = traced.hits;
+                found = hits;
             } else {
                 found.reserve_exact(rays.len() - found.len());
-                found.extend_from_slice(&traced.hits);
+                found.extend_from_slice(&hits);
             }
             py.check_signals()?;
         }

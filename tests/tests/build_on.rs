@@ -3,7 +3,7 @@
 use num_traits::Zero as _;
 use proptest::prelude::*;
 use raykd::{
-    BuildOptions, BuildTimes, Builder, Device, Error, Hit, KdTree, Mesh, Scene, Traversal,
+    BuildOptions, BuildTimes, Builder, Device, Error, Hit, KdTree, Mesh, Query, Scene, Traversal,
     internals::{
         Gpu,
         kernels::{
@@ -657,6 +657,29 @@ fn few_rays_allocate_nothing() -> Result<(), Failure> {
         // The totals are extra.
         assert_eq!(allocated <= 1, is_kept, "{hits} hits a ray: {allocated} buffers");
     }
+    Ok(())
+}
+
+#[test]
+fn hits_alone_bring_no_times() -> Result<(), Failure> {
+    let alone = alone()?;
+    let gpu = alone.as_gpu().expect("a GPU");
+    let mesh = Mesh::teapot(6);
+    let scene = Scene::build(&alone, &mesh, &BuildOptions::default())?;
+    let rays = random(mesh.bounds(), 300, 1);
+    let brought = |query: &mut dyn FnMut() -> Result<Vec<Hit>, Error>| {
+        let before = gpu.crossed()[1];
+        query().map(|hits| (hits, gpu.crossed()[1] - before))
+    };
+    let (timed, all) = brought(&mut || {
+        let traced = scene.trace(Query::Closest, &rays)?;
+        assert!(!traced.times.trace.is_zero());
+        Ok(traced.hits)
+    })?;
+    let (hits, alone) = brought(&mut || scene.closest(&rays))?;
+    assert!(hits == timed);
+    // With the hits comes what became of them; two timestamps take 8 bytes each.
+    assert_eq!((alone, all), (300 * 16 + 16, 300 * 16 + 16 + 2 * 8));
     Ok(())
 }
 

@@ -12,7 +12,7 @@ use super::{
 use crate::{
     Error,
     clock::Instant,
-    exec::{Buffer, Device, Launch, OnDevice, Step},
+    exec::{Buffer, Device, Launch, OnDevice, Step, Timed},
 };
 use raykd_kernels::{
     build::{
@@ -217,7 +217,7 @@ pub(super) fn build(
         }
         steps.extend(lists.steps(levels.clone(), rounds, out.as_ref()));
         // The one look at the device, if these levels are enough: how large is the tree?
-        let timing = device.dispatch_then(&steps, profile, &mut back)?;
+        let timing = device.dispatch_then(&steps, Timed::profiled(profile), &mut back)?;
         drop(back);
         times.add(&steps, &timing);
         let [state] = state;

@@ -17,6 +17,7 @@ pub use cpu::Cpu;
 pub(crate) use gpu::Size;
 #[cfg(feature = "gpu")]
 pub use gpu::{AdapterReport, AdapterVerdict, Gpu, adapters, required_features, required_limits};
+pub(crate) use step::Timed;
 pub use step::{Groups, Launch, Step, Timing};
 
 use crate::Error;
@@ -521,7 +522,7 @@ impl Device {
 
     /// [`Self::run`], for the steps of this crate.
     pub(crate) fn dispatch(&self, steps: &[Step<'_>], profile: bool) -> Result<Timing, Error> {
-        self.dispatch_then(steps, profile, &mut [])
+        self.dispatch_then(steps, Timed::profiled(profile), &mut [])
     }
 
     /// What the last build noted, if notes are kept.
@@ -555,7 +556,8 @@ impl Device {
         buffer: &Buffer<T>,
     ) -> Result<(Timing, T), Error> {
         let mut out = [T::zeroed()];
-        let timing = self.dispatch_then(steps, profile, &mut [buffer.back_from(0, &mut out)])?;
+        let timed = Timed::profiled(profile);
+        let timing = self.dispatch_then(steps, timed, &mut [buffer.back_from(0, &mut out)])?;
         Ok((timing, out[0]))
     }
 
@@ -564,7 +566,7 @@ impl Device {
     pub(crate) fn dispatch_then(
         &self,
         steps: &[Step<'_>],
-        profile: bool,
+        timed: Timed,
         back: &mut [Back<'_>],
     ) -> Result<Timing, Error> {
         for step in steps {
@@ -572,15 +574,15 @@ impl Device {
         }
         if steps.len() > 1 && watch::is_on() {
             let timing = watch::one_by_one(self, steps)?;
-            return self.dispatch_then(&[], profile, back).map(|_| timing);
+            return self.dispatch_then(&[], timed, back).map(|_| timing);
         }
         let timing = match &*self.machine {
             Machine::Cpu(cpu) => {
-                let timing = cpu.run(steps, profile);
+                let timing = cpu.run(steps, timed == Timed::Steps);
                 back.iter_mut().try_for_each(|back| self.fetch(back)).map(|()| timing)
             }
             #[cfg(feature = "gpu")]
-            Machine::Gpu(gpu) => gpu.run(steps, profile, self.pool.is_some(), back),
+            Machine::Gpu(gpu) => gpu.run(steps, timed, self.pool.is_some(), back),
         };
         watch::tell(self, steps)?;
         timing

@@ -70,6 +70,24 @@ pub trait Launch<'a>: Bindings<'a, OnDevice> + Sized {
 
 impl<'a, B: Bindings<'a, OnDevice>> Launch<'a> for B {}
 
+/// What of a run is timed. An H200 takes 12 µs to tell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Timed {
+    /// Nothing: what [`Timing`] says is 0, or a host's guess.
+    Nothing,
+    /// All steps together.
+    Whole,
+    /// Each step too.
+    Steps,
+}
+
+impl Timed {
+    /// All, and each step if the run is profiled.
+    pub(crate) const fn profiled(profile: bool) -> Self {
+        if profile { Self::Steps } else { Self::Whole }
+    }
+}
+
 /// How long a run took, measured on the device where it has timestamps.
 #[derive(Clone, Debug, Default)]
 pub struct Timing {

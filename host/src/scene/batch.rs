@@ -3,7 +3,7 @@
 use super::Scene;
 use crate::{
     Error, Query,
-    exec::{Back, Buffer, Device, OnDevice, Step, To},
+    exec::{Back, Buffer, Device, OnDevice, Step, Timed, To},
     rays::AnyRay,
 };
 use raykd_kernels::{
@@ -83,6 +83,8 @@ pub(super) struct Job {
     pub count: u32,
     /// The logarithm of how far apart the lanes that take them are.
     apart: u32,
+    /// What is timed of what is run.
+    pub timed: Timed,
     pub record: Buffer<u32>,
     pub outcome: Buffer<u32>,
 }
@@ -93,6 +95,7 @@ impl Job {
         Ok(Self {
             count,
             apart: 0,
+            timed: Timed::Whole,
             record: device.room("job", u64::from(JOB_WORDS))?,
             outcome: device.room("outcome", u64::from(OUTCOME_WORDS))?,
         })
@@ -113,7 +116,7 @@ impl Job {
         let mut words = [0; OUTCOME_WORDS as usize];
         let mut back = vec![self.outcome.back(To::Room(&mut words))];
         back.extend(wanted);
-        let time = device.dispatch_then(steps, false, &mut back)?.total;
+        let time = device.dispatch_then(steps, self.timed, &mut back)?.total;
         drop(back);
         Ok((time, invalid(words)?))
     }

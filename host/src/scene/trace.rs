@@ -4,7 +4,7 @@ use super::{Scene, batch::Batch};
 use crate::{
     Error, Query,
     clock::Instant,
-    exec::{Buffer, OnDevice, Step, To, reserve},
+    exec::{Buffer, OnDevice, Step, Timed, To, reserve},
     intersector::Bound,
     lock::lock,
     rays::AnyRay,
@@ -170,7 +170,7 @@ impl Scene {
     /// # Errors
     /// The device failed.
     pub fn closest(&self, rays: &[impl AnyRay]) -> Result<Vec<Hit>, Error> {
-        Ok(self.trace(Query::Closest, rays)?.hits)
+        self.hits(Query::Closest, rays)
     }
 
     /// Some hit of every ray that has one.
@@ -178,19 +178,25 @@ impl Scene {
     /// # Errors
     /// The device failed.
     pub fn any(&self, rays: &[impl AnyRay]) -> Result<Vec<Hit>, Error> {
-        Ok(self.trace(Query::Any, rays)?.hits)
+        self.hits(Query::Any, rays)
+    }
+
+    /// Hits alone, without times.
+    fn hits(&self, query: Query, rays: &[impl AnyRay]) -> Result<Vec<Hit>, Error> {
+        Ok(self.made(query, Timed::Nothing, rays.len(), |range| rays[range].into())?.hits)
     }
 
     /// Traces rays and reports times; rays are moved in batches as large as the device's buffers allow, at most. On a
-    /// GPU the host moves some while others are traced, so that times overlap.
+    /// GPU the host moves some while others are traced, so that times overlap. An H200 takes 12 µs to tell the time:
+    /// who does not need it asks for [`Scene::closest`] or [`Scene::any`].
     ///
     /// # Errors
     /// The device failed.
     pub fn trace(&self, query: Query, rays: &[impl AnyRay]) -> Result<Traced, Error> {
-        self.trace_made(query, rays.len(), |range| rays[range].into())
+        self.made(query, Timed::Whole, rays.len(), |range| rays[range].into())
     }
 
-    /// The same of rays that are made when it is their turn: so many, those of a range by `make`.
+    /// Traces rays that are made when it is their turn: so many, those of a range by `make`. Of times it says nothing.
     ///
     /// # Errors
     /// The device failed.
@@ -200,10 +206,21 @@ impl Scene {
         query: Query,
         count: usize,
         make: impl Fn(Range<usize>) -> Cow<'a, [R]> + Sync,
+    ) -> Result<(Vec<Hit>, u64), Error> {
+        self.made(query, Timed::Nothing, count, make).map(|traced| (traced.hits, traced.invalid))
+    }
+
+    fn made<'a, R: AnyRay + 'a>(
+        &self,
+        query: Query,
+        timed: Timed,
+        count: usize,
+        make: impl Fn(Range<usize>) -> Cow<'a, [R]> + Sync,
     ) -> Result<Traced, Error> {
         self.in_parts(count, |range, hits| {
             let start = Instant::now();
-            let batch = Batch::new(self, &make(range))?;
+            let mut batch = Batch::new(self, &make(range))?;
+            batch.job.timed = timed;
             let upload = start.elapsed();
             traced(upload, || self.run(&batch, self.traversal, query, hits))
         })

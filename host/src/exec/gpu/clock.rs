@@ -46,7 +46,8 @@ impl Clock {
     }
 
     /// Submits commands whose passes wrote the first `stamps[pass]` timestamps of their sets, waits for the
-    /// end, and gives the times between them; those of single steps if `profile`. Reads what is wanted back beside.
+    /// end, and gives the times between them; those of single steps if `profile`. Reads what is wanted back beside:
+    /// some bytes, if nothing is timed.
     pub(super) fn finish(
         &mut self,
         link: &Link,
@@ -56,8 +57,10 @@ impl Clock {
         back: &mut [Back<'_>],
     ) -> Result<Timing, Error> {
         let stride = u64::from(PER_SET) * STAMP;
-        let last = u64::from(stamps[stamps.len() - 1]);
-        let bytes = (stamps.len() as u64 - 1) * stride + last * STAMP;
+        let bytes = match *stamps {
+            [] => 0,
+            [ref full @ .., last] => full.len() as u64 * stride + u64::from(last) * STAMP,
+        };
         let needed = bytes + back.iter().map(|back| back.bytes as u64).sum::<u64>();
         if needed > self.readback.buffer.size() {
             self.readback = Slot::download(link, needed.next_power_of_two())?;
@@ -65,7 +68,9 @@ impl Clock {
         for (i, (&count, set)) in stamps.iter().zip(&self.sets).enumerate() {
             commands.resolve_query_set(set, 0..count, &self.resolved, i as u64 * stride);
         }
-        commands.copy_buffer_to_buffer(&self.resolved, 0, &self.readback.buffer, 0, bytes);
+        if bytes > 0 {
+            commands.copy_buffer_to_buffer(&self.resolved, 0, &self.readback.buffer, 0, bytes);
+        }
         let mut all = bytes;
         for Back { buffer, offset, bytes, .. } in back.iter().filter(|back| back.bytes > 0) {
             commands.copy_buffer_to_buffer(
@@ -93,7 +98,10 @@ impl Clock {
         let time = |from: u64, to: u64| {
             Duration::from_nanos((to.saturating_sub(from) as f64 * self.period).round() as u64)
         };
-        let total = time(ticks[0], ticks[ticks.len() - 1]);
+        let total = match *ticks {
+            [] => Duration::ZERO,
+            [first, ..] => time(first, ticks[ticks.len() - 1]),
+        };
         let mut steps = Vec::new();
         if profile {
             for (pass, &count) in ticks.chunks(PER_SET as usize).zip(stamps) {

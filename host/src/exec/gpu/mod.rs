@@ -12,7 +12,7 @@ pub use adapter::{AdapterReport, adapters, required_features, required_limits};
 pub(crate) use encode::Size;
 pub use probe::AdapterVerdict;
 
-use super::{AnyBuffer, Back, BufferLimit, Device, Groups, Machine, Memory, Step, Timing, checked};
+use super::{AnyBuffer, Back, BufferLimit, Device, Groups, Machine, Memory, Step, Timed, Timing, checked};
 use crate::{Error, lock::lock};
 use clock::Clock;
 use link::Link;
@@ -296,7 +296,7 @@ impl Gpu {
     pub(super) fn run(
         &self,
         steps: &[Step<'_>],
-        profile: bool,
+        timed: Timed,
         early: bool,
         back: &mut [Back<'_>],
     ) -> Result<Timing, Error> {
@@ -312,9 +312,9 @@ impl Gpu {
             _ if steps.is_empty() => (Timing::default(), back),
             Some(clock) => {
                 let (beside, later) = back.split_at_mut(fit);
-                (self.run_timed(clock, steps, profile, early, beside)?, later)
+                (self.run_once(clock, steps, timed, early, beside)?, later)
             }
-            None => (self.run_by_wall_clock(steps, profile)?, back),
+            None => (self.run_by_wall_clock(steps, timed == Timed::Steps)?, back),
         };
         later.iter_mut().try_for_each(|back| self.fetch(back)).map(|()| timing)
     }
@@ -338,15 +338,17 @@ impl Gpu {
         self.link.submit(commands).map(|_| ())
     }
 
-    /// Runs in as many passes as there are timestamps for: one, unless very many steps are timed each.
-    fn run_timed(
+    /// Runs in one submission, and in as many passes as there are timestamps for: one, unless very many steps are timed
+    /// each.
+    fn run_once(
         &self,
         clock: &Mutex<Option<Clock>>,
         steps: &[Step<'_>],
-        profile: bool,
+        timed: Timed,
         early: bool,
         back: &mut [Back<'_>],
     ) -> Result<Timing, Error> {
+        let profile = timed == Timed::Steps;
         let per_pass = if profile { clock::STEPS_PER_PASS } else { steps.len() };
         let passes = steps.len().div_ceil(per_pass);
         let create = || Clock::new(&self.link, passes);
@@ -355,7 +357,7 @@ impl Gpu {
                 *clock = create()?;
             }
             let bytes: usize = back.iter().map(|back| back.bytes).sum();
-            if early && !profile {
+            if early && timed == Timed::Whole {
                 let commands = self.start_early(steps, &clock.sets[0])?;
                 self.count(BACK, 2 * wgpu::QUERY_SIZE as usize + bytes);
                 return clock.finish(&self.link, commands, &[2], false, back);
@@ -365,6 +367,10 @@ impl Gpu {
                 let mut commands = self.link.encoder();
                 let mut bindings = Bindings::new();
                 for (steps, set) in steps.chunks(per_pass).zip(&clock.sets) {
+                    if timed == Timed::Nothing {
+                        self.encode(&mut commands, &mut bindings, steps, None, None);
+                        continue;
+                    }
                     let end = if profile { None } else { Some(1) };
                     let writes = wgpu::ComputePassTimestampWrites {
                         query_set: set,
