@@ -1,7 +1,7 @@
 //! Eight numbers side by side, in a register of AVX2, with FMA.
 //!
 //! All of it must be inlined into a function compiled for these instructions, which is called only where the processor
-//! has them: see [`packet`](crate::trace::packet).
+//! has them: see [`packet`](crate::trace::side_by_side).
 
 use crate::{
     bounds::Bounds,

@@ -17,17 +17,14 @@ pub struct Group {
     #[cfg(not(target_arch = "spirv"))]
     pub order: Order,
     /// Whether that is [`Order::Forward`], and the processor has the usual instructions.
-    #[cfg(not(target_arch = "spirv"))]
     pub usual: Usual,
 }
 
 /// Whether a CPU has the usual instructions: AVX2, FMA, BMI1, BMI2, LZCNT and POPCNT if it is an x86. Nobody can say so
 /// by mistake.
-#[cfg(not(target_arch = "spirv"))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Usual(bool);
 
-#[cfg(not(target_arch = "spirv"))]
 impl Usual {
     /// It is not known.
     pub const NO: Self = Self(false);
@@ -130,11 +127,9 @@ pub fn put_groups(args: &mut (impl Slots<u32> + ?Sized), entry: u32, groups: u32
 
 /// The numbers of the bits that are set, from the lowest up. Of references that may go either way a CPU takes those
 /// that go one way first, and then the others: asked of each in turn, it guesses every second answer wrong.
-#[cfg(not(target_arch = "spirv"))]
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Bits(pub(crate) u32);
 
-#[cfg(not(target_arch = "spirv"))]
 impl Iterator for Bits {
     type Item = u32;
     #[inline(always)]
@@ -299,6 +294,15 @@ macro_rules! slot {
     };
 }
 
+/// Lists kernels, as `KERNELS` of a module.
+macro_rules! kernels {
+    ($(#[$doc:meta])* $($kernel:path),+ $(,)?) => {
+        $(#[$doc])*
+        #[cfg(not(target_arch = "spirv"))]
+        pub const KERNELS: &[&$crate::Kernel] = &[$(&$kernel),+];
+    };
+}
+
 /// Declares a struct of buffers that several kernels begin with.
 macro_rules! bindings {
     ($(#[$doc:meta])* $name:ident { $($b:tt $arg:ident: $mode:ident $t:ty),+ $(,)? }) => {
@@ -356,10 +360,10 @@ macro_rules! run_twice {
 }
 
 /// Declares a kernel: a SPIR-V entry point on the GPU; on the CPU a [`Kernel`] constant, and `Buffers`, by
-/// which a host binds its buffers. A kernel may begin with those of a struct that [`bindings!`] made.
+/// which a host binds its buffers. A kernel may begin with those of a struct that [`bindings!`] made, of `'a` and `H`.
 macro_rules! kernel {
     ($(#[$doc:meta])* map $name:ident = $body:path, threads $n:tt,
-     $($head:ident: $shared:ident { $($hb:tt $harg:ident: $hmode:ident $ht:ty),+ $(,)? },)?
+     $($head:ident: $shared:ty { $($hb:tt $harg:ident: $hmode:ident $ht:ty),+ $(,)? },)?
      { $($b:tt $arg:ident: $mode:ident $t:ty),* $(,)? }) => {
         $(#[$doc])*
         #[cfg(all(target_arch = "spirv", feature = "entry-points"))]
@@ -384,7 +388,7 @@ macro_rules! kernel {
         kernel!(@buffers $name, { $($head: $shared)? }, { $($arg: $mode $t,)* });
     };
     ($(#[$doc:meta])* group $name:ident = $body:path, threads $n:tt, shared [$($sh:ident: $len:expr),*],
-     $($head:ident: $shared:ident { $($hb:tt $harg:ident: $hmode:ident $ht:ty),+ $(,)? },)?
+     $($head:ident: $shared:ty { $($hb:tt $harg:ident: $hmode:ident $ht:ty),+ $(,)? },)?
      { $($b:tt $arg:ident: $mode:ident $t:ty),* $(,)? }) => {
         $(#[$doc])*
         #[cfg(all(target_arch = "spirv", feature = "entry-points"))]
@@ -397,7 +401,8 @@ macro_rules! kernel {
             $($(#[spirv(storage_buffer, descriptor_set = 0, binding = $hb)] $harg: slot!($hmode $ht),)+)?
             $(#[spirv(storage_buffer, descriptor_set = 0, binding = $b)] $arg: slot!($mode $t)),*
         ) {
-            let group = $crate::Group { id: group.y * groups.x + group.x, lane, width: $n };
+            let id = group.y * groups.x + group.x;
+            let group = $crate::Group { id, lane, width: $n, usual: $crate::Usual::NO };
             $body(group, $($sh,)* $($($harg,)+)? $($arg),*);
         }
 
@@ -436,12 +441,12 @@ macro_rules! kernel {
         };
     };
     // What the host binds.
-    (@buffers $name:ident, { $($head:ident: $shared:ident)? }, { $($arg:ident: $mode:ident $t:ty,)* }) => {
+    (@buffers $name:ident, { $($head:ident: $shared:ty)? }, { $($arg:ident: $mode:ident $t:ty,)* }) => {
         #[doc = concat!("The buffers of [`", stringify!($name), "`].")]
         #[cfg(not(target_arch = "spirv"))]
         #[allow(missing_docs, missing_debug_implementations, reason = "the kernel says what these are")]
         pub struct Buffers<'a, H: $crate::Host> {
-            $(pub $head: $shared<'a, H>,)?
+            $(pub $head: $shared,)?
             $(pub $arg: slot!(bound $mode 'a H $t)),*
         }
 

@@ -101,7 +101,6 @@ pub trait Sides: Digits {
 }
 
 /// Faces of boxes side by side, half of them low ones, half high ones of the same boxes.
-#[cfg(not(target_arch = "spirv"))]
 pub trait Row: Number {
     /// Boxes in a row.
     const BOXES: u32;
@@ -261,7 +260,6 @@ impl Listed for Vec4 {
     }
 }
 
-#[cfg(not(target_arch = "spirv"))]
 impl Row for Vec4 {
     const BOXES: u32 = 2;
     #[inline(always)]

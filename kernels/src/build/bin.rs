@@ -7,8 +7,6 @@
 //! border.
 
 use super::{Item, LEVEL_CHUNKS, chunk_of, reference::Reference};
-#[cfg(target_arch = "x86_64")]
-use crate::eight::Eight;
 use crate::{
     Group,
     bounds::Bounds,
@@ -109,30 +107,24 @@ pub fn rates(rate: &[u32; 3]) -> Vec3 {
     Vec3::new(on(rate, 0), on(rate, 1), on(rate, 2))
 }
 
-/// [`enter_box`] with AVX2.
-#[cfg(target_arch = "x86_64")]
-#[inline(always)]
-fn enter_by_eight(table: &mut [u32; TABLE], rates: Vec3, from: Vec3, part: &Bounds) {
-    let (bins, words) = Eight::entry(part, from, rates);
-    let mut axis = 0;
-    while axis < 3 {
-        // No bin is out of range, which a compiler cannot know.
-        let start = BEFORE + axis * BINS + bins[axis as usize] % BINS;
-        let end = BEFORE + axis * BINS + bins[axis as usize + 4] % BINS;
-        table.add(STARTS + start, 1);
-        table.add(ENDS + end, 1);
-        table.raise(FIRST_STARTS + start, words[axis as usize]);
-        table.raise(LAST_ENDS + end, words[axis as usize + 4]);
-        axis += 1;
-    }
-}
-
 /// Counts a box's starts and ends, in a node that begins at `from`.
 #[inline(always)]
 pub fn enter_box(group: &Group, table: &mut [u32; TABLE], rates: Vec3, from: Vec3, part: &Bounds) {
     #[cfg(target_arch = "x86_64")]
     if group.usual.has() {
-        return enter_by_eight(table, rates, from, part);
+        let (bins, words) = crate::eight::Eight::entry(part, from, rates);
+        let mut axis = 0;
+        while axis < 3 {
+            // No bin is out of range, which a compiler cannot know.
+            let start = BEFORE + axis * BINS + bins[axis as usize] % BINS;
+            let end = BEFORE + axis * BINS + bins[axis as usize + 4] % BINS;
+            table.add(STARTS + start, 1);
+            table.add(ENDS + end, 1);
+            table.raise(FIRST_STARTS + start, words[axis as usize]);
+            table.raise(LAST_ENDS + end, words[axis as usize + 4]);
+            axis += 1;
+        }
+        return;
     }
     let _ = group;
     enter(table, 0, part.lo.x, part.hi.x, from.x, rates.x);

@@ -7,24 +7,21 @@
 
 use super::{
     ARGS_BRANCHES, ARGS_TREELET_BLOCKS, Item, ROUND_EARLIER, ROUND_FROM, ROUND_NUMBER, ROUND_ROOM, ROUND_TOP,
-    ROUND_TREELETS, STATE_STATUS, SplitPlane,
+    ROUND_TREELETS, STATE_STATUS, SplitPlane, ahead,
     bin::{TABLE, fill},
     clip::sides_of_halves,
     corners_at, cut, growth_left,
-    marks::{BLOCKS, Marks, WORDS, scan},
+    marks::{BLOCKS, Marks, WORDS, scan, sides_of},
     put_corners,
     reference::Reference,
     split::{FOUND, WEIGHING, chosen, find},
     tally::blocks_of,
 };
-#[cfg(not(target_arch = "spirv"))]
-use super::{ahead, marks::sides_of};
-#[cfg(not(target_arch = "spirv"))]
-use crate::kernel::Bits;
 use crate::{
     Group,
     bounds::Bounds,
     glam::{UVec2, UVec4},
+    kernel::Bits,
     mem::{Atomics, Buf, PerLane, Slots},
     put_groups,
 };

@@ -1,8 +1,6 @@
 //! How a CPU weighs the faces of a small node's boxes: some side by side, as a GPU's lanes do.
 
 use super::{Across, is_above, is_below};
-#[cfg(target_arch = "x86_64")]
-use crate::eight::Eight;
 use crate::{
     Usual,
     glam::Vec4,
@@ -114,7 +112,7 @@ pub fn cheapest(
 ) -> [(f32, f32); 3] {
     #[cfg(target_arch = "x86_64")]
     if usual.has() {
-        return row_by_row::<Eight>(faces, number, across, flat, first);
+        return row_by_row::<crate::eight::Eight>(faces, number, across, flat, first);
     }
     let _ = usual;
     row_by_row::<Vec4>(faces, number, across, flat, first)
@@ -125,7 +123,7 @@ pub fn cheapest(
 pub fn parted(usual: Usual, (lows, highs): Faces<'_>, number: u32, plane: f32) -> (u32, u32) {
     #[cfg(target_arch = "x86_64")]
     if usual.has() {
-        let (belows, aboves) = Eight::parted(lows, highs, plane);
+        let (belows, aboves) = crate::eight::Eight::parted(lows, highs, plane);
         let own = ones(number);
         return (belows & own, aboves & own);
     }

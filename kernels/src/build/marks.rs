@@ -6,7 +6,7 @@ use super::{
     reference::{Reference, triangle_at},
 };
 use crate::{
-    Group,
+    Group, ON_GPU,
     glam::UVec4,
     mem::{Atomics, Buf, Slots},
 };
@@ -76,7 +76,6 @@ pub fn mark(
 }
 
 /// A bit for each of the next 32 of so many references which goes below a plane, and one for each which goes above.
-#[cfg(not(target_arch = "spirv"))]
 #[inline(always)]
 pub(super) fn sides_of(refs: &Buf<UVec4>, first: u32, number: u32, plane: SplitPlane) -> (u32, u32) {
     let (mut below, mut above) = (0, 0);
@@ -100,8 +99,7 @@ fn mark_boxes(
     plane: SplitPlane,
 ) -> u32 {
     let step = group.sharers();
-    #[cfg(not(target_arch = "spirv"))]
-    if step == 1 {
+    if !ON_GPU && step == 1 {
         let (below, above) = sides_of(refs, start + i, number - i, plane);
         let straddling = if clips { below & above } else { 0 };
         belows.put(i / 32, below & !straddling);

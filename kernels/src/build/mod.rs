@@ -18,7 +18,6 @@ pub mod branch;
 pub mod clip;
 pub mod count;
 pub mod emit;
-#[cfg(not(target_arch = "spirv"))]
 pub mod faces;
 pub mod join;
 pub mod marks;
@@ -33,23 +32,22 @@ pub mod tally;
 pub mod top;
 pub mod treelet;
 
-/// The kernels of the level loop, in pipeline order.
-#[cfg(not(target_arch = "spirv"))]
-pub const KERNELS: &[&crate::Kernel] = &[
-    &boxes::BOXES,
-    &bin::BIN,
-    &count::COUNT,
-    &tally::TALLY,
-    &alloc::ALLOC,
-    &scatter::SCATTER,
-    &branch::BRANCHES,
-    &assign::ASSIGN,
-    &join::JOIN,
-    &treelet::TREELETS,
-    &place::PLACE,
-    &top::TOP,
-    &emit::EMIT,
-];
+kernels! {
+    /// The kernels of the level loop, in pipeline order.
+    boxes::BOXES,
+    bin::BIN,
+    count::COUNT,
+    tally::TALLY,
+    alloc::ALLOC,
+    scatter::SCATTER,
+    branch::BRANCHES,
+    assign::ASSIGN,
+    join::JOIN,
+    treelet::TREELETS,
+    place::PLACE,
+    top::TOP,
+    emit::EMIT,
+}
 
 use crate::{
     glam::{UVec2, UVec4, Vec3},

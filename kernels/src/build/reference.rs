@@ -1,12 +1,10 @@
 //! References of a level: a triangle, and the box of what its node holds of it.
 
 use super::{SplitPlane, from_bits, is_above, is_below, to_bits};
-#[cfg(not(target_arch = "spirv"))]
-use crate::glam::Vec4;
 use crate::{
     bounds::Bounds,
     build::clip::clip_plane,
-    glam::UVec4,
+    glam::{UVec4, Vec4},
     math::component,
     mem::{Buf, Slots},
     mesh,
@@ -63,7 +61,6 @@ impl Reference {
     }
 
     /// [`Reference::sides`] of reference `i` of a list: without branches, half of which a CPU would guess wrong.
-    #[cfg(not(target_arch = "spirv"))]
     #[inline(always)]
     pub fn sides_at(list: &Buf<UVec4>, i: u32, plane: SplitPlane) -> u32 {
         let numbers = |words: UVec4| Vec4::from_array(words.to_array().map(f32::from_bits));

@@ -10,11 +10,10 @@ use super::{
     plane_of,
     reference::{Reference, triangle_at},
 };
-#[cfg(not(target_arch = "spirv"))]
-use crate::kernel::Bits;
 use crate::{
-    Group,
+    Group, ON_GPU,
     glam::{UVec2, UVec4, Vec3},
+    kernel::Bits,
     mem::{Atomics, Buf, Slots},
 };
 use raykd_shared::{BuildParams, rule};
@@ -120,8 +119,7 @@ fn move_boxes(
     branch_refs: &mut Buf<UVec4>,
 ) -> u32 {
     let step = group.sharers();
-    #[cfg(not(target_arch = "spirv"))]
-    if step == 1 {
+    if !ON_GPU && step == 1 {
         let (is_below, is_above) = (marks.belows.at(i / 32), marks.aboves.at(i / 32));
         let straddling = if clips { is_below & is_above } else { 0 };
         for k in Bits(is_below & !straddling) {

@@ -7,8 +7,6 @@ use super::{
     longest_axis,
     scan::{serial, serial_back},
 };
-#[cfg(target_arch = "x86_64")]
-use crate::eight::Eight;
 use crate::{
     Group, ON_GPU,
     glam::UVec2,
@@ -241,7 +239,7 @@ pub fn find(
 ) {
     #[cfg(target_arch = "x86_64")]
     if group.usual.has() {
-        return find_by::<Eight>(group, table, found, params, depth, item);
+        return find_by::<crate::eight::Eight>(group, table, found, params, depth, item);
     }
     find_by::<Wide>(group, table, found, params, depth, item);
 }

@@ -4,23 +4,19 @@
 //! boxes stay as they are); boxes that a plane cuts are clipped (Wald & Havran 2006, section 4.3).
 
 use super::{
-    Costs, Item, STATE_STATUS, STATE_TREELETS, Sah,
+    Costs, Item, STATE_STATUS, STATE_TREELETS, Sah, ahead,
     clip::clip_plane,
-    corners_at, is_above, is_below, place, put_corners,
+    corners_at,
+    faces::{Faces, First, Flat, STEP, cheapest, parted},
+    is_above, is_below, place, put_corners,
     reference::{Reference, triangle_at},
     tally::BLOCK,
 };
-#[cfg(not(target_arch = "spirv"))]
-use super::{
-    ahead,
-    faces::{Faces, First, Flat, STEP, cheapest, parted},
-};
-#[cfg(not(target_arch = "spirv"))]
-use crate::kernel::Bits;
 use crate::{
     Group, ON_GPU,
     bounds::Bounds,
     glam::{UVec2, UVec4, Vec3},
+    kernel::Bits,
     math::ones,
     mem::{Atomics, Buf, PerLane, Slots},
     mesh::triangle,
@@ -283,8 +279,7 @@ fn candidate(
     sah: &Sah,
     lane: u32,
 ) -> (f32, u32) {
-    #[cfg(not(target_arch = "spirv"))]
-    if !BY_MEMBER {
+    if !ON_GPU && !BY_MEMBER {
         return of_all(group, boxes, node, sah);
     }
     let _ = group;
@@ -335,7 +330,6 @@ fn of_member(boxes: &[u32; BOXES], flats: bool, node: Last, sah: &Sah, lane: u32
 }
 
 /// The low and the high faces of boxes on an axis, of which the low ones stand from `start` on.
-#[cfg(not(target_arch = "spirv"))]
 #[inline(always)]
 fn faces_from(boxes: &[u32; BOXES], start: u32, number: u32) -> Faces<'_> {
     let (start, number) = (start as usize, number.next_multiple_of(STEP) as usize);
@@ -343,7 +337,6 @@ fn faces_from(boxes: &[u32; BOXES], start: u32, number: u32) -> Faces<'_> {
 }
 
 /// [`candidate`] for a lane that weighs all.
-#[cfg(not(target_arch = "spirv"))]
 #[inline(always)]
 fn of_all(group: &Group, boxes: &[u32; BOXES], node: Last, sah: &Sah) -> (f32, u32) {
     let number = node.number;
@@ -432,8 +425,7 @@ fn divide(
     refs: &Buf<UVec4>,
     first: u32,
 ) {
-    #[cfg(not(target_arch = "spirv"))]
-    if group.sharers() == 1 {
+    if !ON_GPU && group.sharers() == 1 {
         return divide_all(group, boxes, own, halves, node, cheapest, clips, positions, indices, refs, first);
     }
     let (axis, plane) = (cheapest.axis, cheapest.at());
@@ -464,7 +456,6 @@ fn divide(
 }
 
 /// [`divide`] by the one lane of a CPU.
-#[cfg(not(target_arch = "spirv"))]
 #[inline(always)]
 fn divide_all(
     group: Group,
@@ -534,8 +525,7 @@ fn replace(
     children: Children,
 ) {
     let Children { splits, belows, aboves } = children;
-    #[cfg(not(target_arch = "spirv"))]
-    if group.sharers() == 1 && splits {
+    if !ON_GPU && group.sharers() == 1 && splits {
         for (before, i) in (0..).zip(Bits(aboves)) {
             put_reference(boxes, node.from + before, &halves.at(i).over, halves.at(i).number);
         }

@@ -4,12 +4,6 @@
 //! passes at an edge or a vertex, or in whose plane it starts. A second kernel decides those; where there were too
 //! many, it walks once more, by the exact test.
 
-#[cfg(not(target_arch = "spirv"))]
-use super::queries::Query;
-#[cfg(target_arch = "x86_64")]
-use super::tallies::side_by_side;
-#[cfg(not(target_arch = "spirv"))]
-use super::tally::MOST_OPEN;
 use super::{
     frame::Frame,
     intersect::{Best, Intersector, NORMAL, exact::Exact, perturbed::Perturbed},
@@ -17,7 +11,8 @@ use super::{
     left::MARKS,
     listed::{Listed, NONE},
     queries::SHARED,
-    tally::{TOO_MANY, Tally, UNDECIDED, WORDS},
+    side_by_side,
+    tally::{MOST_OPEN, TOO_MANY, Tally, UNDECIDED, WORDS},
     traverse::{
         Steps,
         leaf::After,
@@ -100,7 +95,6 @@ fn walked(ray: &mut Frame, (pairs, corners): (&Buf<UVec4>, &Buf<Vec4>), steps: &
 
 /// The crossings of one ray in its range.
 #[inline(always)]
-#[cfg(not(target_arch = "spirv"))]
 pub(super) fn crossings(ray: &mut Frame, tree: (&Buf<UVec4>, &Buf<Vec4>)) -> Crossings {
     let (own, steps) = (&mut scratch::<u32, WORDS>(), &mut Steps::default());
     tally(ray, tree, &mut [0; ASIDE], own, steps);
@@ -127,13 +121,11 @@ pub fn count(
     crossings: &mut Buf<u32>,
     more: &mut Buf<UVec4>,
 ) {
-    #[cfg(target_arch = "x86_64")]
-    let left = side_by_side(&group, job, header, pairs, corners, rays, hits, outcome, crossings, more);
-    #[cfg(not(any(target_arch = "spirv", target_arch = "x86_64")))]
-    let left = u64::MAX;
+    let left =
+        side_by_side::crossings(&group, job, header, pairs, corners, rays, hits, outcome, crossings, more);
     lanes!(group, |lane| {
         let i = ray_of(group.id * group.width + lane, job);
-        if i < job.at(JOB_RAYS) && is_left!(left, lane) {
+        if i < job.at(JOB_RAYS) && left.has(lane) {
             let ray = &mut load(i, rays, &header.at(0), outcome);
             let (aside, own) = (&mut aside::<ASIDE, SHARED>(shared, lane), &mut scratch::<u32, WORDS>());
             let steps = &mut Steps::default();
@@ -206,7 +198,9 @@ pub mod settle_crossings {
     }
 }
 
-/// The kernels of this file.
-#[cfg(not(target_arch = "spirv"))]
-pub const KERNELS: &[&crate::Kernel] =
-    &[&count_crossings::COUNT, &settle_crossings::SETTLE, &super::locate::LOCATE];
+kernels! {
+    /// The kernels of this file.
+    count_crossings::COUNT,
+    settle_crossings::SETTLE,
+    super::locate::LOCATE,
+}

@@ -134,7 +134,6 @@ const NORMAL: i32 = -126;
 
 impl Frame {
     /// No ray.
-    #[cfg(target_arch = "x86_64")]
     pub(super) const NOTHING: Self = Self {
         origin: Vec3::ZERO,
         place: Vec3::ZERO,

@@ -1,11 +1,10 @@
 //! What can be asked of a ray, and how kernels that answer are declared. Those of the default test stand here; the
 //! other ways through the tree and triangle tests have theirs beside them.
 
-#[cfg(target_arch = "x86_64")]
-use super::packet::side_by_side;
 use super::{
     intersect::{Intersector, exact::Exact, strict::Strict},
     job::{JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, THREADS, load, ray_of, record},
+    side_by_side,
     traverse::{
         self, Steps,
         leaf::{After, Every, Except},
@@ -20,9 +19,15 @@ use raykd_shared::{MISS, TreeHeader, status};
 
 /// Declares something of the buffers that all queries of the tree bind.
 macro_rules! of_query {
-    ($declare:ident { $($head:tt)* } { $($own:tt)* }) => {
+    (bindings { $($head:tt)* } {}) => {
+        of_query! { @of bindings { $($head)* Query } {} }
+    };
+    (kernel { $($head:tt)* } { $($own:tt)* }) => {
+        of_query! { @of kernel { $($head)* $crate::trace::queries::Query<'a, H> } { $($own)* } }
+    };
+    (@of $declare:ident { $($head:tt)* } { $($own:tt)* }) => {
         $declare! {
-            $($head)* Query {
+            $($head)* {
                 0 job: read u32, 1 header: read ::raykd_shared::TreeHeader, 2 pairs: read $crate::glam::UVec4,
                 3 corners: read $crate::glam::Vec4, 4 rays: read $crate::glam::Vec4,
                 5 hits: write $crate::glam::UVec4, 6 outcome: write u32,
@@ -33,9 +38,15 @@ macro_rules! of_query {
 
 /// Declares something of the buffers that all tests of every triangle bind.
 macro_rules! of_brute {
-    ($declare:ident { $($head:tt)* } { $($own:tt)* }) => {
+    (bindings { $($head:tt)* } {}) => {
+        of_brute! { @of bindings { $($head)* Brute } {} }
+    };
+    (kernel { $($head:tt)* } { $($own:tt)* }) => {
+        of_brute! { @of kernel { $($head)* $crate::trace::queries::Brute<'a, H> } { $($own)* } }
+    };
+    (@of $declare:ident { $($head:tt)* } { $($own:tt)* }) => {
         $declare! {
-            $($head)* Brute {
+            $($head)* {
                 0 job: read u32, 1 header: read ::raykd_shared::TreeHeader, 2 kept: read u32,
                 3 positions: read f32, 4 indices: read u32, 5 rays: read $crate::glam::Vec4,
                 6 hits: write $crate::glam::UVec4, 7 outcome: write u32, 8 bests: write $crate::glam::UVec4,
@@ -58,35 +69,6 @@ of_brute! {
 /// Words of workgroup memory.
 pub const SHARED: usize = ASIDE * THREADS as usize;
 
-/// Answers no rays side by side.
-#[cfg(not(any(target_arch = "spirv", target_arch = "x86_64")))]
-fn side_by_side<const ANY: bool>(
-    _group: &crate::Group,
-    _job: &Buf<u32>,
-    _header: &Buf<TreeHeader>,
-    _pairs: &Buf<UVec4>,
-    _corners: &Buf<Vec4>,
-    _rays: &Buf<Vec4>,
-    _hits: &mut Buf<UVec4>,
-    _outcome: &mut Buf<u32>,
-) -> u64 {
-    u64::MAX
-}
-
-/// Whether a lane's ray has no answer yet: on a CPU some go side by side.
-#[cfg(target_arch = "spirv")]
-macro_rules! is_left {
-    ($left:ident, $lane:ident) => {
-        true
-    };
-}
-#[cfg(not(target_arch = "spirv"))]
-macro_rules! is_left {
-    ($left:ident, $lane:ident) => {
-        $left >> $lane & 1 != 0
-    };
-}
-
 /// Declares the kernel of a query: how it answers ray `i`, whether it writes counts of its steps too, and buffers that
 /// only it binds. With a module's name before the kernel's it gets a module of its own.
 macro_rules! query {
@@ -101,9 +83,6 @@ macro_rules! query {
     ($(#[$doc:meta])* $name:ident $(($beside:path))? $($counts:ident)? = |$i:pat_param, $ray:ident, $pairs:ident,
      $corners:ident, $any:pat_param, $aside:pat_param, $steps:ident| $walk:expr
      $(, { $($b:tt $more:ident: $t:ty),* $(,)? })?) => {
-        #[cfg(not(target_arch = "spirv"))]
-        use $crate::trace::queries::Query;
-
         /// Answers the rays of a workgroup, one a lane that takes one.
         #[inline(always)]
         pub fn answer(
@@ -121,13 +100,12 @@ macro_rules! query {
         ) {
             use $crate::{
                 mem::{Atomics as _, Slots as _, aside},
-                trace::{job, queries::SHARED, traverse::{Steps, stack::ASIDE}},
+                trace::{job, queries::SHARED, side_by_side::Left, traverse::{Steps, stack::ASIDE}},
             };
-            #[cfg(not(target_arch = "spirv"))]
-            let left = u64::MAX $(& $beside(&group, job, header, $pairs, $corners, rays, hits, outcome))?;
+            let left = Left::ALL $(.and($beside(&group, job, header, $pairs, $corners, rays, hits, outcome)))?;
             lanes!(group, |lane| {
                 let i = job::ray_of(group.id * group.width + lane, job);
-                if i < job.at(job::JOB_RAYS) && is_left!(left, lane) {
+                if i < job.at(job::JOB_RAYS) && left.has(lane) {
                     let $ray = &mut job::load(i, rays, &header.at(0), outcome);
                     let ($i, $any) = (i, job.at(job::JOB_ANY) != 0);
                     let ($aside, $steps) = (&mut aside::<ASIDE, SHARED>(shared, lane), &mut Steps::default());
@@ -175,8 +153,6 @@ macro_rules! test {
         #[doc = concat!("Every triangle, by [`", stringify!($test), "`].")]
         pub mod $brute_file {
             use super::$test;
-            #[cfg(not(target_arch = "spirv"))]
-            use $crate::trace::queries::Brute;
             use $crate::trace::traverse::brute::brute;
 
             of_brute! {
@@ -192,12 +168,12 @@ macro_rules! test {
 
 query! {
     /// The closest hit.
-    closest::CLOSEST(side_by_side::<false>) = |_, ray, pairs, corners, _, aside, steps|
+    closest::CLOSEST(side_by_side::closest::<false>) = |_, ray, pairs, corners, _, aside, steps|
         traverse::stack::walk::<Strict, Every, false>(ray, pairs, corners, Every, false, aside, steps)
 }
 query! {
     /// Any hit, for shadows.
-    any::ANY(side_by_side::<true>) = |_, ray, pairs, corners, _, aside, steps|
+    any::ANY(side_by_side::closest::<true>) = |_, ray, pairs, corners, _, aside, steps|
         traverse::stack::walk::<Strict, Every, false>(ray, pairs, corners, Every, true, aside, steps)
 }
 /// Answers the ray of a lane: its first hits in order, as many as the job's limit, and how many it has. Where there are
@@ -288,15 +264,14 @@ macro_rules! more {
 more!(Strict, steps::STEPS, except::EXCEPT, all::ALL_HITS);
 more!(Exact, exact_steps::EXACT_STEPS, exact_except::EXACT_EXCEPT, exact_all::EXACT_ALL);
 
-/// The kernels of this file.
-#[cfg(not(target_arch = "spirv"))]
-pub const KERNELS: &[&crate::Kernel] = &[
-    &closest::CLOSEST,
-    &any::ANY,
-    &steps::STEPS,
-    &except::EXCEPT,
-    &all::ALL_HITS,
-    &exact_steps::EXACT_STEPS,
-    &exact_except::EXACT_EXCEPT,
-    &exact_all::EXACT_ALL,
-];
+kernels! {
+    /// The kernels of this file.
+    closest::CLOSEST,
+    any::ANY,
+    steps::STEPS,
+    except::EXCEPT,
+    all::ALL_HITS,
+    exact_steps::EXACT_STEPS,
+    exact_except::EXACT_EXCEPT,
+    exact_all::EXACT_ALL,
+}

@@ -11,7 +11,6 @@ use crate::{
     glam::UVec4,
     mem::{Atomics, Buf, Slots},
 };
-#[cfg(not(target_arch = "spirv"))]
 use raykd_shared::Crossings;
 
 /// How many triangles are kept of a ray, so that each counts once.
@@ -53,14 +52,12 @@ impl Tally {
     }
 
     /// How many triangles are undecided, more than [`MOST_OPEN`] if there was no room.
-    #[cfg(not(target_arch = "spirv"))]
     #[inline(always)]
     pub(super) fn open(own: &impl Slots<u32>) -> u32 {
         own.at(OPEN)
     }
 
     /// How many the ray surely leaves and enters by.
-    #[cfg(not(target_arch = "spirv"))]
     #[inline(always)]
     pub(super) fn sure(own: &impl Slots<u32>) -> Crossings {
         Crossings { leaving: own.at(LEAVING), entering: own.at(ENTERING) }

@@ -76,17 +76,16 @@ impl Found {
     };
 }
 
-/// The kernels of a survey, in the order in which they run.
-#[cfg(not(target_arch = "spirv"))]
-pub const KERNELS: &[&crate::Kernel] = &[
-    &vertices::VERTICES,
-    &indices::INDICES,
-    &sift::SIFT,
-    &offsets::OFFSETS,
-    &collect::COLLECT,
-    &root::ROOT,
-    &settle::SETTLE,
-];
+kernels! {
+    /// The kernels of a survey, in the order in which they run.
+    vertices::VERTICES,
+    indices::INDICES,
+    sift::SIFT,
+    offsets::OFFSETS,
+    collect::COLLECT,
+    root::ROOT,
+    settle::SETTLE,
+}
 
 /// Triangles of a block, for which [`sift`] takes a workgroup.
 pub const BLOCK: u32 = 1024;

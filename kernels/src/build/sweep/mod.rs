@@ -35,29 +35,28 @@ pub mod start;
 pub mod total;
 pub mod weigh;
 
-/// The kernels of `exact`, in pipeline order.
-#[cfg(not(target_arch = "spirv"))]
-pub const KERNELS: &[&crate::Kernel] = &[
-    &start::START,
-    &digits::COUNT_DIGITS,
-    &runs::RUNS,
-    &deal::DEAL,
-    &sort::SORT,
-    &sample::SAMPLE,
-    &weigh::WEIGH,
-    &cheapest::CHEAPEST,
-    &classify::CLASSIFY,
-    &rank::RANK,
-    &total::TOTAL,
-    &advance::ADVANCE,
-    &children::CHILDREN,
-    &distribute::DISTRIBUTE,
-    &carry::CARRY,
-    &insert::INSERT,
-    &sizes::SIZES,
-    &number::NUMBER,
-    &leaves::LEAVES,
-];
+kernels! {
+    /// The kernels of `exact`, in pipeline order.
+    start::START,
+    digits::COUNT_DIGITS,
+    runs::RUNS,
+    deal::DEAL,
+    sort::SORT,
+    sample::SAMPLE,
+    weigh::WEIGH,
+    cheapest::CHEAPEST,
+    classify::CLASSIFY,
+    rank::RANK,
+    total::TOTAL,
+    advance::ADVANCE,
+    children::CHILDREN,
+    distribute::DISTRIBUTE,
+    carry::CARRY,
+    insert::INSERT,
+    sizes::SIZES,
+    number::NUMBER,
+    leaves::LEAVES,
+}
 
 use super::{
     Costs, Sah, SplitPlane,

@@ -90,14 +90,9 @@ impl Intersector for Exact {
     }
 }
 
-#[cfg(target_arch = "x86_64")]
-use crate::trace::candidates::side_by_side;
-
-#[cfg(target_arch = "x86_64")]
-with_stack!(EXACT(side_by_side) = Exact);
 // A GPU has `narrow`.
-#[cfg(not(any(target_arch = "spirv", target_arch = "x86_64")))]
-with_stack!(EXACT = Exact);
+#[cfg(not(target_arch = "spirv"))]
+with_stack!(EXACT(crate::trace::side_by_side::exact) = Exact);
 test!(brute_exact::BRUTE_EXACT = Exact);
 
 #[cfg(test)]

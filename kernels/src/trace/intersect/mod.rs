@@ -20,20 +20,19 @@ pub mod triple;
 pub mod unit;
 pub mod woop;
 
-/// The kernels of triangle tests: with a stack, but for those of `strict` and `exact`, and of every triangle.
-#[cfg(not(target_arch = "spirv"))]
-pub const KERNELS: &[&crate::Kernel] = &[
-    &moeller::MOELLER,
-    &plane::PLANE,
-    &baldwin::BALDWIN,
-    &woop::WOOP,
-    &strict::brute_strict::BRUTE_STRICT,
-    &exact::brute_exact::BRUTE_EXACT,
-    &moeller::brute_moeller::BRUTE_MOELLER,
-    &plane::brute_plane::BRUTE_PLANE,
-    &baldwin::brute_baldwin::BRUTE_BALDWIN,
-    &woop::brute_woop::BRUTE_WOOP,
-];
+kernels! {
+    /// The kernels of triangle tests: with a stack, but for those of `strict` and `exact`, and of every triangle.
+    moeller::MOELLER,
+    plane::PLANE,
+    baldwin::BALDWIN,
+    woop::WOOP,
+    strict::brute_strict::BRUTE_STRICT,
+    exact::brute_exact::BRUTE_EXACT,
+    moeller::brute_moeller::BRUTE_MOELLER,
+    plane::brute_plane::BRUTE_PLANE,
+    baldwin::brute_baldwin::BRUTE_BALDWIN,
+    woop::brute_woop::BRUTE_WOOP,
+}
 
 use super::frame::Frame;
 use crate::{

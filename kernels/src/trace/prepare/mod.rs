@@ -8,13 +8,12 @@ pub mod parents;
 pub mod rope_links;
 pub mod workgroups;
 
-/// The kernels that run before rays do.
-#[cfg(not(target_arch = "spirv"))]
-pub const KERNELS: &[&crate::Kernel] = &[
-    &workgroups::WORKGROUPS,
-    &corners::CORNERS,
-    &corners::transforms::TRANSFORMS,
-    &parents::PARENTS,
-    &node_boxes::NODE_BOXES,
-    &rope_links::ROPE_LINKS,
-];
+kernels! {
+    /// The kernels that run before rays do.
+    workgroups::WORKGROUPS,
+    corners::CORNERS,
+    corners::transforms::TRANSFORMS,
+    parents::PARENTS,
+    node_boxes::NODE_BOXES,
+    rope_links::ROPE_LINKS,
+}

@@ -18,24 +18,23 @@ pub mod shortstack;
 pub mod stack;
 pub mod trail;
 
-/// The kernels of ways other than `stack`, and those of exact hits.
-#[cfg(not(target_arch = "spirv"))]
-pub const KERNELS: &[&crate::Kernel] = &[
-    &restart::RESTART,
-    &pushdown::PUSHDOWN,
-    &shortstack::shortstack1::SHORTSTACK1,
-    &shortstack::shortstack2::SHORTSTACK2,
-    &shortstack::shortstack4::SHORTSTACK4,
-    &shortstack::shortstack8::SHORTSTACK8,
-    &backtrack::BACKTRACK,
-    &ropes::ROPES,
-    &ropes::optimised_ropes::OPTIMISED_ROPES,
-    &sequential::SEQUENTIAL,
-    &narrow::NARROW,
-    &narrow::any::NARROW_ANY,
-    &settle::SETTLE,
-    &rest::REST,
-];
+kernels! {
+    /// The kernels of ways other than `stack`, and those of exact hits.
+    restart::RESTART,
+    pushdown::PUSHDOWN,
+    shortstack::shortstack1::SHORTSTACK1,
+    shortstack::shortstack2::SHORTSTACK2,
+    shortstack::shortstack4::SHORTSTACK4,
+    shortstack::shortstack8::SHORTSTACK8,
+    backtrack::BACKTRACK,
+    ropes::ROPES,
+    ropes::optimised_ropes::OPTIMISED_ROPES,
+    sequential::SEQUENTIAL,
+    narrow::NARROW,
+    narrow::any::NARROW_ANY,
+    settle::SETTLE,
+    rest::REST,
+}
 
 use crate::glam::UVec4;
 use raykd_shared::Node;

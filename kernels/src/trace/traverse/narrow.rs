@@ -9,8 +9,6 @@ use super::{
     leaf::{Choice, LeafTriangle},
     stack::{ASIDE, walk_keeping},
 };
-#[cfg(not(target_arch = "spirv"))]
-use crate::trace::queries::Query;
 use crate::{
     Group,
     glam::{UVec4, Vec4},
@@ -69,7 +67,6 @@ impl Narrow {
     }
 
     /// The reference that lists the one with this number.
-    #[cfg(target_arch = "x86_64")]
     #[inline(always)]
     pub(in crate::trace) fn reference(own: &impl Slots<u32>, i: u32) -> u32 {
         own.at(FIRST + EACH * i + 1)

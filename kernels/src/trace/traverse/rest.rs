@@ -7,8 +7,6 @@ use super::{
     narrow::TOO_MANY,
     stack::{ASIDE, walk},
 };
-#[cfg(not(target_arch = "spirv"))]
-use crate::trace::queries::Query;
 use crate::{
     Group,
     glam::{UVec4, Vec4},

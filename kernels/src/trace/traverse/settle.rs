@@ -1,8 +1,6 @@
 //! Hits of the exact test, second kernel: the triangles that [`narrow`](super::narrow) found are tested.
 
 use super::narrow::{LISTED, LONG, OTHER, TOO_MANY};
-#[cfg(not(target_arch = "spirv"))]
-use crate::trace::queries::Query;
 use crate::{
     glam::{UVec4, Vec4},
     mem::{Atomics, Buf, Slots},

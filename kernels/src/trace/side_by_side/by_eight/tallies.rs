@@ -1,11 +1,10 @@
 //! Crossings of eight rays side by side, on a CPU: they go through the tree together ([`packet`](super::packet)), and
-//! floats tell of most triangles for all at once. What they leave open is decided as [`crossings`](super::crossings)
-//! does.
+//! floats tell of most triangles for all at once. What they leave open is decided as
+//! [`crossings`](crate::trace::crossings) does.
 
 use super::{
-    intersect::NORMAL,
+    Left,
     packet::{Leaves, Packet, near, neighbours},
-    tally::{Tally, WORDS},
 };
 use crate::{
     Group,
@@ -14,6 +13,10 @@ use crate::{
     kernel::Bits,
     math::Sides,
     mem::{Buf, Slots},
+    trace::{
+        intersect::NORMAL,
+        tally::{Tally, WORDS},
+    },
 };
 use raykd_shared::{Node, TreeHeader};
 
@@ -96,9 +99,9 @@ unsafe fn answer(
     left
 }
 
-/// Counts for those of a workgroup's rays that go side by side, and returns which are left: a bit a ray.
+/// Counts for those of a workgroup's rays that go side by side.
 #[inline(always)]
-pub(super) fn side_by_side(
+pub(in crate::trace) fn crossings(
     group: &Group,
     job: &Buf<u32>,
     header: &Buf<TreeHeader>,
@@ -109,8 +112,8 @@ pub(super) fn side_by_side(
     outcome: &mut Buf<u32>,
     crossings: &mut Buf<u32>,
     more: &mut Buf<UVec4>,
-) -> u64 {
-    let Some(range) = neighbours(group, job) else { return u64::MAX };
+) -> Left {
+    let Some(range) = neighbours(group, job) else { return Left::ALL };
     // SAFETY: that the group is usual says so.
-    unsafe { answer(range, &header.at(0), pairs, corners, rays, hits, outcome, crossings, more) }
+    Left(unsafe { answer(range, &header.at(0), pairs, corners, rays, hits, outcome, crossings, more) })
 }

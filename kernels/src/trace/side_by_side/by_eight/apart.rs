@@ -1,21 +1,21 @@
 //! Rays each at a node of its own, on a CPU, for those that do not go together ([`packet`](super::packet)): eight and
 //! eight take their steps down at once, then each visits its leaf alone, and one that is done makes room for the next.
-//! Each does what it does in [`stack`](super::traverse::stack).
+//! Each does what it does in [`stack`](crate::trace::traverse::stack).
 
-use super::{
-    frame::Frame,
-    intersect::{Best, strict::Strict},
-    job::{load, record},
-    traverse::{
-        crossing::crossed,
-        leaf::{self, Every},
-    },
-};
 use crate::{
     eight::SIDE_BY_SIDE,
     glam::{UVec4, Vec4},
     math::{Sides, high, low},
     mem::{Buf, Slots, Stack},
+    trace::{
+        frame::Frame,
+        intersect::{Best, strict::Strict},
+        job::{load, record},
+        traverse::{
+            crossing::crossed,
+            leaf::{self, Every},
+        },
+    },
 };
 use raykd_shared::{MISS, Node, TreeHeader, limits::MAX_DEPTH};
 

@@ -1,19 +1,13 @@
 //! Hits of the exact test of eight rays side by side, on a CPU. On their way through the tree
 //! ([`packet`](super::packet), [`apart`](super::apart)) floats tell which triangles may be a ray's hit: mostly one.
 //! Those are then tested by doubles, eight rays at once; where a ray has several, or doubles do not tell, alone.
-//! [`narrow`](super::traverse::narrow) and [`settle`](super::traverse::settle) do this on a GPU. The answers are those
-//! of the test in the walk.
+//! [`narrow`](crate::trace::traverse::narrow) and [`settle`](crate::trace::traverse::settle) do this on a GPU. The
+//! answers are those of the test in the walk.
 
 use super::{
+    Left,
     apart::{self, Visits},
-    frame::{Frame, flush},
-    intersect::{Best, Glance, NORMAL, exact::Exact, filter::by},
-    job::{JOB_ANY, record},
     packet::{Leaves, Packet, Scaled, many, near, neighbours},
-    traverse::{
-        leaf::{self, Choice, Filter, LeafTriangle},
-        narrow::{MOST, Narrow, WORDS},
-    },
 };
 use crate::{
     Group,
@@ -23,6 +17,15 @@ use crate::{
     math::Sides,
     mem::{Buf, Slots},
     pair::Long,
+    trace::{
+        frame::{Frame, flush},
+        intersect::{Best, Glance, NORMAL, exact::Exact, filter::by},
+        job::{JOB_ANY, record},
+        traverse::{
+            leaf::{self, Choice, Filter, LeafTriangle},
+            narrow::{MOST, Narrow, WORDS},
+        },
+    },
 };
 use raykd_shared::{MISS, Node, TreeHeader};
 
@@ -415,9 +418,9 @@ unsafe fn by_eight<const ANY: bool>(
     left
 }
 
-/// Answers those of a workgroup's rays that go side by side, and returns which are left: a bit a ray.
+/// Answers those of a workgroup's rays that go side by side.
 #[inline(always)]
-pub(super) fn side_by_side(
+pub(in crate::trace) fn exact(
     group: &Group,
     job: &Buf<u32>,
     header: &Buf<TreeHeader>,
@@ -426,16 +429,16 @@ pub(super) fn side_by_side(
     rays: &Buf<Vec4>,
     hits: &mut Buf<UVec4>,
     outcome: &mut Buf<u32>,
-) -> u64 {
-    let Some(range) = neighbours(group, job) else { return u64::MAX };
+) -> Left {
+    let Some(range) = neighbours(group, job) else { return Left::ALL };
     let header = &header.at(0);
     let scene = Scene { header, pairs, corners, rays };
     // SAFETY: that the group is usual says so.
-    unsafe {
+    Left(unsafe {
         if job.at(JOB_ANY) != 0 {
             by_eight::<true>(range, scene, hits, outcome)
         } else {
             by_eight::<false>(range, scene, hits, outcome)
         }
-    }
+    })
 }

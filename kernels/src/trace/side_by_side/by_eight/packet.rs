@@ -1,24 +1,12 @@
 //! Eight rays side by side, on a CPU: they go through the tree together, each in its own interval of `t`, and those
-//! that a node does not concern wait. The answers are those of [`stack`](super::traverse::stack), which asks the same
-//! questions of one ray.
+//! that a node does not concern wait. The answers are those of [`stack`](crate::trace::traverse::stack), which asks the
+//! same questions of one ray.
 //!
 //! Rays whose directions have the same signs come to all leaves in the same order, so each does what it does alone.
 //! Where signs differ most decide which child comes first, which changes no closest hit. Any hit is that of the first
 //! leaf that has one, so there signs must agree.
 
-use super::{
-    apart,
-    frame::{DUST, FARTHEST, FARTHEST_SCENE, Frame, NO_SHEAR, PAD, flush, reciprocal, slab},
-    intersect::{
-        Best, Corners, Glance, NORMAL,
-        bounds::{Edges, Starts, glance},
-        filter::{Line, Turned},
-        strict::{self, Sheared, sheared, weights},
-        vertices,
-    },
-    job::{JOB_APART, JOB_RAYS},
-    traverse::crossing::crossed,
-};
+use super::{Left, apart};
 use crate::{
     Group,
     eight::{Eight, SIDE_BY_SIDE},
@@ -26,6 +14,18 @@ use crate::{
     kernel::Bits,
     math::{Digits, Sides, abs, div, exp2, high},
     mem::{Buf, Slots, Stack},
+    trace::{
+        frame::{DUST, FARTHEST, FARTHEST_SCENE, Frame, NO_SHEAR, PAD, flush, reciprocal, slab},
+        intersect::{
+            Best, Corners, Glance, NORMAL,
+            bounds::{Edges, Starts, glance},
+            filter::{Line, Turned},
+            strict::{self, Sheared, sheared, weights},
+            vertices,
+        },
+        job::{JOB_APART, JOB_RAYS},
+        traverse::crossing::crossed,
+    },
 };
 use raykd_shared::{MISS, Node, TreeHeader, limits::MAX_DEPTH};
 
@@ -310,7 +310,7 @@ impl<N: Sides> Packet<N> {
         rays & like(self.back[0]) & like(self.back[1]) & like(self.back[2])
     }
 
-    /// Takes some rays to their leaves, as [`stack::walk`](super::traverse::stack::walk) does.
+    /// Takes some rays to their leaves, as [`stack::walk`](crate::trace::traverse::stack::walk) does.
     #[inline(always)]
     pub(super) fn walk(
         &self,
@@ -675,9 +675,9 @@ pub(super) fn neighbours(group: &Group, job: &Buf<u32>) -> Option<(u32, u32)> {
     may.then(|| (first, job.at(JOB_RAYS).min(first + group.width)))
 }
 
-/// Answers those of a workgroup's rays that go side by side, and returns which are left: a bit a ray.
+/// Answers those of a workgroup's rays that go side by side, or if `ANY`, finds some hit of theirs.
 #[inline(always)]
-pub fn side_by_side<const ANY: bool>(
+pub(in crate::trace) fn closest<const ANY: bool>(
     group: &Group,
     job: &Buf<u32>,
     header: &Buf<TreeHeader>,
@@ -686,10 +686,10 @@ pub fn side_by_side<const ANY: bool>(
     rays: &Buf<Vec4>,
     hits: &mut Buf<UVec4>,
     outcome: &mut Buf<u32>,
-) -> u64 {
-    let Some(range) = neighbours(group, job) else { return u64::MAX };
+) -> Left {
+    let Some(range) = neighbours(group, job) else { return Left::ALL };
     // SAFETY: that the group is usual says so.
-    unsafe { by_eight::<ANY>(range, &header.at(0), pairs, corners, rays, hits, outcome) }
+    Left(unsafe { by_eight::<ANY>(range, &header.at(0), pairs, corners, rays, hits, outcome) })
 }
 
 #[cfg(test)]
