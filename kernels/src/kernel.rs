@@ -294,6 +294,26 @@ macro_rules! slot {
     };
 }
 
+/// Answers by the numbers `Eight` if a processor has the instructions for them, which `$usual` says, or else by others.
+macro_rules! by_eight {
+    ($usual:expr, $eight:expr, else $other:expr) => {{
+        let usual: $crate::Usual = $usual;
+        #[cfg(target_arch = "x86_64")]
+        let answer = if usual.has() {
+            use $crate::eight::Eight;
+            $eight
+        } else {
+            $other
+        };
+        #[cfg(not(target_arch = "x86_64"))]
+        let answer = {
+            let _ = usual;
+            $other
+        };
+        answer
+    }};
+}
+
 /// Lists kernels, as `KERNELS` of a module.
 macro_rules! kernels {
     ($(#[$doc:meta])* $($kernel:path),+ $(,)?) => {

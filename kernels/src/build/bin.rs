@@ -110,26 +110,32 @@ pub fn rates(rate: &[u32; 3]) -> Vec3 {
 /// Counts a box's starts and ends, in a node that begins at `from`.
 #[inline(always)]
 pub fn enter_box(group: &Group, table: &mut [u32; TABLE], rates: Vec3, from: Vec3, part: &Bounds) {
-    #[cfg(target_arch = "x86_64")]
-    if group.usual.has() {
-        let (bins, words) = crate::eight::Eight::entry(part, from, rates);
-        let mut axis = 0;
-        while axis < 3 {
-            // No bin is out of range, which a compiler cannot know.
-            let start = BEFORE + axis * BINS + bins[axis as usize] % BINS;
-            let end = BEFORE + axis * BINS + bins[axis as usize + 4] % BINS;
-            table.add(STARTS + start, 1);
-            table.add(ENDS + end, 1);
-            table.raise(FIRST_STARTS + start, words[axis as usize]);
-            table.raise(LAST_ENDS + end, words[axis as usize + 4]);
-            axis += 1;
+    by_eight!(
+        group.usual,
+        enter_all(table, Eight::entry(part, from, rates)),
+        else {
+            enter(table, 0, part.lo.x, part.hi.x, from.x, rates.x);
+            enter(table, 1, part.lo.y, part.hi.y, from.y, rates.y);
+            enter(table, 2, part.lo.z, part.hi.z, from.z, rates.z);
         }
-        return;
+    );
+}
+
+/// [`enter`] on all axes: the bins of the low faces and, from the fourth on, of the high ones, and the words to raise
+/// there.
+#[inline(always)]
+fn enter_all(table: &mut [u32; TABLE], (bins, words): ([u32; 8], [u32; 8])) {
+    let mut axis = 0;
+    while axis < 3 {
+        // No bin is out of range, which a compiler cannot know.
+        let start = BEFORE + axis * BINS + bins[axis as usize] % BINS;
+        let end = BEFORE + axis * BINS + bins[axis as usize + 4] % BINS;
+        table.add(STARTS + start, 1);
+        table.add(ENDS + end, 1);
+        table.raise(FIRST_STARTS + start, words[axis as usize]);
+        table.raise(LAST_ENDS + end, words[axis as usize + 4]);
+        axis += 1;
     }
-    let _ = group;
-    enter(table, 0, part.lo.x, part.hi.x, from.x, rates.x);
-    enter(table, 1, part.lo.y, part.hi.y, from.y, rates.y);
-    enter(table, 2, part.lo.z, part.hi.z, from.z, rates.z);
 }
 
 /// The histogram of `count` references from `first` on, of node `item`.

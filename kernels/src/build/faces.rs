@@ -110,24 +110,25 @@ pub fn cheapest(
     flat: Flat,
     first: First,
 ) -> [(f32, f32); 3] {
-    #[cfg(target_arch = "x86_64")]
-    if usual.has() {
-        return row_by_row::<crate::eight::Eight>(faces, number, across, flat, first);
-    }
-    let _ = usual;
-    row_by_row::<Vec4>(faces, number, across, flat, first)
+    by_eight!(
+        usual,
+        row_by_row::<Eight>(faces, number, across, flat, first),
+        else row_by_row::<Vec4>(faces, number, across, flat, first)
+    )
 }
 
 /// A bit for each of `number` boxes, 32 at most, which goes below a plane, and one for each which goes above.
 #[inline(always)]
 pub fn parted(usual: Usual, (lows, highs): Faces<'_>, number: u32, plane: f32) -> (u32, u32) {
-    #[cfg(target_arch = "x86_64")]
-    if usual.has() {
-        let (belows, aboves) = crate::eight::Eight::parted(lows, highs, plane);
-        let own = ones(number);
-        return (belows & own, aboves & own);
-    }
-    let _ = usual;
+    let own = ones(number);
+    let (belows, aboves) =
+        by_eight!(usual, Eight::parted(lows, highs, plane), else one_by_one(lows, highs, number, plane));
+    (belows & own, aboves & own)
+}
+
+/// [`parted`] without AVX2.
+#[inline(always)]
+fn one_by_one(lows: &[u32], highs: &[u32], number: u32, plane: f32) -> (u32, u32) {
     let (mut belows, mut aboves) = (0, 0);
     for (i, (low, high)) in (0..number).zip(lows.iter().zip(highs)) {
         let (low, high) = (f32::from_bits(*low), f32::from_bits(*high));

@@ -237,11 +237,11 @@ pub fn find(
     depth: u32,
     item: &Item,
 ) {
-    #[cfg(target_arch = "x86_64")]
-    if group.usual.has() {
-        return find_by::<crate::eight::Eight>(group, table, found, params, depth, item);
-    }
-    find_by::<Wide>(group, table, found, params, depth, item);
+    by_eight!(
+        group.usual,
+        find_by::<Eight>(group, table, found, params, depth, item),
+        else find_by::<Wide>(group, table, found, params, depth, item)
+    );
 }
 
 /// [`find`], so many borders at a time.

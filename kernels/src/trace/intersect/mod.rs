@@ -7,7 +7,6 @@
 
 pub mod baldwin;
 pub(super) mod bounds;
-#[cfg(not(target_arch = "spirv"))]
 mod double;
 pub mod exact;
 pub(in crate::trace) mod filter;
