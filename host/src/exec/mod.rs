@@ -29,7 +29,8 @@ use {crate::lock::lock, std::sync::Mutex};
 
 /// A machine that kernels run on: the processor, by rayon, or a Vulkan device, by wgpu. Clones are the same machine.
 ///
-/// It keeps some MB for batches of a few thousand rays, which take less time to trace than memory to allocate.
+/// It keeps the memory of small batches of rays for the next ones: 2 MiB, and as much for each thread that traces at
+/// the same time.
 #[derive(Clone, Debug)]
 pub struct Device {
     machine: Arc<Machine>,

@@ -70,7 +70,7 @@ pub trait Launch<'a>: Bindings<'a, OnDevice> + Sized {
 
 impl<'a, B: Bindings<'a, OnDevice>> Launch<'a> for B {}
 
-/// What of a run is timed. An H200 takes 12 µs to tell.
+/// What of a run is timed, which takes time itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Timed {
     /// Nothing: what [`Timing`] says is 0, or a host's guess.
