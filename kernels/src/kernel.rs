@@ -294,12 +294,13 @@ macro_rules! slot {
     };
 }
 
-/// Answers by the numbers `Eight` if a processor has the instructions for them, which `$usual` says, or else by others.
+/// What a processor answers that has the instructions for the numbers `Eight`, which `$usual` says, and what others do.
 macro_rules! by_eight {
     ($usual:expr, $eight:expr, else $other:expr) => {{
         let usual: $crate::Usual = $usual;
         #[cfg(target_arch = "x86_64")]
         let answer = if usual.has() {
+            #[allow(unused_imports, reason = "what is asked may be of `Eight` or not")]
             use $crate::eight::Eight;
             $eight
         } else {

@@ -7,11 +7,10 @@
 use super::{
     frame::Frame,
     intersect::{Best, Intersector, NORMAL, exact::Exact, perturbed::Perturbed},
-    job::{JOB_RAYS, OUTCOME_STATUS, load, loops_are_whole, ray_of},
+    job::{JOB_RAYS, Left, OUTCOME_STATUS, load, loops_are_whole, ray_of},
     left::MARKS,
     listed::{Listed, NONE},
     queries::SHARED,
-    side_by_side,
     tally::{MOST_OPEN, TOO_MANY, Tally, UNDECIDED, WORDS},
     traverse::{
         Steps,
@@ -121,8 +120,13 @@ pub fn count(
     crossings: &mut Buf<u32>,
     more: &mut Buf<UVec4>,
 ) {
-    let left =
-        side_by_side::crossings(&group, job, header, pairs, corners, rays, hits, outcome, crossings, more);
+    let left = by_eight!(
+        group.usual,
+        crate::trace::side_by_side::crossings(
+            &group, job, header, pairs, corners, rays, hits, outcome, crossings, more,
+        ),
+        else Left::ALL
+    );
     lanes!(group, |lane| {
         let i = ray_of(group.id * group.width + lane, job);
         if i < job.at(JOB_RAYS) && left.has(lane) {

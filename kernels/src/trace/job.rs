@@ -2,6 +2,7 @@
 
 use super::{frame::Frame, intersect::Best};
 use crate::{
+    ON_GPU,
     glam::{UVec4, Vec4},
     math::{div, ldexp},
     mem::{Atomics, Buf, Slots},
@@ -41,6 +42,27 @@ pub const OUTCOME_WORDS: u32 = 4;
 pub fn ray_of(lane: u32, job: &Buf<u32>) -> u32 {
     let apart = job.at(JOB_APART);
     if lane >> apart << apart == lane { lane >> apart } else { u32::MAX }
+}
+
+/// The rays of a workgroup that have no answer yet, by lanes: of eight side by side a CPU answers some beforehand.
+#[derive(Clone, Copy, Debug)]
+pub struct Left([u32; 2]);
+
+impl Left {
+    /// None has.
+    pub const ALL: Self = Self([u32::MAX; 2]);
+
+    /// A bit a ray.
+    #[inline(always)]
+    pub(super) fn of(bits: u64) -> Self {
+        Self([bits as u32, (bits >> 32) as u32])
+    }
+
+    /// Whether the ray of a lane is left.
+    #[inline(always)]
+    pub fn has(self, lane: u32) -> bool {
+        ON_GPU || self.0.at(lane / 32) >> (lane % 32) & 1 != 0
+    }
 }
 
 /// Loads and prepares ray `i`, and counts it if it is none.

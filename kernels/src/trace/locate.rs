@@ -7,7 +7,6 @@
 use super::{
     frame::{FARTHEST, flush},
     job::{JOB_RAYS, OUTCOME_INVALID},
-    side_by_side,
 };
 use crate::{
     Group,
@@ -74,7 +73,11 @@ pub fn locate(
     outcome: &mut Buf<u32>,
 ) {
     let header = header.at(0);
-    let first = side_by_side::locate(&group, job, &header, regions, points, found, outcome);
+    let first = by_eight!(
+        group.usual,
+        crate::trace::side_by_side::locate(&group, job, &header, regions, points, found, outcome),
+        else group.id * group.width
+    );
     lanes!(group, |lane| {
         let i = group.id * group.width + lane;
         if i >= first && i < job.at(JOB_RAYS) {

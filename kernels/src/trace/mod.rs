@@ -17,7 +17,8 @@ pub mod listed;
 pub mod locate;
 pub mod place;
 pub mod prepare;
-pub(crate) mod side_by_side;
+#[cfg(target_arch = "x86_64")]
+mod side_by_side;
 pub mod single;
 pub mod tally;
 pub mod traverse;

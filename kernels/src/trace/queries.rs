@@ -4,7 +4,6 @@
 use super::{
     intersect::{Intersector, exact::Exact, strict::Strict},
     job::{JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, THREADS, load, ray_of, record},
-    side_by_side,
     traverse::{
         self, Steps,
         leaf::{After, Every, Except},
@@ -72,6 +71,12 @@ pub const SHARED: usize = ASIDE * THREADS as usize;
 /// Declares the kernel of a query: how it answers ray `i`, whether it writes counts of its steps too, and buffers that
 /// only it binds. With a module's name before the kernel's it gets a module of its own.
 macro_rules! query {
+    (@left $group:ident,) => {
+        $crate::trace::job::Left::ALL
+    };
+    (@left $group:ident, $beside:expr) => {
+        by_eight!($group.usual, $beside, else $crate::trace::job::Left::ALL)
+    };
     ($(#[$doc:meta])* $file:ident::$name:ident $($rest:tt)*) => {
         $(#[$doc])*
         pub mod $file {
@@ -100,9 +105,11 @@ macro_rules! query {
         ) {
             use $crate::{
                 mem::{Atomics as _, Slots as _, aside},
-                trace::{job, queries::SHARED, side_by_side::Left, traverse::{Steps, stack::ASIDE}},
+                trace::{job, queries::SHARED, traverse::{Steps, stack::ASIDE}},
             };
-            let left = Left::ALL $(.and($beside(&group, job, header, $pairs, $corners, rays, hits, outcome)))?;
+            let left = query! {
+                @left group, $($beside(&group, job, header, $pairs, $corners, rays, hits, outcome))?
+            };
             lanes!(group, |lane| {
                 let i = job::ray_of(group.id * group.width + lane, job);
                 if i < job.at(job::JOB_RAYS) && left.has(lane) {
@@ -168,12 +175,12 @@ macro_rules! test {
 
 query! {
     /// The closest hit.
-    closest::CLOSEST(side_by_side::closest::<false>) = |_, ray, pairs, corners, _, aside, steps|
+    closest::CLOSEST(crate::trace::side_by_side::closest::<false>) = |_, ray, pairs, corners, _, aside, steps|
         traverse::stack::walk::<Strict, Every, false>(ray, pairs, corners, Every, false, aside, steps)
 }
 query! {
     /// Any hit, for shadows.
-    any::ANY(side_by_side::closest::<true>) = |_, ray, pairs, corners, _, aside, steps|
+    any::ANY(crate::trace::side_by_side::closest::<true>) = |_, ray, pairs, corners, _, aside, steps|
         traverse::stack::walk::<Strict, Every, false>(ray, pairs, corners, Every, true, aside, steps)
 }
 /// Answers the ray of a lane: its first hits in order, as many as the job's limit, and how many it has. Where there are

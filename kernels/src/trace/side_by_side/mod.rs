@@ -1,7 +1,13 @@
-//! Rays and points eight at a time, on a CPU: of those of a workgroup some are answered here, and each of the rest by a
-//! lane.
+//! Rays and points eight at a time, on an x86-64 processor with AVX2: of those of a workgroup some are answered here,
+//! and each of the rest by a lane.
 
-#[cfg_attr(not(target_arch = "x86_64"), path = "nowhere.rs")]
-mod by_eight;
+mod apart;
+mod candidates;
+mod packet;
+mod points;
+mod tallies;
 
-pub(super) use by_eight::{Left, closest, crossings, exact, locate};
+pub(super) use candidates::exact;
+pub(super) use packet::closest;
+pub(super) use points::locate;
+pub(super) use tallies::crossings;

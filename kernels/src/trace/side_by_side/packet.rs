@@ -6,7 +6,7 @@
 //! Where signs differ most decide which child comes first, which changes no closest hit. Any hit is that of the first
 //! leaf that has one, so there signs must agree.
 
-use super::{Left, apart};
+use super::apart;
 use crate::{
     Group,
     eight::{Eight, SIDE_BY_SIDE},
@@ -23,7 +23,7 @@ use crate::{
             strict::{self, Sheared, sheared, weights},
             vertices,
         },
-        job::{JOB_APART, JOB_RAYS},
+        job::{JOB_APART, JOB_RAYS, Left},
         traverse::crossing::crossed,
     },
 };
@@ -689,7 +689,7 @@ pub(in crate::trace) fn closest<const ANY: bool>(
 ) -> Left {
     let Some(range) = neighbours(group, job) else { return Left::ALL };
     // SAFETY: that the group is usual says so.
-    Left(unsafe { by_eight::<ANY>(range, &header.at(0), pairs, corners, rays, hits, outcome) })
+    Left::of(unsafe { by_eight::<ANY>(range, &header.at(0), pairs, corners, rays, hits, outcome) })
 }
 
 #[cfg(test)]

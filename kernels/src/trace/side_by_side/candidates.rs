@@ -5,7 +5,6 @@
 //! answers are those of the test in the walk.
 
 use super::{
-    Left,
     apart::{self, Visits},
     packet::{Leaves, Packet, Scaled, many, near, neighbours},
 };
@@ -20,7 +19,7 @@ use crate::{
     trace::{
         frame::{Frame, flush},
         intersect::{Best, Glance, NORMAL, exact::Exact, filter::by},
-        job::{JOB_ANY, record},
+        job::{JOB_ANY, Left, record},
         traverse::{
             leaf::{self, Choice, Filter, LeafTriangle},
             narrow::{MOST, Narrow, WORDS},
@@ -434,7 +433,7 @@ pub(in crate::trace) fn exact(
     let header = &header.at(0);
     let scene = Scene { header, pairs, corners, rays };
     // SAFETY: that the group is usual says so.
-    Left(unsafe {
+    Left::of(unsafe {
         if job.at(JOB_ANY) != 0 {
             by_eight::<true>(range, scene, hits, outcome)
         } else {

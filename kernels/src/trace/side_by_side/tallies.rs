@@ -2,10 +2,7 @@
 //! floats tell of most triangles for all at once. What they leave open is decided as
 //! [`crossings`](crate::trace::crossings) does.
 
-use super::{
-    Left,
-    packet::{Leaves, Packet, near, neighbours},
-};
+use super::packet::{Leaves, Packet, near, neighbours};
 use crate::{
     Group,
     eight::{Eight, SIDE_BY_SIDE},
@@ -15,6 +12,7 @@ use crate::{
     mem::{Buf, Slots},
     trace::{
         intersect::NORMAL,
+        job::Left,
         tally::{Tally, WORDS},
     },
 };
@@ -115,5 +113,5 @@ pub(in crate::trace) fn crossings(
 ) -> Left {
     let Some(range) = neighbours(group, job) else { return Left::ALL };
     // SAFETY: that the group is usual says so.
-    Left(unsafe { answer(range, &header.at(0), pairs, corners, rays, hits, outcome, crossings, more) })
+    Left::of(unsafe { answer(range, &header.at(0), pairs, corners, rays, hits, outcome, crossings, more) })
 }
