@@ -14,8 +14,7 @@ use super::{
     tally::{MOST_OPEN, TOO_MANY, Tally, UNDECIDED, WORDS},
     traverse::{
         Steps,
-        leaf::After,
-        next::{self, AT_ONCE, Next},
+        next::{self, AT_ONCE, After, Next, next_hits},
         stack::{ASIDE, walk_keeping},
     },
 };
@@ -65,26 +64,17 @@ fn walked(ray: &mut Frame, (pairs, corners): (&Buf<UVec4>, &Buf<Vec4>), steps: &
     let mut found = Crossings { leaving: 0, entering: 0 };
     let mut running = true;
     while running {
-        Next::clear(&mut own);
-        walk_keeping::<Perturbed<true>, Next, false>(
-            ray,
-            pairs,
-            corners,
-            Next(after),
-            false,
-            &mut aside,
-            &mut own,
-            steps,
-        );
+        next_hits::<Perturbed<true>>(ray, (pairs, corners), after, &mut aside, &mut own, steps);
         let count = Next::count(&own);
         let mut i = 0;
         while i < count {
-            let (t, triangle, along) = Next::hit(&own, i);
+            let hit = Next::hit(&own, i);
+            let along = hit.det > 0.0;
             found.leaving += along as u32;
             found.entering += !along as u32;
             i += 1;
             if i == AT_ONCE {
-                after.pass(ray, (t, triangle));
+                after.pass(ray, &hit);
             }
         }
         running = count == AT_ONCE && steps.status == 0;

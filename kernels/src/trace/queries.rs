@@ -3,18 +3,19 @@
 
 use super::{
     intersect::{Intersector, exact::Exact, strict::Strict},
-    job::{JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, THREADS, load, ray_of, record},
+    job::{JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, THREADS, load, loops_are_whole, ray_of, record},
     traverse::{
         self, Steps,
-        leaf::{After, Every, Except},
+        leaf::{Every, Except},
+        next::{self, AT_ONCE, After, Next, next_hits},
         stack::ASIDE,
     },
 };
 use crate::{
     glam::{UVec4, Vec4},
-    mem::{Atomics, Buf, Slots},
+    mem::{Atomics, Buf, Slots, scratch},
 };
-use raykd_shared::{MISS, TreeHeader, status};
+use raykd_shared::{TreeHeader, status};
 
 /// Declares something of the buffers that all queries of the tree bind.
 macro_rules! of_query {
@@ -186,9 +187,9 @@ query! {
 /// Answers the ray of a lane: its first hits in order, as many as the job's limit, and how many it has. Where there are
 /// fewer, what lies behind them stays as it is.
 ///
-/// A triangle may be listed in several leaves, and where a hit lies is too uncertain to say which of them
-/// owns it. But hits have an order, (`t`, triangle), in which each comes once: so this asks for the closest
-/// hit after the last one until there is none. `n` hits take `n + 1` traversals, each from the last hit on.
+/// A triangle may be listed in several leaves, and where a hit lies is too uncertain to say which of them owns it. But
+/// hits have an order, (`t`, triangle), in which each comes once: so a walk finds the [`AT_ONCE`] closest hits after
+/// the last one, until there are fewer.
 pub fn each<I: Intersector>(
     lane: u32,
     job: &Buf<u32>,
@@ -204,34 +205,31 @@ pub fn each<I: Intersector>(
     if i < job.at(JOB_RAYS) {
         let limit = job.at(JOB_LIMIT);
         let mut ray = load(i, rays, &header.at(0), outcome);
+        let (mut aside, mut own) = (scratch::<u32, ASIDE>(), scratch::<u32, { next::WORDS }>());
         let mut steps = Steps::default();
         let mut after = After::NOTHING;
         let mut total = 0;
         let mut running = true;
-        // 1 until there are no more.
-        let mut open = 1;
         while running {
-            let aside = &mut [0; ASIDE];
-            let best = traverse::stack::walk::<I, After, false>(
-                &mut ray, pairs, corners, after, false, aside, &mut steps,
-            );
-            if best.triangle == MISS {
-                running = false;
-                open = 0;
-            } else {
+            next_hits::<I>(&mut ray, (pairs, corners), after, &mut aside, &mut own, &mut steps);
+            let count = Next::count(&own);
+            let mut k = 0;
+            while k < count {
+                let hit = Next::hit(&own, k);
                 if total < limit {
-                    hits.put(i * limit + total, record(&ray, &best));
+                    hits.put(i * limit + total, record(&ray, &hit));
                 }
                 total += 1;
-                after.pass(&mut ray, (best.t, best.triangle));
+                k += 1;
+                if k == AT_ONCE {
+                    after.pass(&mut ray, &hit);
+                }
             }
+            running = count == AT_ONCE && steps.status == 0;
         }
         totals.put(i, total);
-        if open != 0 {
-            steps.status |= status::CUT_SHORT;
-        }
-        if steps.status != 0 {
-            outcome.or(OUTCOME_STATUS, steps.status);
+        if steps.status != 0 || !loops_are_whole(job) {
+            outcome.or(OUTCOME_STATUS, status::CUT_SHORT);
         }
     }
 }

@@ -7,7 +7,7 @@ use super::{
     job::record,
     traverse::{
         Steps,
-        leaf::{Choice, Every},
+        leaf::Every,
         stack::{ASIDE, walk},
     },
 };
@@ -18,10 +18,14 @@ use crate::{
 use raykd_shared::{Hit, Ray, TreeHeader};
 #[cfg(not(target_arch = "spirv"))]
 use {
-    super::{crossings::crossings, prepare::corners::kept, traverse::leaf::After},
+    super::{
+        crossings::crossings,
+        prepare::corners::kept,
+        traverse::next::{self, AT_ONCE, After, Next, next_hits},
+    },
     crate::glam::Vec3,
     core::ops::ControlFlow,
-    raykd_shared::{Crossings, Node, TreeView},
+    raykd_shared::{Crossings, MISS, Node, TreeView},
 };
 
 /// A triangle as a leaf keeps it, 48 bytes: three corners of four words each. The first three are the coordinates,
@@ -123,7 +127,8 @@ impl<'a> Tree<'a> {
         (!pairs.is_empty()).then_some(Self { header, pairs, corners })
     }
 
-    /// Calls `each` with all hits, by rising (`t`, triangle), until it breaks. On a CPU only.
+    /// Calls `each` with all hits, by rising (`t`, triangle), until it breaks. A walk finds the first hit, each further
+    /// one up to eight more. On a CPU only.
     #[inline]
     pub fn for_each_hit<B>(&self, ray: &Ray, each: impl FnMut(Hit) -> ControlFlow<B>) -> ControlFlow<B> {
         self.for_each::<Strict, B>(ray, each)
@@ -138,14 +143,25 @@ impl<'a> Tree<'a> {
     ) -> ControlFlow<B> {
         let mut frame = Frame::of(ray, self.header);
         let mut after = After::NOTHING;
+        let first = self.walk::<I>(&mut frame, false, &mut Steps::default());
+        if first.triangle == MISS {
+            return ControlFlow::Continue(());
+        }
+        each(hit(&frame, &first))?;
+        after.pass(&mut frame, &first);
+        let (pairs, corners) = (view(self.pairs), view(self.corners));
+        let (aside, own, steps) = (&mut [0; ASIDE], &mut [0; next::WORDS], &mut Steps::default());
         loop {
-            let best = self.walk::<I, After>(&mut frame, after, false, &mut Steps::default());
-            let hit = hit(&frame, &best);
-            if !hit.is_hit() {
+            next_hits::<I>(&mut frame, (&pairs, &corners), after, aside, own, steps);
+            let count = Next::count(own);
+            for i in 0..count {
+                let best = Next::hit(own, i);
+                each(hit(&frame, &best))?;
+                after.pass(&mut frame, &best);
+            }
+            if count < AT_ONCE {
                 return ControlFlow::Continue(());
             }
-            each(hit)?;
-            after.pass(&mut frame, (best.t, best.triangle));
         }
     }
 
@@ -198,21 +214,15 @@ impl<'a> Tree<'a> {
     fn answer_by<I: Intersector>(&self, ray: &Ray, any: bool) -> Answer {
         let mut frame = Frame::of(ray, self.header);
         let mut steps = Steps::default();
-        let best = self.walk::<I, Every>(&mut frame, Every, any, &mut steps);
+        let best = self.walk::<I>(&mut frame, any, &mut steps);
         Answer { hit: hit(&frame, &best), whole: steps.status == 0 }
     }
 
     #[inline(always)]
-    fn walk<I: Intersector, C: Choice<I>>(
-        &self,
-        ray: &mut Frame,
-        choice: C,
-        any: bool,
-        steps: &mut Steps,
-    ) -> Best {
+    fn walk<I: Intersector>(&self, ray: &mut Frame, any: bool, steps: &mut Steps) -> Best {
         // No valid tree is deeper than the stack.
         let (pairs, corners) = (view(self.pairs), view(self.corners));
-        walk::<I, C, false>(ray, &pairs, &corners, choice, any, &mut [0; ASIDE], steps)
+        walk::<I, Every, false>(ray, &pairs, &corners, Every, any, &mut [0; ASIDE], steps)
     }
 }
 

@@ -2,7 +2,6 @@
 
 use crate::{
     glam::Vec4,
-    math::high,
     mem::{Buf, Slots},
     trace::{
         frame::Frame,
@@ -101,52 +100,6 @@ impl<I: Intersector> Choice<I> for Except {
         _own: &mut impl Slots<u32>,
     ) -> bool {
         triangle.id == self.0 || triangle.test(by, ray, best)
-    }
-}
-
-/// A hit that others come after: by larger `t`, or at the same `t` by a larger triangle number.
-#[derive(Clone, Copy, Debug)]
-pub struct After {
-    /// Its scaled ray parameter.
-    pub t: f32,
-    /// Its triangle.
-    pub triangle: u32,
-}
-
-impl After {
-    /// Before every hit.
-    pub const NOTHING: Self = Self { t: f32::NEG_INFINITY, triangle: 0 };
-
-    /// Goes on behind a hit: nothing before it counts from now on, or is looked for.
-    #[inline(always)]
-    pub fn pass(&mut self, ray: &mut Frame, (t, triangle): (f32, u32)) {
-        *self = Self { t, triangle };
-        ray.enter = high(ray.enter, t);
-    }
-
-    /// Whether a hit comes after this one.
-    #[inline(always)]
-    pub fn precedes(self, hit: &Best) -> bool {
-        hit.t > self.t || (hit.t == self.t && hit.triangle > self.triangle)
-    }
-}
-
-impl<I: Intersector> Choice<I> for After {
-    #[inline(always)]
-    fn test(
-        self,
-        by: I,
-        ray: &Frame,
-        triangle: LeafTriangle<I>,
-        best: &mut Best,
-        _own: &mut impl Slots<u32>,
-    ) -> bool {
-        let mut hit = *best;
-        let whole = triangle.test(by, ray, &mut hit);
-        if self.precedes(&hit) {
-            *best = hit;
-        }
-        whole
     }
 }
 

@@ -1,23 +1,57 @@
 //! The next hits of a ray, several by one walk.
 
-use super::leaf::{After, Choice, LeafTriangle};
+use super::{
+    Steps,
+    leaf::{Choice, LeafTriangle},
+    stack::walk_keeping,
+};
 use crate::{
-    mem::Slots,
+    glam::{UVec4, Vec4},
+    math::high,
+    mem::{Buf, Slots},
     trace::{
         frame::Frame,
         intersect::{Best, Intersector},
     },
 };
 
+/// A hit that others come after: by larger `t`, or at the same `t` by a larger triangle number.
+#[derive(Clone, Copy, Debug)]
+pub struct After {
+    /// Its scaled ray parameter.
+    pub t: f32,
+    /// Its triangle.
+    pub triangle: u32,
+}
+
+impl After {
+    /// Before every hit.
+    pub const NOTHING: Self = Self { t: f32::NEG_INFINITY, triangle: 0 };
+
+    /// Goes on behind a hit: nothing before it counts from now on, or is looked for.
+    #[inline(always)]
+    pub fn pass(&mut self, ray: &mut Frame, hit: &Best) {
+        *self = Self { t: hit.t, triangle: hit.triangle };
+        ray.enter = high(ray.enter, hit.t);
+    }
+
+    /// Whether a hit comes after this one.
+    #[inline(always)]
+    pub fn precedes(self, hit: &Best) -> bool {
+        hit.t > self.t || (hit.t == self.t && hit.triangle > self.triangle)
+    }
+}
+
 /// How many hits [`Next`] keeps.
 pub const AT_ONCE: u32 = 8;
-/// Words that [`Next`] keeps.
-pub const WORDS: usize = 1 + 2 * AT_ONCE as usize;
-/// How many hits there are, then of each its `t` and triangle.
+/// How many hits there are.
 const COUNT: u32 = 0;
+/// The hits, in order.
 const HITS: u32 = COUNT + 1;
-/// Stands beside a triangle's number if `det` is positive.
-const POSITIVE: u32 = 0x8000_0000;
+/// Words of a hit: `t`, triangle, and the weights `u`, `v` and `det`.
+const EACH: u32 = 5;
+/// Words that [`Next`] keeps.
+pub const WORDS: usize = (HITS + AT_ONCE * EACH) as usize;
 
 /// Keeps the first [`AT_ONCE`] hits that come after another, in order. A triangle may be listed in several leaves, but
 /// of the hits kept each is there once.
@@ -37,11 +71,17 @@ impl Next {
         own.at(COUNT)
     }
 
-    /// Hit `i`: `t`, triangle, and whether `det` is positive.
+    /// Hit `i`.
     #[inline(always)]
-    pub fn hit(own: &impl Slots<u32>, i: u32) -> (f32, u32, bool) {
-        let word = own.at(HITS + 2 * i + 1);
-        (f32::from_bits(own.at(HITS + 2 * i)), word & !POSITIVE, word & POSITIVE != 0)
+    pub fn hit(own: &impl Slots<u32>, i: u32) -> Best {
+        let at = HITS + EACH * i;
+        Best {
+            t: f32::from_bits(own.at(at)),
+            triangle: own.at(at + 1),
+            u: f32::from_bits(own.at(at + 2)),
+            v: f32::from_bits(own.at(at + 3)),
+            det: f32::from_bits(own.at(at + 4)),
+        }
     }
 
     /// Puts a hit where it belongs, if it is not there.
@@ -52,22 +92,25 @@ impl Next {
         let mut before = true;
         let mut there = false;
         while place < count && before {
-            let (t, triangle, _) = Self::hit(own, place);
+            let at = HITS + EACH * place;
+            let (t, triangle) = (f32::from_bits(own.at(at)), own.at(at + 1));
             before = t < hit.t || (t == hit.t && triangle < hit.triangle);
             there |= triangle == hit.triangle;
             place += before as u32;
         }
         if !there {
             let full = count == AT_ONCE;
-            let mut i = if full { AT_ONCE - 1 } else { count };
-            while i > place {
-                let (t, word) = (own.at(HITS + 2 * i - 2), own.at(HITS + 2 * i - 1));
-                own.put(HITS + 2 * i, t);
-                own.put(HITS + 2 * i + 1, word);
-                i -= 1;
+            let mut word = HITS + EACH * if full { AT_ONCE } else { count + 1 };
+            let first = HITS + EACH * place;
+            while word > first + EACH {
+                word -= 1;
+                own.put(word, own.at(word - EACH));
             }
-            own.put(HITS + 2 * place, hit.t.to_bits());
-            own.put(HITS + 2 * place + 1, hit.triangle | if hit.det > 0.0 { POSITIVE } else { 0 });
+            own.put(first, hit.t.to_bits());
+            own.put(first + 1, hit.triangle);
+            own.put(first + 2, hit.u.to_bits());
+            own.put(first + 3, hit.v.to_bits());
+            own.put(first + 4, hit.det.to_bits());
             own.put(COUNT, if full { count } else { count + 1 });
         }
     }
@@ -89,10 +132,23 @@ impl<I: Intersector> Choice<I> for Next {
             Self::insert(own, &hit);
             // Of a full list the last is what others must be better than.
             if Self::count(own) == AT_ONCE {
-                let (t, triangle, _) = Self::hit(own, AT_ONCE - 1);
-                *best = Best { t, triangle, ..hit };
+                *best = Self::hit(own, AT_ONCE - 1);
             }
         }
         whole
     }
+}
+
+/// Finds the next hits `after` one, by a walk.
+#[inline(always)]
+pub(in crate::trace) fn next_hits<I: Intersector>(
+    ray: &mut Frame,
+    (pairs, corners): (&Buf<UVec4>, &Buf<Vec4>),
+    after: After,
+    aside: &mut impl Slots<u32>,
+    own: &mut impl Slots<u32>,
+    steps: &mut Steps,
+) {
+    Next::clear(own);
+    walk_keeping::<I, Next, false>(ray, pairs, corners, Next(after), false, aside, own, steps);
 }
