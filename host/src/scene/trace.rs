@@ -309,7 +309,7 @@ impl Scene {
     }
 
     /// All hits of every ray, each triangle once: the first `limit` of them, and how many there are. With a limit
-    /// of 0 hits are only counted. Uses the full stack, once more than the ray has hits.
+    /// of 0 hits are only counted. Uses the full stack; a walk finds up to eight hits.
     ///
     /// # Errors
     /// The device failed, the hits of one ray do not fit it, there is no memory for those of all, or the scene's
