@@ -358,8 +358,7 @@ impl<L: Long> Met<L> {
 type Place<'a, N> = (&'a Turned<N>, &'a [Turned<N>; 3]);
 
 /// The answer by doubles, pairs or triples, given the best `t` so far, and whether at the same `t` the triangle comes
-/// after it. A page loads every byte of each copy, so there it has one.
-#[cfg_attr(target_arch = "wasm32", inline(never))]
+/// after it. A page loads every byte of each copy, so there compilers choose.
 #[cfg_attr(not(target_arch = "wasm32"), inline(always))]
 pub(in crate::trace) fn by<L: Long>(
     line: &Line<One<L>>,
