@@ -2,12 +2,15 @@
 
 use crate::report::{Table, three};
 use raykd::{
-    AllHits, BuildOptions, BuildTimes, Builder, Device, DeviceKind, Error, Hit, KdTree, KernelTimes, Mesh,
-    Query, Ray, ResidentRays, Scene, Traced,
+    BuildOptions, BuildTimes, Builder, Device, DeviceKind, Error, Hit, KdTree, KernelTimes, Mesh, Query, Ray,
+    ResidentRays, Scene, Traced,
     internals::{SWEEP_LISTED, reserve},
     shared::Report,
 };
-use std::time::{Duration, Instant};
+use std::{
+    iter,
+    time::{Duration, Instant},
+};
 
 /// Repetitions that a median is taken of.
 const TIMES: usize = 5;
@@ -22,7 +25,7 @@ const ENOUGH: Duration = Duration::from_secs(1);
 const SHORT: Duration = Duration::from_millis(30);
 
 /// All hits are traced in so many parts,
-const PARTS: usize = 8;
+const PARTS: usize = 12;
 /// of at least so many bytes.
 const PART: usize = 1 << 24;
 
@@ -169,12 +172,12 @@ pub(super) fn trace(scene: &Scene, query: Query, rays: &[Ray]) -> Result<Traced,
     Ok(total)
 }
 
-/// All hits, up to a limit a ray, several times: part by part, each an eighth of what is written, so that there is not
-/// much more in memory than that.
-pub(super) fn all(scene: &Scene, rays: &[Ray], limit: u32) -> Result<AllHits, Error> {
-    let mut total = AllHits::default();
-    reserve(&mut total.hits, "hits", rays.len() as u64 * u64::from(limit))?;
-    reserve(&mut total.totals, "totals", rays.len() as u64)?;
+/// All hits, up to a limit a ray, several times: part by part, each a twelfth of what is written, so that there is not
+/// much more in memory than that. A ray has as many hits as the limit, the rest of them misses, and how many it has.
+pub(super) fn all(scene: &Scene, rays: &[Ray], limit: u32) -> Result<(Traced, Vec<u32>), Error> {
+    let (mut total, mut totals) = (Traced::default(), Vec::new());
+    reserve(&mut total.hits, "hits", (rays.len() as u64).saturating_mul(limit.into()))?;
+    reserve(&mut totals, "totals", rays.len() as u64)?;
     let least = (PART / (size_of::<Hit>() * limit.max(1) as usize)).max(1);
     for part in rays.chunks(rays.len().div_ceil(PARTS).max(least).min(batch(scene))) {
         let (mut upload, mut trace, mut download) = (Vec::new(), Vec::new(), Vec::new());
@@ -187,14 +190,18 @@ pub(super) fn all(scene: &Scene, rays: &[Ray], limit: u32) -> Result<AllHits, Er
             trace.push(all.times.trace);
             download.push(all.times.download);
         }
-        total.hits.append(&mut all.hits);
-        total.totals.append(&mut all.totals);
+        for ray in 0..part.len() {
+            let hits = all.of(ray);
+            total.hits.extend_from_slice(hits);
+            total.hits.extend(iter::repeat_n(Hit::NONE, limit as usize - hits.len()));
+        }
+        totals.append(&mut all.totals);
         total.invalid += all.invalid;
         total.times.upload += median(upload);
         total.times.trace += median(trace);
         total.times.download += median(download);
     }
-    Ok(total)
+    Ok((total, totals))
 }
 
 /// Median time to trace rays, less often if it takes long: for large pictures.

@@ -11,6 +11,7 @@ use raykd_kernels::{
     Bindings, Host, Kernel,
     glam::UVec4,
     trace::{
+        all,
         crossings::{count_crossings, settle_crossings},
         intersect::{
             Intersector as Test,
@@ -22,7 +23,7 @@ use raykd_kernels::{
             woop::{self, Woop, brute_woop},
         },
         left::BLOCK,
-        queries::{self, all, any, closest, exact_all, exact_except, exact_steps, except, steps},
+        queries::{self, any, closest, exact_except, exact_steps, except, steps},
         single::Tree,
     },
 };
@@ -103,17 +104,18 @@ impl Intersector {
         Err(Error::Intersector { name: self.name(), asked: asked.to_owned(), exact: true })
     }
 
-    /// All hits of so many rays.
-    pub(crate) fn all<'a>(
+    /// How many hits so many rays have, and the first of them.
+    pub(crate) fn count<'a>(
         self,
         query: queries::Query<'a, OnDevice>,
         totals: Out<'a, u32>,
+        begins: &'a Buffer<u32>,
         count: u32,
     ) -> Result<Step<'a>, Error> {
         self.check_query("a query for all hits")?;
         Ok(match self {
-            Self::Exact => exact_all::Buffers { query, totals }.over(count),
-            _ => all::Buffers { query, totals }.over(count),
+            Self::Exact => all::exact_hits::Buffers { query, totals, begins }.over(count),
+            _ => all::strict_hits::Buffers { query, totals, begins }.over(count),
         })
     }
 

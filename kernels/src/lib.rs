@@ -114,13 +114,14 @@ const ON_GPU: bool = cfg!(target_arch = "spirv");
 /// Every kernel, in pipeline order.
 #[cfg(not(target_arch = "spirv"))]
 pub const KERNELS: &[&Kernel] = &{
-    const LISTS: [&[&Kernel]; 9] = [
+    const LISTS: [&[&Kernel]; 10] = [
         &[&probe::PROBE],
         build::survey::KERNELS,
         build::KERNELS,
         build::sweep::KERNELS,
         trace::prepare::KERNELS,
         trace::queries::KERNELS,
+        trace::all::KERNELS,
         trace::crossings::KERNELS,
         trace::intersect::KERNELS,
         trace::traverse::KERNELS,

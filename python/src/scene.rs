@@ -13,7 +13,7 @@ use pyo3::{
     prelude::*,
     types::{PyBytes, PyDict},
 };
-use raykd::{BuildOptions, DeviceKind, Error, Hit, Intersector, KdTree, Query, Traversal, plan::Plan};
+use raykd::{BuildOptions, DeviceKind, Error, Intersector, KdTree, Query, Traversal, plan::Plan};
 use std::{
     ops::Range,
     path::PathBuf,
@@ -152,7 +152,10 @@ impl Scene {
         let rays = Rays::new(&rays)?;
         let (mut begins, mut found, mut invalid) = (vec![0], Vec::new(), 0);
         self.in_parts(py, &rays, |_, part| {
-            invalid += with_rays!(part, rays => self.all_of(&rays, limit, &mut begins, &mut found))?;
+            let all = with_rays!(part, rays => self.scene.all(&rays, limit.unwrap_or(u32::MAX))?);
+            begins.extend(all.begins[1..].iter().map(|&begin| (found.len() + begin) as u64));
+            found.extend(all.hits);
+            invalid += all.invalid;
             Ok(())
         })?;
         Ok((PyArray1::from_vec(py, begins), words(py, found), invalid))
@@ -311,51 +314,6 @@ impl Scene {
         }
         Ok(())
     }
-
-    /// Adds all hits of some rays, at most so many of each.
-    fn all_of(
-        &self,
-        rays: &[impl raykd::rays::AnyRay],
-        limit: Option<u32>,
-        begins: &mut Vec<u64>,
-        found: &mut Vec<Hit>,
-    ) -> Result<u64, Error> {
-        const AT_ONCE: usize = 1 << 14;
-        let mut invalid = 0;
-        for mut rays in rays.chunks(AT_ONCE) {
-            let counted = self.scene.all(rays, 0)?;
-            invalid += counted.invalid;
-            let wanted: Vec<u32> =
-                counted.totals.iter().map(|&total| total.min(limit.unwrap_or(u32::MAX))).collect();
-            let mut wanted = wanted.as_slice();
-            while !rays.is_empty() {
-                let (some, most) = together(wanted);
-                let hits = self.scene.all(&rays[..some], most)?.hits;
-                for (i, &wanted) in wanted[..some].iter().enumerate() {
-                    let first = i * most as usize;
-                    found.extend_from_slice(&hits[first..first + wanted as usize]);
-                    begins.push(found.len() as u64);
-                }
-                (rays, wanted) = (&rays[some..], &wanted[some..]);
-            }
-        }
-        Ok(invalid)
-    }
-}
-
-/// How many of some rays, from the first on, are asked for their hits at once, and the most hits that one of them has:
-/// all get room for as many, and one with many would make that a lot for the others.
-fn together(wanted: &[u32]) -> (usize, u32) {
-    const ROOM: u64 = 1 << 20;
-    let mut most = 0;
-    for (i, &wanted) in wanted.iter().enumerate() {
-        let more = wanted.max(most);
-        if i > 0 && (i as u64 + 1) * u64::from(more) > ROOM {
-            return (i, most);
-        }
-        most = more;
-    }
-    (wanted.len(), most)
 }
 
 fn build_options(given: &Bound<'_, PyDict>) -> PyResult<BuildOptions> {

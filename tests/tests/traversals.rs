@@ -62,16 +62,15 @@ fn all_everywhere(mesh: &Mesh, seed: u64, count: usize, test: Intersector) -> Re
     let totals: Vec<u32> = expected.iter().map(|hits| hits.len() as u32).collect();
     for scene in &scenes {
         let device = scene.device().kind();
-        for limit in [0, 1, 3, 40] {
+        for limit in [0, 1, 3, 8, 9, 40, u32::MAX] {
             let Some(found) = unless_cut(scene.all(&rays, limit))? else { continue };
             same(&format!("numbers of hits on the {device}"), &totals, &found.totals)?;
-            let limit = limit as usize;
-            let padded = expected.iter().flat_map(|hits| {
-                let rest = std::iter::repeat_n(Hit::NONE, limit.saturating_sub(hits.len()));
-                hits.iter().copied().take(limit).chain(rest)
-            });
-            let padded: Vec<Hit> = padded.collect();
-            same(&format!("the first {limit} hits on the {device}"), &padded, &found.hits)?;
+            let first: Vec<Hit> =
+                expected.iter().flat_map(|hits| hits.iter().copied().take(limit as usize)).collect();
+            same(&format!("the first {limit} hits on the {device}"), &first, &found.hits)?;
+            let of: Vec<&[Hit]> = (0..rays.len()).map(|i| found.of(i)).collect();
+            let whose = expected.iter().map(|hits| &hits[..hits.len().min(limit as usize)]);
+            assert!(whose.eq(of), "whose are the first {limit} hits on the {device}");
         }
         let nth = |n: usize| -> Vec<Hit> {
             expected.iter().map(|hits| hits.get(n).copied().unwrap_or(Hit::NONE)).collect()

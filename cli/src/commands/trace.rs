@@ -17,7 +17,7 @@ use crate::{
 use anyhow::anyhow;
 use clap::{Parser, ValueEnum};
 use raykd::{
-    AllHits, BuildOptions, Device, Error, Hit, KdTree, Query, Ray, Scene, TraceTimes, Traced, Traversal,
+    BuildOptions, Device, Error, Hit, KdTree, Query, Ray, Scene, TraceTimes, Traced, Traversal,
     internals::{digest_of, output, quoted},
 };
 use std::{
@@ -326,14 +326,15 @@ fn answer(scene: &Scene, ask: Ask, limit: u32, rays: &[Ray]) -> Result<Answer, E
         Ask::Closest => Query::Closest,
         Ask::Any => Query::Any,
         Ask::Count | Ask::All => {
-            let AllHits { hits, totals, times, invalid, .. } =
-                measure::all(scene, rays, if ask == Ask::All { limit } else { 0 })?;
+            let all = ask == Ask::All;
+            let (Traced { hits, times, invalid, .. }, totals) =
+                measure::all(scene, rays, if all { limit } else { 0 })?;
             return Ok(Answer {
                 hits: totals.iter().filter(|&&n| n > 0).count(),
                 total_hits: Some(totals.iter().map(|&n| u64::from(n)).sum()),
                 invalid,
                 times,
-                found: if ask == Ask::All { Found::Hits(hits) } else { Found::Totals(totals) },
+                found: if all { Found::Hits(hits) } else { Found::Totals(totals) },
             });
         }
     };

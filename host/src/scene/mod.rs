@@ -174,11 +174,28 @@ mod tests {
         }
     }
 
-    /// More bytes than a process has addresses.
+    /// As many as there are, where a process has not as many addresses as asked for.
     #[test]
-    fn all_hits_that_no_memory_holds_are_an_error() {
+    fn all_hits_take_memory_for_those_there_are() {
         let scene = Scene::build(&Device::cpu(), &Mesh::teapot(1), &BuildOptions::default()).unwrap();
         let rays = vec![raykd_shared::Ray::new([0.0; 3], [1.0, 0.0, 0.0]); 4096];
-        assert!(matches!(scene.all(&rays, u32::MAX), Err(Error::OutOfMemory { buffer: "hits", .. })));
+        let all = scene.all(&rays, u32::MAX).unwrap();
+        assert!(all.totals[0] > 0 && all.hits.len() == 4096 * all.totals[0] as usize);
+    }
+
+    #[test]
+    fn all_hits_that_do_not_fit_at_once_come_in_parts() {
+        let mesh = Mesh::teapot(4);
+        let scene = Scene::build(&Device::cpu(), &mesh, &BuildOptions::default()).unwrap();
+        let mut rays = crate::rays::random(mesh.bounds(), 1000, 1);
+        rays.push(raykd_shared::Ray::new([f32::NAN; 3], [0.0; 3]));
+        let whole = scene.all(&rays, 3).unwrap();
+        // A single ray's hits are asked for whatever the room.
+        for room in [0, 1, 100, whole.hits.len() as u64 - 1] {
+            let mut parts = AllHits { begins: vec![0], ..AllHits::default() };
+            scene.all_of(&rays, 3, room, &mut parts).unwrap();
+            assert!(parts.hits == whole.hits && parts.begins == whole.begins && parts.totals == whole.totals);
+            assert_eq!((parts.invalid, whole.invalid), (1, 1));
+        }
     }
 }

@@ -4,7 +4,7 @@ use super::{Scene, batch::Batch};
 use crate::{
     Error, Query,
     clock::Instant,
-    exec::{Buffer, OnDevice, Step, Timed, To, reserve},
+    exec::{Buffer, Launch as _, OnDevice, Step, Timed, To, reserve},
     intersector::Bound,
     lock::lock,
     rays::AnyRay,
@@ -13,7 +13,7 @@ use crate::{
 #[cfg(feature = "gpu")]
 use crate::{exec::watch, intersector::exact_hits};
 use bytemuck::allocation::zeroed_vec;
-use raykd_kernels::trace::queries;
+use raykd_kernels::trace::{all, queries};
 use raykd_shared::{Hit, Ray};
 use std::{
     borrow::Cow,
@@ -79,14 +79,26 @@ pub struct Stepped {
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct AllHits {
-    /// The first hits of every ray, by rising (`t`, triangle): as many a ray as asked for, the rest misses.
+    /// The hits of one ray after those of the other, each ray's by rising (`t`, triangle).
     pub hits: Vec<Hit>,
-    /// How many hits every ray has, written or not.
+    /// Where the hits of each ray begin, and where those of the last one end.
+    pub begins: Vec<usize>,
+    /// How many hits every ray has, also beyond the limit.
     pub totals: Vec<u32>,
     /// What it took.
     pub times: TraceTimes,
     /// Rays that were none, see [`Traced::invalid`].
     pub invalid: u64,
+}
+
+impl AllHits {
+    /// The hits of one ray.
+    ///
+    /// # Panics
+    /// There is no ray of this number.
+    pub fn of(&self, ray: usize) -> &[Hit] {
+        &self.hits[self.begins[ray]..self.begins[ray + 1]]
+    }
 }
 
 /// Hits and what they took.
@@ -308,39 +320,95 @@ impl Scene {
         })
     }
 
-    /// All hits of every ray, each triangle once: the first `limit` of them, and how many there are. With a limit
-    /// of 0 hits are only counted. Uses the full stack; a walk finds up to eight hits.
+    /// All hits of every ray, each triangle once: `limit` of a ray at most, and how many there are. With a limit of 0
+    /// hits are only counted. Uses the full stack; a walk finds up to eight hits.
+    ///
+    /// ```
+    /// use raykd::{BuildOptions, Device, Mesh, Ray, Scene};
+    ///
+    /// let scene = Scene::build(&Device::cpu(), &Mesh::teapot(4), &BuildOptions::default())?;
+    /// let rays = [Ray::new([0.1, 0.2, 9.0], [0.0, 0.0, -1.0]), Ray::new([9.0, 9.0, 9.0], [0.0, 0.0, 1.0])];
+    /// let all = scene.all(&rays, u32::MAX)?;
+    /// assert_eq!(all.of(0)[0], scene.closest(&rays)?[0]);
+    /// assert_eq!((all.of(0).len(), all.of(1).len()), (all.totals[0] as usize, 0));
+    /// # Ok::<(), raykd::Error>(())
+    /// ```
     ///
     /// # Errors
     /// The device failed, the hits of one ray do not fit it, there is no memory for those of all, or the scene's
     /// triangle test is neither the default nor `exact`.
     pub fn all(&self, rays: &[impl AnyRay], limit: u32) -> Result<AllHits, Error> {
-        let mut all = AllHits::default();
-        reserve(&mut all.hits, "hits", (rays.len() as u64).saturating_mul(limit.into()))?;
-        let room = (self.device.limit().bytes / 16 / u64::from(limit.max(1))) as usize;
-        for part in rays.chunks(self.batch_limit().min(room).max(1)) {
-            let start = Instant::now();
-            let batch = Batch::with_room(self, part, limit)?;
-            let totals = self.device.alloc("totals", part.len() as u64)?;
-            all.times.upload += start.elapsed();
-            let each = self.intersector.all(batch.query(self), totals.out(), batch.lanes())?;
-            let (first, first_total) = (all.hits.len(), all.totals.len());
-            let one = traced(Duration::ZERO, || {
-                let hits = batch.hits.back(To::End(&mut all.hits, part.len() * limit as usize));
-                let totals = totals.back(To::End(&mut all.totals, part.len()));
-                batch.job.run(&self.device, &[each], limit, vec![hits, totals])
-            })?;
-            all.times += one.times;
-            all.invalid += one.invalid;
-            let start = Instant::now();
-            // The kernel writes hits alone.
-            let hits = all.hits[first..].chunks_mut(limit.max(1) as usize);
-            for (hits, &total) in hits.zip(&all.totals[first_total..]) {
-                hits[total.min(limit) as usize..].fill(Hit::NONE);
-            }
-            all.times.download += start.elapsed();
+        let mut all = AllHits { begins: vec![0], ..AllHits::default() };
+        let room = (self.device.limit().bytes / 16).min(u32::MAX.into());
+        let most = (room / u64::from(limit.clamp(1, all::KEPT))) as usize;
+        for part in rays.chunks(self.batch_limit().min(most).clamp(1, OVERLAPPED)) {
+            self.all_of(part, limit, room, &mut all)?;
         }
         Ok(all)
+    }
+
+    /// Adds the hits of some rays, where there is `room` for so many at once.
+    pub(super) fn all_of(
+        &self,
+        rays: &[impl AnyRay],
+        limit: u32,
+        room: u64,
+        all: &mut AllHits,
+    ) -> Result<(), Error> {
+        let kept = limit.min(all::KEPT);
+        let start = Instant::now();
+        let device = self.device.for_rays(rays.len() * kept.max(1) as usize);
+        let batch = Batch::with_room(self, rays, kept)?;
+        let totals = device.room("totals", rays.len() as u64)?;
+        all.times.upload += start.elapsed();
+        // Where hits begin is not known yet.
+        let nowhere = &batch.job.record;
+        let count = self.intersector.count(batch.query(self), totals.out(), nowhere, batch.lanes())?;
+        let counted = all.totals.len();
+        let counting = traced(Duration::ZERO, || {
+            let totals = totals.back(To::End(&mut all.totals, rays.len()));
+            batch.job.run(&self.device, &[count], kept, vec![totals])
+        })?;
+        all.times += counting.times;
+
+        let start = Instant::now();
+        let (mut begins, mut end, mut most) = (Vec::with_capacity(rays.len() + 1), 0u64, 0);
+        begins.push(0);
+        for &total in &all.totals[counted..] {
+            let wanted = total.min(limit);
+            most = most.max(wanted);
+            end += u64::from(wanted);
+            begins.push(end as u32);
+        }
+        if end > room && rays.len() > 1 {
+            all.totals.truncate(counted);
+            let (some, others) = rays.split_at(rays.len() / 2);
+            self.all_of(some, limit, room, all)?;
+            return self.all_of(others, limit, room, all);
+        }
+        all.invalid += counting.invalid;
+        let begun = all.hits.len();
+        all.begins.extend(begins[1..].iter().map(|&begin| begun + begin as usize));
+        if end == 0 {
+            return Ok(());
+        }
+        reserve(&mut all.hits, "hits", end)?;
+        let device = self.device.for_rays(end as usize);
+        let (begins, hits) = (device.put("begins", &begins)?, device.room("all hits", end)?);
+        all.times.upload += start.elapsed();
+        let (job, kept_hits) = (&batch.job.record, &batch.hits);
+        let gather = all::Buffers { job, begins: &begins, kept_hits, hits: hits.out() };
+        let mut steps = vec![gather.over(rays.len() as u32)];
+        if most > kept {
+            let query = queries::Query { hits: hits.out(), ..batch.query(self) };
+            steps.push(self.intersector.count(query, totals.out(), &begins, batch.lanes())?);
+        }
+        let gathering = traced(Duration::ZERO, || {
+            let hits = hits.back(To::End(&mut all.hits, end as usize));
+            batch.job.run(&self.device, &steps, kept | all::AGAIN, vec![hits])
+        })?;
+        all.times += gathering.times;
+        Ok(())
     }
 
     /// The closest hit of every ray, and what finding it cost.

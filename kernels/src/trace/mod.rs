@@ -9,6 +9,7 @@
 pub mod queries;
 #[macro_use]
 pub mod left;
+pub mod all;
 pub mod crossings;
 pub mod frame;
 pub mod intersect;

@@ -2,20 +2,14 @@
 //! other ways through the tree and triangle tests have theirs beside them.
 
 use super::{
-    intersect::{Intersector, exact::Exact, strict::Strict},
-    job::{JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, THREADS, load, loops_are_whole, ray_of, record},
+    intersect::{exact::Exact, strict::Strict},
+    job::THREADS,
     traverse::{
-        self, Steps,
+        self,
         leaf::{Every, Except},
-        next::{self, AT_ONCE, After, Next, next_hits},
         stack::ASIDE,
     },
 };
-use crate::{
-    glam::{UVec4, Vec4},
-    mem::{Atomics, Buf, Slots, scratch},
-};
-use raykd_shared::{TreeHeader, status};
 
 /// Declares something of the buffers that all queries of the tree bind.
 macro_rules! of_query {
@@ -184,59 +178,9 @@ query! {
     any::ANY(crate::trace::side_by_side::closest::<true>) = |_, ray, pairs, corners, _, aside, steps|
         traverse::stack::walk::<Strict, Every, false>(ray, pairs, corners, Every, true, aside, steps)
 }
-/// Answers the ray of a lane: its first hits in order, as many as the job's limit, and how many it has. Where there are
-/// fewer, what lies behind them stays as it is.
-///
-/// A triangle may be listed in several leaves, and where a hit lies is too uncertain to say which of them owns it. But
-/// hits have an order, (`t`, triangle), in which each comes once: so a walk finds the [`AT_ONCE`] closest hits after
-/// the last one, until there are fewer.
-pub fn each<I: Intersector>(
-    lane: u32,
-    job: &Buf<u32>,
-    header: &Buf<TreeHeader>,
-    pairs: &Buf<UVec4>,
-    corners: &Buf<Vec4>,
-    rays: &Buf<Vec4>,
-    hits: &mut Buf<UVec4>,
-    outcome: &mut Buf<u32>,
-    totals: &mut Buf<u32>,
-) {
-    let i = ray_of(lane, job);
-    if i < job.at(JOB_RAYS) {
-        let limit = job.at(JOB_LIMIT);
-        let mut ray = load(i, rays, &header.at(0), outcome);
-        let (mut aside, mut own) = (scratch::<u32, ASIDE>(), scratch::<u32, { next::WORDS }>());
-        let mut steps = Steps::default();
-        let mut after = After::NOTHING;
-        let mut total = 0;
-        let mut running = true;
-        while running {
-            next_hits::<I>(&mut ray, (pairs, corners), after, &mut aside, &mut own, &mut steps);
-            let count = Next::count(&own);
-            let mut k = 0;
-            while k < count {
-                let hit = Next::hit(&own, k);
-                if total < limit {
-                    hits.put(i * limit + total, record(&ray, &hit));
-                }
-                total += 1;
-                k += 1;
-                if k == AT_ONCE {
-                    after.pass(&mut ray, &hit);
-                }
-            }
-            running = count == AT_ONCE && steps.status == 0;
-        }
-        totals.put(i, total);
-        if steps.status != 0 || !loops_are_whole(job) {
-            outcome.or(OUTCOME_STATUS, status::CUT_SHORT);
-        }
-    }
-}
-
 /// Declares the kernels of a triangle test that keeps the contract, beside those of closest and any hits.
 macro_rules! more {
-    ($test:ident, $steps_file:ident::$steps:ident, $except_file:ident::$except:ident, $all_file:ident::$all:ident) => {
+    ($test:ident, $steps_file:ident::$steps:ident, $except_file:ident::$except:ident) => {
         query! {
             #[doc = concat!("The closest hit by [`", stringify!($test), "`], counting steps.")]
             $steps_file::$steps counts = |_, ray, pairs, corners, _, aside, steps|
@@ -251,23 +195,11 @@ macro_rules! more {
                 ),
             { 7 excluded: u32 }
         }
-        #[doc = concat!("All hits of a ray by [`", stringify!($test), "`], in order, for counting them or for passing")]
-        /// through surfaces.
-        pub mod $all_file {
-            use super::*;
-
-            of_query! {
-                kernel {
-                    /// [`each`] over all rays.
-                    map $all = each::<$test>, threads 64, query:
-                } { , { 7 totals: write u32 } }
-            }
-        }
     };
 }
 
-more!(Strict, steps::STEPS, except::EXCEPT, all::ALL_HITS);
-more!(Exact, exact_steps::EXACT_STEPS, exact_except::EXACT_EXCEPT, exact_all::EXACT_ALL);
+more!(Strict, steps::STEPS, except::EXCEPT);
+more!(Exact, exact_steps::EXACT_STEPS, exact_except::EXACT_EXCEPT);
 
 kernels! {
     /// The kernels of this file.
@@ -275,8 +207,6 @@ kernels! {
     any::ANY,
     steps::STEPS,
     except::EXCEPT,
-    all::ALL_HITS,
     exact_steps::EXACT_STEPS,
     exact_except::EXACT_EXCEPT,
-    exact_all::EXACT_ALL,
 }
