@@ -290,6 +290,50 @@ fn tasks_that_ask_at_once_do_not_wait_for_each_other() {
     }
 }
 
+/// In planes whose corners differ by what is no float, so that pairs do not tell of which side of 0 a crossing is.
+#[test]
+fn rays_that_start_in_planes_lose_no_crossing() {
+    let y = f32::from_bits(0xB4F1_8A24);
+    let corners: [[(u32, u32); 3]; 12] = [
+        [(0x467D_E971, 0x47C0_0000), (0x4700_0000, 0x4700_0000), (0xC740_0000, 0x46A6_A615)],
+        [(0x4673_283B, 0x47C0_0000), (0xC61E_897F, 0xC780_0000), (0xC648_8A8C, 0x46F6_43CB)],
+        [(0xC671_99DB, 0xC800_0000), (0xC680_0000, 0x4800_0000), (0x4780_0000, 0x4700_0000)],
+        [(0x0000_0000, 0xC6AF_1835), (0x4700_0000, 0xC508_9A50), (0xC491_F050, 0x4780_0000)],
+        [(0x0000_0000, 0x4700_0000), (0xC700_0000, 0x47C0_0000), (0x4700_0000, 0x4484_CB60)],
+        [(0x459A_43C4, 0xC800_0000), (0x0000_0000, 0x4800_0000), (0x4780_0000, 0x45EB_1B90)],
+        [(0x4680_0000, 0xC7C0_0000), (0x45F5_906A, 0x4780_0000), (0xC63E_4B66, 0x46FF_493A)],
+        [(0x4680_0000, 0x47C0_0000), (0x462B_BD62, 0x0000_0000), (0xC680_0000, 0x4780_0000)],
+        [(0xC64D_C7EE, 0xC700_0000), (0x45A1_8438, 0x47C0_0000), (0x4740_0000, 0xC6E9_B162)],
+        [(0x4700_0000, 0x4700_0000), (0x4634_621A, 0x47C0_0000), (0xC700_0000, 0x4700_0000)],
+        [(0x4625_861B, 0x4648_2594), (0x4740_0000, 0xC6C2_782A), (0x4700_0000, 0x45B0_CA7C)],
+        [(0xC52E_C12C, 0xC6D2_3ED0), (0xC63F_FC0F, 0x45CE_D5EC), (0x462D_C97B, 0xC7C0_0000)],
+    ];
+    let many = corners.map(|three| three.map(|(x, z)| [f32::from_bits(x), y, f32::from_bits(z)]));
+    let ray = |origin: [u32; 3], direction: [u32; 3], t_max: f32| Ray {
+        t_min: f32::NEG_INFINITY,
+        t_max,
+        ..Ray::new(origin.map(f32::from_bits), direction.map(f32::from_bits))
+    };
+    let (x, z) = (0xC40F_891F, 0x4743_451A);
+    let through =
+        ray([x, y.to_bits(), z], [0x3F7F_FFFF, 0x33AA_3899, 0xB39E_1D54], f32::from_bits(0x3F35_3B8C));
+    let one = [[
+        [0xBDFC_D6EA, 0xBF7C_D6EA, 0x3E99_999A],
+        [0x4145_87E7, 0xB9B5_3C3D, 0x3E99_999A],
+        [0xBA48_A747, 0x41BB_A781, 0x3E99_999A],
+    ]
+    .map(|corner: [u32; 3]| corner.map(f32::from_bits))];
+    let up = ray([0x3E00_0000, 0x3E00_0000, 0x3E99_999A], [0, 0, 0x3F80_0000], -f32::MIN_POSITIVE);
+    for (triangles, ray, wanted) in [(&many[..], through, (6, 3)), (&one[..], up, (1, 0))] {
+        let wanted = Crossings { leaving: wanted.0, entering: wanted.1 };
+        assert_eq!(expected(triangles, &ray), wanted);
+        for named in devices() {
+            let scene = Scene::build(&named.device, &loose(triangles), &BuildOptions::default()).unwrap();
+            same(named.name, &[wanted], &scene.crossings(&[ray]).unwrap().counts).unwrap();
+        }
+    }
+}
+
 #[test]
 fn a_thousand_triangles_round_a_vertex_are_crossed_once() {
     for (rim, may_stop) in [(50, false), (100, true), (1000, true)] {

@@ -148,6 +148,38 @@ proptest! {
     }
 }
 
+/// An instance that is small makes numbers of rays larger.
+#[test]
+fn subnormal_numbers_stay_zeros_in_an_instance() -> Result<(), Failure> {
+    let k = 2f32.powi(-20);
+    let corners = [[0.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [0.0, 1.0, -1.0]];
+    let whole = Mesh::new(corners.to_vec(), vec![[0, 1, 2]]).expect("a triangle");
+    let small = corners.map(|corner| corner.map(|x| k * x));
+    let small = Mesh::new(small.to_vec(), vec![[0, 1, 2]]).expect("a triangle");
+    let rows = [[k, 0.0, 0.0, 0.0], [0.0, k, 0.0, 0.0], [0.0, 0.0, k, 0.0]];
+    let tiny = f32::from_bits(70_000);
+    let rays = [
+        Ray::new([-k * 0.25, k * 0.5, 0.0], [0.0, 0.0, -tiny]),
+        Ray::new([tiny, 0.0, 0.0], [0.0, 0.0, -1.0]),
+        Ray::new([0.0; 3], [tiny, 0.0, -1.5e-38]),
+        Ray { t_min: -0.0, t_max: -tiny, ..Ray::new([0.0, 0.0, -k], [0.0, 0.0, -1.0]) },
+    ];
+    for intersector in [Intersector::Strict, Intersector::Exact] {
+        let one = scene(cpu(), &small, intersector)?.trace(Query::Closest, &rays)?;
+        let found = world(cpu(), &[(&whole, rows)], intersector)?.trace(Query::Closest, &rays)?;
+        let (expected, hit) = (one.hits.iter().map(|hit| hit.t), one.hits.iter().map(Hit::is_hit));
+        assert!(
+            found.hits.iter().map(|hit| hit.t).eq(expected),
+            "{intersector}: {:?}, {:?}",
+            found.hits,
+            one.hits
+        );
+        assert!(found.hits.iter().map(WorldHit::is_hit).eq(hit), "{intersector}");
+        assert_eq!((found.invalid, one.invalid), (1, 1), "{intersector}");
+    }
+    Ok(())
+}
+
 #[test]
 fn any_transform_gives_the_same_bytes_everywhere() -> Result<(), Failure> {
     let mut numbers = Random::new(3);

@@ -90,11 +90,13 @@ impl AnyRay for Ray {
     }
 
     fn wide(&self) -> Ray64 {
+        // What is subnormal counts as 0, also where an instance of a world would make it larger.
+        let wide = |x: f32| if x.is_subnormal() { 0.0 } else { f64::from(x) };
         Ray64 {
-            origin: self.origin.map(f64::from),
-            direction: self.direction.map(f64::from),
-            t_min: self.t_min.into(),
-            t_max: self.t_max.into(),
+            origin: self.origin.map(wide),
+            direction: self.direction.map(wide),
+            t_min: wide(self.t_min),
+            t_max: wide(self.t_max),
         }
     }
 }
@@ -108,13 +110,24 @@ impl AnyRay for Ray64 {
         Ray {
             origin: moved(self.origin, translation),
             direction: self.direction.map(|x| x as f32),
-            t_min: -below(-self.t_min),
-            t_max: below(self.t_max),
+            t_min: -end(-self.t_min),
+            t_max: end(self.t_max),
         }
     }
 
     fn wide(&self) -> Ray64 {
         *self
+    }
+}
+
+/// Where a range ends that is rounded down: never at a subnormal number, as those count as 0.
+#[inline]
+fn end(x: f64) -> f32 {
+    let below = below(x);
+    match below.is_subnormal() {
+        true if below < 0.0 => -f32::MIN_POSITIVE,
+        true => 0.0,
+        false => below,
     }
 }
 
@@ -140,6 +153,9 @@ mod tests {
         // The nearest f32 to 0.1 is above it, the nearest to 0.7 below.
         assert_eq!(range(0.1, 0.1), (0.1, 0.1f32.next_down()));
         assert_eq!(range(0.7, 0.7), (0.7f32.next_up(), 0.7));
+        // Subnormal numbers count as 0.
+        assert_eq!(range(1e-60, 1e-39), (f32::MIN_POSITIVE, 0.0));
+        assert_eq!(range(-1e-39, -1e-60), (0.0, -f32::MIN_POSITIVE));
         let (t_min, t_max) = range(f64::NAN, f64::NAN);
         assert!(t_min.is_nan() && t_max.is_nan());
     }

@@ -30,7 +30,7 @@ use super::{
 };
 use crate::{
     glam::Vec3,
-    math::{exp2, product_difference_wide},
+    math::{exp2, high, low, product_difference_wide},
     pair::Pair,
     trace::frame::Frame,
 };
@@ -149,6 +149,10 @@ fn by_pairs<const ORDERED: bool>(
             AT_ORIGIN
         };
         later = if certain { near } else { later };
+        // Of which side of 0 it is nothing is known.
+        if !certain {
+            (near, later) = (low(near, -AT_ORIGIN), high(later, AT_ORIGIN));
+        }
     }
     let behind = near > best.t || (near == later && near == best.t && id > best.triangle);
     if behind || near > ray.t_max || later < ray.t_min {

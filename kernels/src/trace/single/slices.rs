@@ -52,6 +52,9 @@ use raykd_shared::{Crossings, Hit, MISS, Node, Ray, TreeHeader, TreeView};
 /// assert!(tree.answer(&ray, false).whole);
 /// ```
 ///
+/// Coordinates below 2^-60 of the mesh's largest extent, rounded down to a power of two, must be 0 already: a scene
+/// takes them for that.
+///
 /// Returns nothing if a triangle or vertex is not there, or `leaves` has another length than the tree's references.
 pub fn lay_out(
     tree: TreeView<'_>,
