@@ -360,7 +360,7 @@ proptest! {
         }).collect();
         let all = scene.all(&rays, count).unwrap();
         for (t, ray) in rays.iter().enumerate() {
-            let hits = &all.hits[t * count as usize..][..all.totals[t] as usize];
+            let hits = all.of(t);
             // Not where a triangle is nearly in line with the ray, and thin.
             let [a, b, c] = soup[t];
             let (e, f) = ([0, 1, 2].map(|i| b[i] - a[i]), [0, 1, 2].map(|i| c[i] - a[i]));
