@@ -124,10 +124,12 @@ impl AnyRay for Ray64 {
 #[inline]
 fn end(x: f64) -> f32 {
     let below = below(x);
-    match below.is_subnormal() {
-        true if below < 0.0 => -f32::MIN_POSITIVE,
-        true => 0.0,
-        false => below,
+    if !below.is_subnormal() {
+        below
+    } else if below < 0.0 {
+        -f32::MIN_POSITIVE
+    } else {
+        0.0
     }
 }
 

@@ -357,9 +357,8 @@ impl Scene {
     ) -> Result<(), Error> {
         let kept = limit.min(all::KEPT);
         let start = Instant::now();
-        let device = self.device.for_rays(rays.len() * kept.max(1) as usize);
         let batch = Batch::with_room(self, rays, kept)?;
-        let totals = device.room("totals", rays.len() as u64)?;
+        let totals = self.device.for_rays(rays.len()).room("totals", rays.len() as u64)?;
         all.times.upload += start.elapsed();
         // Where hits begin is not known yet.
         let nowhere = &batch.job.record;

@@ -42,19 +42,14 @@ fn find<I: Intersector>(
     let mut total = 0;
     let mut running = true;
     while running {
-        next_hits::<I>(ray, tree, after, &mut aside, &mut own, steps);
-        let count = Next::count(&own);
+        let count = next_hits::<I>(ray, tree, &mut after, &mut aside, &mut own, steps);
         let mut k = 0;
         while k < count {
-            let hit = Next::hit(&own, k);
             if total < room {
-                hits.put(first + total, record(ray, &hit));
+                hits.put(first + total, record(ray, &Next::hit(&own, k)));
             }
             total += 1;
             k += 1;
-            if k == AT_ONCE {
-                after.pass(ray, &hit);
-            }
         }
         running = count == AT_ONCE && total < enough && steps.status == 0;
     }

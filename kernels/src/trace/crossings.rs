@@ -64,18 +64,14 @@ fn walked(ray: &mut Frame, (pairs, corners): (&Buf<UVec4>, &Buf<Vec4>), steps: &
     let mut found = Crossings { leaving: 0, entering: 0 };
     let mut running = true;
     while running {
-        next_hits::<Perturbed<true>>(ray, (pairs, corners), after, &mut aside, &mut own, steps);
-        let count = Next::count(&own);
+        let count =
+            next_hits::<Perturbed<true>>(ray, (pairs, corners), &mut after, &mut aside, &mut own, steps);
         let mut i = 0;
         while i < count {
-            let hit = Next::hit(&own, i);
-            let along = hit.det > 0.0;
+            let along = Next::hit(&own, i).det > 0.0;
             found.leaving += along as u32;
             found.entering += !along as u32;
             i += 1;
-            if i == AT_ONCE {
-                after.pass(ray, &hit);
-            }
         }
         running = count == AT_ONCE && steps.status == 0;
     }

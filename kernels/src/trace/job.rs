@@ -22,7 +22,7 @@ pub const JOB_FROM: u32 = 1;
 pub const JOB_TO: u32 = 2;
 /// Queries of either kind: 1 if any hit will do, 0 for the closest.
 pub const JOB_ANY: u32 = 3;
-/// All hits: how many of a ray to write at most.
+/// All hits: how many of a ray are kept at most, and [`AGAIN`](super::all::AGAIN).
 pub const JOB_LIMIT: u32 = 3;
 /// Words of the job record.
 pub const JOB_WORDS: u32 = 4;

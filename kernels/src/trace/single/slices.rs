@@ -116,12 +116,9 @@ impl<'a> Tree<'a> {
         let (pairs, corners) = (view(self.pairs), view(self.corners));
         let (aside, own, steps) = (&mut [0; ASIDE], &mut [0; next::WORDS], &mut Steps::default());
         loop {
-            next_hits::<I>(&mut frame, (&pairs, &corners), after, aside, own, steps);
-            let count = Next::count(own);
+            let count = next_hits::<I>(&mut frame, (&pairs, &corners), &mut after, aside, own, steps);
             for i in 0..count {
-                let best = Next::hit(own, i);
-                each(hit(&frame, &best))?;
-                after.pass(&mut frame, &best);
+                each(hit(&frame, &Next::hit(own, i)))?;
             }
             if count < AT_ONCE {
                 return ControlFlow::Continue(());

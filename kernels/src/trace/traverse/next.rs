@@ -61,13 +61,13 @@ pub struct Next(pub After);
 impl Next {
     /// Forgets all hits.
     #[inline(always)]
-    pub fn clear(own: &mut impl Slots<u32>) {
+    fn clear(own: &mut impl Slots<u32>) {
         own.put(COUNT, 0);
     }
 
     /// How many hits there are.
     #[inline(always)]
-    pub fn count(own: &impl Slots<u32>) -> u32 {
+    fn count(own: &impl Slots<u32>) -> u32 {
         own.at(COUNT)
     }
 
@@ -139,16 +139,22 @@ impl<I: Intersector> Choice<I> for Next {
     }
 }
 
-/// Finds the next hits `after` one, by a walk.
+/// Finds the next hits `after` one by a walk, and goes on behind the last of them. Returns how many there are; if fewer
+/// than [`AT_ONCE`], no others come.
 #[inline(always)]
 pub(in crate::trace) fn next_hits<I: Intersector>(
     ray: &mut Frame,
     (pairs, corners): (&Buf<UVec4>, &Buf<Vec4>),
-    after: After,
+    after: &mut After,
     aside: &mut impl Slots<u32>,
     own: &mut impl Slots<u32>,
     steps: &mut Steps,
-) {
+) -> u32 {
     Next::clear(own);
-    walk_keeping::<I, Next, false>(ray, pairs, corners, Next(after), false, aside, own, steps);
+    walk_keeping::<I, Next, false>(ray, pairs, corners, Next(*after), false, aside, own, steps);
+    let count = Next::count(own);
+    if count == AT_ONCE {
+        after.pass(ray, &Next::hit(own, AT_ONCE - 1));
+    }
+    count
 }
