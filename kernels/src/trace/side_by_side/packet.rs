@@ -257,8 +257,11 @@ impl<N: Sides> Packet<N> {
         }
         let scaled = Scaled::<N>::new::<WHOLE>(&starts, &ways, header.scale);
         together &= scaled.rays;
-        let go = together.count_ones() >= ENOUGH && scaled.agree();
-        go.then(|| (Self::new(&scaled, header), scaled, together))
+        if together.count_ones() < ENOUGH || !scaled.agree() {
+            return None;
+        }
+        // No closure: one that is not inlined, as in development builds, is compiled without AVX2.
+        Some((Self::new(&scaled, header), scaled, together))
     }
 
     #[inline(always)]
