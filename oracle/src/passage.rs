@@ -47,8 +47,13 @@ impl Passage {
     pub fn is_in_range(&self, ray: &Ray, corners: &Corners) -> bool {
         let t = Exact::new(ray, corners).rounded_t();
         let least = f64::from(f32::MIN_POSITIVE);
-        let near = if self.ahead { least } else { -least };
-        let t = if t.abs() < least { near } else { t };
-        f64::from(ray.t_min) <= t && t <= f64::from(ray.t_max)
+        let (from, to) = (f64::from(ray.t_min), f64::from(ray.t_max));
+        if t.abs() >= least {
+            from <= t && t <= to
+        } else if self.ahead {
+            from <= 0.0 && least <= to
+        } else {
+            from <= -least && 0.0 <= to
+        }
     }
 }

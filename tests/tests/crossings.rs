@@ -323,13 +323,70 @@ fn rays_that_start_in_planes_lose_no_crossing() {
         [0xBA48_A747, 0x41BB_A781, 0x3E99_999A],
     ]
     .map(|corner: [u32; 3]| corner.map(f32::from_bits))];
-    let up = ray([0x3E00_0000, 0x3E00_0000, 0x3E99_999A], [0, 0, 0x3F80_0000], -f32::MIN_POSITIVE);
-    for (triangles, ray, wanted) in [(&many[..], through, (6, 3)), (&one[..], up, (1, 0))] {
+    let up = |t_max| ray([0x3E00_0000, 0x3E00_0000, 0x3E99_999A], [0, 0, 0x3F80_0000], t_max);
+    let (to, before) = (up(0.0), up(-f32::MIN_POSITIVE));
+    for (triangles, ray, wanted) in
+        [(&many[..], through, (6, 3)), (&one[..], to, (1, 0)), (&one[..], before, (0, 0))]
+    {
         let wanted = Crossings { leaving: wanted.0, entering: wanted.1 };
         assert_eq!(expected(triangles, &ray), wanted);
         for named in devices() {
             let scene = Scene::build(&named.device, &loose(triangles), &BuildOptions::default()).unwrap();
             same(named.name, &[wanted], &scene.crossings(&[ray]).unwrap().counts).unwrap();
+        }
+    }
+}
+
+/// A triangle on a line closes a gap that is there once a corner of it is 0.
+#[test]
+fn closed_meshes_stay_closed_without_dust() {
+    let d = 2f32.powi(-59);
+    let (a, b, m) = ([0.0, 0.0, 0.0], [1.0, 0.0, d], [0.5, 0.0, d / 2.0]);
+    let (top, bottom, back) = ([0.5, 0.5, 1.0], [0.5, 0.5, -1.0], [0.5, 1.0, 0.0]);
+    let faces = [
+        [a, b, top],
+        [a, m, b],
+        [m, a, bottom],
+        [b, m, bottom],
+        [b, back, top],
+        [back, a, top],
+        [back, b, bottom],
+        [a, back, bottom],
+    ];
+    let mesh = loose(&faces);
+    let inside = [0.5, 0.25, d / 4.0];
+    let ways = [[0.0, -1.0, 0.0], [0.0, 1.0, 0.0], [0.3, -1.0, 0.0], [1.0, 0.2, 0.1]];
+    let rays = ways.map(|way| Ray::new(inside, way));
+    for named in devices() {
+        let scene = Scene::build(&named.device, &mesh, &BuildOptions::default()).unwrap();
+        for found in scene.crossings(&rays).unwrap().counts {
+            assert_eq!(found.leaving - found.entering, 1, "{}", named.name);
+        }
+    }
+}
+
+/// Where all of a range but 0 is too small for the scaled scene, its end stands where crossings at the origin do.
+#[test]
+fn crossings_at_the_origin_are_not_in_ranges_beside_it() {
+    let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0f32]];
+    let faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
+    for (size, direction, end) in [(0, -126, 1.0f32), (0, -100, 2f32.powi(-26)), (-124, 0, 0.5)] {
+        let size = 2f32.powi(size);
+        let tetrahedron: Vec<[Point; 3]> =
+            faces.iter().map(|face| face.map(|v| corners[v].map(|x| x * size))).collect();
+        for way in [-1.0, 1.0] {
+            let ray = Ray::new([0.25, 0.25, 0.0].map(|x| x * size), [0.0, 0.0, way * 2f32.powi(direction)]);
+            let ranges = [(end, f32::MAX), (f32::MIN, -end), (0.0, end), (-end, end), (f32::MIN, f32::MAX)];
+            let rays = ranges.map(|(t_min, t_max)| Ray { t_min, t_max, ..ray });
+            let wanted = rays.map(|ray| expected(&tetrahedron, &ray));
+            if way < 0.0 {
+                assert_eq!(wanted[0], Crossings { leaving: 0, entering: 0 }, "{ray:?}");
+            }
+            for named in devices() {
+                let scene =
+                    Scene::build(&named.device, &loose(&tetrahedron), &BuildOptions::default()).unwrap();
+                same(named.name, &wanted, &scene.crossings(&rays).unwrap().counts).unwrap();
+            }
         }
     }
 }

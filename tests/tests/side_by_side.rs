@@ -1,5 +1,7 @@
 //! Rays side by side on a CPU: the same bytes as one by one, whatever goes together.
 
+use std::ops::ControlFlow;
+
 use proptest::prelude::*;
 use raykd::{
     BuildOptions, Crossings, Hit, Intersector, Mesh, Query, Ray, Scene,
@@ -58,22 +60,27 @@ fn extent(mesh: &Mesh) -> f32 {
     (0..3).map(|axis| hi[axis] - lo[axis]).fold(0.0, f32::max)
 }
 
-/// Compares closest and any hits of a batch with those of its rays one by one, and crossings, too.
+/// Compares the hits of a batch with those of its rays one by one, and crossings, too.
 fn one_by_one(scene: &mut Scene, rays: &[Ray]) -> Result<(), Failure> {
-    hits_one_by_one(scene, rays)?;
+    by_both_tests(scene, rays, hits_one_by_one)?;
+    by_both_tests(scene, rays, all_hits_one_by_one)?;
     crossings_one_by_one(scene, rays)
 }
 
 /// By both triangle tests whose rays go side by side.
-fn hits_one_by_one(scene: &mut Scene, rays: &[Ray]) -> Result<(), Failure> {
+fn by_both_tests(
+    scene: &mut Scene,
+    rays: &[Ray],
+    compare: impl Fn(&Scene, &[Ray]) -> Result<(), Failure>,
+) -> Result<(), Failure> {
     for test in [Intersector::Exact, Intersector::Strict] {
         scene.intersect_by(test)?;
-        hits_by_one_test(scene, rays).map_err(|e| Failure(format!("{}: {e}", test.name())))?;
+        compare(scene, rays).map_err(|e| Failure(format!("{}: {e}", test.name())))?;
     }
     Ok(())
 }
 
-fn hits_by_one_test(scene: &Scene, rays: &[Ray]) -> Result<(), Failure> {
+fn hits_one_by_one(scene: &Scene, rays: &[Ray]) -> Result<(), Failure> {
     let tracer = scene.tracer()?;
     let alone = |hit: Option<Hit>| hit.unwrap_or(Hit::NONE);
     let closest: Vec<Hit> = rays.iter().map(|ray| alone(tracer.closest(ray))).collect();
@@ -83,6 +90,29 @@ fn hits_by_one_test(scene: &Scene, rays: &[Ray]) -> Result<(), Failure> {
         let differs = |i: &usize| bytemuck::bytes_of(&found[*i]) != bytemuck::bytes_of(&expected[*i]);
         let which = (0..rays.len()).find(differs).map(|i| rays[i]);
         same(&format!("{query:?} of {which:?}"), expected, &found)?;
+    }
+    Ok(())
+}
+
+/// Fewer than one walk finds, more, and all.
+fn all_hits_one_by_one(scene: &Scene, rays: &[Ray]) -> Result<(), Failure> {
+    let tracer = scene.tracer()?;
+    let mut expected = vec![Vec::new(); rays.len()];
+    for (ray, hits) in rays.iter().zip(&mut expected) {
+        let _ = tracer.for_each_hit(ray, |hit| {
+            hits.push(hit);
+            ControlFlow::<()>::Continue(())
+        })?;
+    }
+    let totals: Vec<u32> = expected.iter().map(|hits| hits.len() as u32).collect();
+    for limit in [3, 11, u32::MAX] {
+        let found = scene.all(rays, limit)?;
+        same("how many hits rays have", &totals, &found.totals)?;
+        let first = |hits: &[Hit]| hits[..hits.len().min(limit as usize)].to_vec();
+        let differs = |i: &usize| first(&expected[*i]) != found.of(*i);
+        let which = (0..rays.len()).find(differs).map(|i| rays[i]);
+        let expected: Vec<Hit> = expected.iter().flat_map(|hits| first(hits)).collect();
+        same(&format!("up to {limit} hits of {which:?}"), &expected, &found.hits)?;
     }
     Ok(())
 }
@@ -151,8 +181,10 @@ fn crowds_in_stress_scenes_find_what_each_ray_finds() -> Result<(), Failure> {
             // A ray that crosses thousands of equal triangles takes half a second.
             let some = if part.mesh.triangles().len() > 1000 { 8 } else { usize::MAX };
             for rays in [&part.rays, &crowds] {
-                hits_one_by_one(&mut scene, rays).map_err(named)?;
-                crossings_one_by_one(&scene, &rays[..rays.len().min(some)]).map_err(named)?;
+                by_both_tests(&mut scene, rays, hits_one_by_one).map_err(named)?;
+                let some = &rays[..rays.len().min(some)];
+                by_both_tests(&mut scene, some, all_hits_one_by_one).map_err(named)?;
+                crossings_one_by_one(&scene, some).map_err(named)?;
             }
         }
     }

@@ -202,29 +202,60 @@ impl Survey {
         Ok(found[0])
     }
 
+    /// Marks triangles as a job says. Returns what is found.
+    fn sift_again(&self, device: &Device, job: Job) -> Result<Found, Error> {
+        self.write(device, job)?;
+        device.write(&self.found.view(), 0, &[Found::NOTHING])?;
+        device.begin(&self.sift())?;
+        self.look(device)
+    }
+
+    /// With those triangles that have area without dust alone, if dust is the same then. Which were kept before, in
+    /// rounds of so much dust, is found once more if not.
+    fn others_too(
+        &self,
+        device: &Device,
+        job: Job,
+        dust: f64,
+        dusts: &[u32],
+        before: Found,
+    ) -> Result<Found, Error> {
+        let all = self.sift_again(device, job)?;
+        if all.kept == before.kept || measure(&all).dust() == dust {
+            return Ok(all);
+        }
+        let mut found = self.sift_again(device, self.job())?;
+        for &dust in dusts {
+            found = self.sift_again(device, Job { dust, again: 1, ..job })?;
+        }
+        Ok(found)
+    }
+
     /// Looks at what is found, and makes the mesh ready.
     pub(crate) fn finish(self, device: &Device) -> Result<Surveyed, Error> {
         let mut found = self.look(device)?;
         check(&found, self.vertices)?;
         let (mut job, mut facts) = (self.job(), self.nothing());
         // As for a mesh of the host: without dust triangles may have no area, and without those the mesh be smaller.
+        let mut dusts = Vec::new();
         while found.kept > 0 {
-            let (measure, kept) = (measure(&found), found.kept);
-            job.dust = dust_bits(measure.dust());
-            if measure.has_dust() {
-                job.again = 1;
-                self.write(device, job)?;
-                device.write(&self.found.view(), 0, &[Found::NOTHING])?;
-                device.begin(&self.sift())?;
-                found = self.look(device)?;
-            }
-            if found.kept == kept {
+            let (measured, kept) = (measure(&found), found.kept);
+            job.dust = dust_bits(measured.dust());
+            if measured.has_dust() {
+                dusts.push(job.dust);
+                found = self.sift_again(device, Job { again: 1, ..job })?;
+                if found.kept == kept {
+                    found = self.others_too(device, job, measured.dust(), &dusts, found)?;
+                    facts = self.facts(&found)?;
+                    break;
+                }
+            } else {
                 facts = self.facts(&found)?;
-                job.scale = facts.scale.to_bits() >> 23;
                 break;
             }
             job.dust = dust_bits(0.0);
         }
+        job.scale = facts.scale.to_bits() >> 23;
         self.write(device, job)?;
         device.begin(&[self.settle()])?;
         Ok(self.surveyed(facts))

@@ -15,7 +15,8 @@
 //!   and are counted; of equal hits the lowest number wins.
 //! - **Dust**: coordinates that are smaller in size than 2⁻⁶⁰ of the mesh's largest extent (rounded down to a
 //!   power of two) are 0 for the kernels, and counted. They are there because somebody's arithmetic left
-//!   them, and a GPU may or may not flush them. A triangle without area after that counts as zero-area.
+//!   them, and a GPU may or may not flush them. Whether a triangle has area is asked after that. Only where triangles
+//!   that have none before make the mesh so much larger that more would be dust, they count as zero-area.
 //! - **Errors**: coordinates that are not finite, indices out of range, damaged, truncated or empty files, a
 //!   mesh without faces. Each names file and line or element. A mesh whose triangles all have no area is fine:
 //!   its tree is empty.

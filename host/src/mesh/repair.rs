@@ -155,28 +155,38 @@ impl Measure {
 /// Applies the rule. The inputs are finite and in range.
 pub(super) fn survey(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Result<Survey, MeshError> {
     let corners = |t: u32| triangles[t as usize].map(|v| positions[v as usize]);
-    let mut kept: Vec<u32> =
-        (0..triangles.len() as u32).into_par_iter().filter(|&t| has_area(corners(t))).collect();
+    let with_area = |dust: f64| -> Vec<u32> {
+        let has_area = |&t: &u32| has_area(corners(t).map(|p| p.map(|x| settle(x, dust))));
+        (0..triangles.len() as u32).into_par_iter().filter(has_area).collect()
+    };
+    let measure = |kept: &[u32]| {
+        kept.par_iter()
+            .fold(|| Measure::NOTHING, |m, &t| corners(t).into_iter().fold(m, Measure::with))
+            .reduce(|| Measure::NOTHING, |a, b| a.and(&b))
+    };
+    let mut kept = with_area(0.0);
     // Dropping dust can flatten triangles, and without those the mesh, and with it the measure of dust, may be
     // smaller. `kept` only shrinks, so this ends; nearly always in the first round.
     loop {
         if kept.is_empty() {
             return Ok(Survey { kept, bounds: ([0.0; 3], [0.0; 3]), scale: 1.0, dust: 0.0 });
         }
-        let measure = kept
-            .par_iter()
-            .fold(|| Measure::NOTHING, |m, &t| corners(t).into_iter().fold(m, Measure::with))
-            .reduce(|| Measure::NOTHING, |a, b| a.and(&b));
-        let dust = measure.dust();
-        if measure.has_dust() {
+        let mut measured = measure(&kept);
+        let dust = measured.dust();
+        if measured.has_dust() {
             let before = kept.len();
             kept.retain(|&t| has_area(corners(t).map(|p| p.map(|x| settle(x, dust)))));
             if kept.len() < before {
                 continue;
             }
+            // Others may have area without dust alone: a closed mesh needs them. Not where dust would be another then.
+            let all = with_area(dust);
+            if all.len() > kept.len() && measure(&all).dust() == dust {
+                (measured, kept) = (measure(&all), all);
+            }
         }
-        let bounds = (measure.lo.map(|x| settle(x, dust)), measure.hi.map(|x| settle(x, dust)));
-        return Ok(Survey { kept, bounds, scale: measure.scale()?, dust });
+        let bounds = (measured.lo.map(|x| settle(x, dust)), measured.hi.map(|x| settle(x, dust)));
+        return Ok(Survey { kept, bounds, scale: measured.scale()?, dust });
     }
 }
 

@@ -9,7 +9,6 @@ use crate::{
 use raykd_kernels::trace::frame::Frame;
 use raykd_shared::MISS;
 use rayon::prelude::*;
-use robust::{Coord3D, orient3d};
 
 /// Rays that are looked at together.
 const BATCH: usize = 1 << 20;
@@ -249,12 +248,61 @@ fn may_meet(ray: &Ray, (lo, hi): ([f64; 3], [f64; 3])) -> bool {
     enter <= leave
 }
 
-/// The inverse of a matrix of `f32`, if there is one. Products of two are exact, and so is whether the determinant is
-/// 0.
+/// The inverse of a matrix of `f32`, if there is one. Products of two are exact.
 fn inverse([a, b, c]: [[f64; 3]; 3]) -> Option<[[f64; 3]; 3]> {
-    let point = |[x, y, z]: [f64; 3]| Coord3D { x, y, z };
-    let determinant = orient3d(point(a), point(b), point(c), point([0.0; 3]));
+    let determinant = determinant([a, b, c]);
     let columns = [cross(b, c), cross(c, a), cross(a, b)];
     let inverse = [0, 1, 2].map(|i| columns.map(|column| column[i] / determinant));
     (determinant != 0.0).then_some(inverse)
+}
+
+/// The determinant of a matrix of `f32`, right but for the last digit, however much its terms cancel out.
+fn determinant([a, b, c]: [[f64; 3]; 3]) -> f64 {
+    let mut terms = Vec::with_capacity(12);
+    for (i, j, k) in [(0, 1, 2), (1, 2, 0), (2, 0, 1)] {
+        for (p, q) in [(b[j], c[k]), (-b[k], c[j])] {
+            let product = a[i] * (p * q);
+            terms.extend([product, a[i].mul_add(p * q, -product)]);
+        }
+    }
+    exact_sum(terms)
+}
+
+/// The sum of some numbers, right but for the last digit: as numbers that do not overlap (Shewchuk 1997, section 2.4).
+fn exact_sum(terms: Vec<f64>) -> f64 {
+    let mut parts: Vec<f64> = Vec::with_capacity(terms.len());
+    for mut sum in terms {
+        for part in &mut parts {
+            let all = sum + *part;
+            let shared = all - sum;
+            *part = (sum - (all - shared)) + (*part - shared);
+            sum = all;
+        }
+        parts.retain(|&part| part != 0.0);
+        parts.push(sum);
+    }
+    parts.iter().sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rays::Random;
+
+    #[test]
+    fn determinants_of_all_but_singular_matrices_have_all_digits() {
+        let mut random = Random::new(3);
+        for _ in 0..1000 {
+            let mut row = || [0; 3].map(|_| random.below(1 << 12) as i128 - (1 << 11));
+            let (a, b, nudge) = (row(), row(), row());
+            let c = [0, 1, 2].map(|i| 701 * a[i] - 345 * b[i] + nudge[i] / 2047);
+            let exact: i128 = [(0, 1, 2), (1, 2, 0), (2, 0, 1)]
+                .iter()
+                .map(|&(i, j, k)| a[i] * (b[j] * c[k] - b[k] * c[j]))
+                .sum();
+            let power = 2f64.powi(random.below(60) as i32 - 30);
+            let found = determinant([a, b, c].map(|row| row.map(|x| x as f64 * power)));
+            assert_eq!(found, exact as f64 * power.powi(3), "{a:?} {b:?} {c:?}");
+        }
+    }
 }

@@ -8,7 +8,7 @@
 use super::{
     frame::Frame,
     intersect::{Intersector, exact::Exact, strict::Strict},
-    job::{JOB_LIMIT, JOB_RAYS, OUTCOME_STATUS, load, loops_are_whole, ray_of, record},
+    job::{JOB_LIMIT, JOB_RAYS, Left, OUTCOME_STATUS, load, loops_are_whole, ray_of, record},
     traverse::{
         Steps,
         next::{self, AT_ONCE, After, Next, next_hits},
@@ -16,6 +16,7 @@ use super::{
     },
 };
 use crate::{
+    Group,
     glam::{UVec4, Vec4},
     mem::{Atomics, Buf, Slots, scratch},
 };
@@ -26,20 +27,19 @@ pub const KEPT: u32 = AT_ONCE;
 /// In the job, beside how many hits a ray are kept: rays have been counted, and those with more find all again.
 pub const AGAIN: u32 = 0x8000_0000;
 
-/// Finds the hits of a ray until there are no more, or `enough`. Writes so many as there is `room` for from `first` on,
-/// and returns how many it found.
+/// Finds the hits of a ray `after` one, up to which it has had `total`, until there are no more, or `enough`. Writes as
+/// many as there is `room` for from `first` on, and returns how many it has had then.
 #[inline(always)]
-fn find<I: Intersector>(
+pub(super) fn find<I: Intersector>(
     ray: &mut Frame,
     tree: (&Buf<UVec4>, &Buf<Vec4>),
     hits: &mut Buf<UVec4>,
     (first, room): (u32, u32),
     enough: u32,
+    (mut after, mut total): (After, u32),
     steps: &mut Steps,
 ) -> u32 {
     let (mut aside, mut own) = (scratch::<u32, ASIDE>(), scratch::<u32, { next::WORDS }>());
-    let mut after = After::NOTHING;
-    let mut total = 0;
     let mut running = true;
     while running {
         let count = next_hits::<I>(ray, tree, &mut after, &mut aside, &mut own, steps);
@@ -56,10 +56,11 @@ fn find<I: Intersector>(
     total
 }
 
-/// Counts the hits of a lane's ray, and keeps as many of the first as the job says. Where there are fewer, what lies
+/// Counts the hits of ray `i`, and keeps as many of the first as the job says. Where there are fewer, what lies
 /// behind them stays as it is. Or puts those of a ray that has more where they begin.
-pub fn count<I: Intersector>(
-    lane: u32,
+#[inline(always)]
+fn count<I: Intersector>(
+    i: u32,
     job: &Buf<u32>,
     header: &Buf<TreeHeader>,
     pairs: &Buf<UVec4>,
@@ -70,26 +71,24 @@ pub fn count<I: Intersector>(
     totals: &mut Buf<u32>,
     begins: &Buf<u32>,
 ) {
-    let i = ray_of(lane, job);
-    if i < job.at(JOB_RAYS) {
-        let kept = job.at(JOB_LIMIT) & !AGAIN;
-        let again = job.at(JOB_LIMIT) & AGAIN != 0;
-        let (mut first, mut room, mut enough) = (i * kept, kept, u32::MAX);
-        if again {
-            first = begins.at(i);
-            room = begins.at(i + 1) - first;
-            enough = room;
+    let kept = job.at(JOB_LIMIT) & !AGAIN;
+    let again = job.at(JOB_LIMIT) & AGAIN != 0;
+    let (mut first, mut room, mut enough) = (i * kept, kept, u32::MAX);
+    if again {
+        first = begins.at(i);
+        room = begins.at(i + 1) - first;
+        enough = room;
+    }
+    if !again || room > kept {
+        let mut ray = load(i, rays, &header.at(0), outcome);
+        let mut steps = Steps::default();
+        let (place, none) = ((first, room), (After::NOTHING, 0));
+        let total = find::<I>(&mut ray, (pairs, corners), hits, place, enough, none, &mut steps);
+        if !again {
+            totals.put(i, total);
         }
-        if !again || room > kept {
-            let mut ray = load(i, rays, &header.at(0), outcome);
-            let mut steps = Steps::default();
-            let total = find::<I>(&mut ray, (pairs, corners), hits, (first, room), enough, &mut steps);
-            if !again {
-                totals.put(i, total);
-            }
-            if steps.status != 0 || !loops_are_whole(job) {
-                outcome.or(OUTCOME_STATUS, status::CUT_SHORT);
-            }
+        if steps.status != 0 || !loops_are_whole(job) {
+            outcome.or(OUTCOME_STATUS, status::CUT_SHORT);
         }
     }
 }
@@ -117,10 +116,41 @@ macro_rules! count_hits {
         pub mod $file {
             use super::*;
 
+            /// Counts the hits of the rays of a workgroup, or puts them where they begin.
+            #[inline(always)]
+            pub fn answer(
+                group: Group,
+                job: &Buf<u32>,
+                header: &Buf<TreeHeader>,
+                pairs: &Buf<UVec4>,
+                corners: &Buf<Vec4>,
+                rays: &Buf<Vec4>,
+                hits: &mut Buf<UVec4>,
+                outcome: &mut Buf<u32>,
+                totals: &mut Buf<u32>,
+                begins: &Buf<u32>,
+            ) {
+                let left = by_eight!(
+                    group.usual,
+                    crate::trace::side_by_side::all::<$test>(
+                        &group, job, header, pairs, corners, rays, hits, outcome, totals,
+                    ),
+                    else Left::ALL
+                );
+                lanes!(group, |lane| {
+                    let i = ray_of(group.id * group.width + lane, job);
+                    if i < job.at(JOB_RAYS) && left.has(lane) {
+                        count::<$test>(
+                            i, job, header, pairs, corners, rays, hits, outcome, totals, begins,
+                        );
+                    }
+                });
+            }
+
             of_query! {
                 kernel {
-                    /// [`count`] over all rays.
-                    map $name = count::<$test>, threads 64, query:
+                    /// The hits of all rays.
+                    group $name = answer, threads 64, shared [], query:
                 } { , { 7 totals: write u32, 8 begins: read u32 } }
             }
         }

@@ -38,6 +38,13 @@ use crate::{
 /// The `t` of crossings next to the origin: smaller in size than any other that is not 0.
 pub const AT_ORIGIN: f32 = exp2(-126);
 
+/// Whether a crossing next to the origin, ahead of it or behind, is not on the other side of the ray's range: that
+/// may begin, or end, at [`AT_ORIGIN`] or the negative of it.
+#[inline(always)]
+fn counts_at_origin(ray: &Frame, ahead: bool) -> bool {
+    if ahead { ray.t_min <= 0.0 } else { ray.t_max >= 0.0 }
+}
+
 /// The test. Of a hit `det` is 1 if the ray leaves by the triangle, that is along its normal, and -1 if it enters; `u`
 /// and `v` are not found, and if not `ORDERED`, `t` neither: hits are then in the ray's range, in no order.
 #[derive(Clone, Copy, Debug)]
@@ -141,16 +148,15 @@ fn by_pairs<const ORDERED: bool>(
         // The perturbed volume has the other sign.
         let normal = in_plane(ray.origin, (a, b, c));
         certain = normal != 0;
-        near = if !certain {
-            near
-        } else if (normal > 0) == (u > 0) {
-            -AT_ORIGIN
+        if certain {
+            let ahead = (normal > 0) != (u > 0);
+            if !counts_at_origin(ray, ahead) {
+                return nothing;
+            }
+            near = if ahead { AT_ORIGIN } else { -AT_ORIGIN };
+            later = near;
         } else {
-            AT_ORIGIN
-        };
-        later = if certain { near } else { later };
-        // Of which side of 0 it is nothing is known.
-        if !certain {
+            // Of which side of 0 it is nothing is known.
             (near, later) = (low(near, -AT_ORIGIN), high(later, AT_ORIGIN));
         }
     }
@@ -185,8 +191,10 @@ impl<const ORDERED: bool> Intersector for Perturbed<ORDERED> {
         if !found.certain {
             let passed = integers::pass(ray.origin, ray.heading, a, b, c);
             let near = if passed.ahead { AT_ORIGIN } else { -AT_ORIGIN };
-            let t = if passed.t == 0.0 { near } else { passed.t };
-            found = Verdict { certain: true, crossed: passed.crossed, leaving: passed.leaving, t };
+            let at_origin = passed.t == 0.0;
+            let crossed = passed.crossed & (!at_origin | counts_at_origin(ray, passed.ahead));
+            let t = if at_origin { near } else { passed.t };
+            found = Verdict { certain: true, crossed, leaving: passed.leaving, t };
             whole = passed.whole;
         }
         if found.crossed {

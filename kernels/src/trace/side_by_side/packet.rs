@@ -12,7 +12,7 @@ use crate::{
     eight::{Eight, SIDE_BY_SIDE},
     glam::{UVec4, Vec3, Vec4},
     kernel::Bits,
-    math::{Digits, Sides, abs, div, exp2, high},
+    math::{Digits, Sides, abs, div, exp2, exponent, high},
     mem::{Buf, Slots, Stack},
     trace::{
         frame::{DUST, FARTHEST, FARTHEST_SCENE, Frame, NO_SHEAR, PAD, flush, reciprocal, slab},
@@ -211,7 +211,7 @@ pub(super) trait Leaves<N: Sides> {
 }
 
 /// Rays made ready, as [`Frame`] is.
-pub(super) struct Packet<N: Sides> {
+pub(in crate::trace) struct Packet<N: Sides> {
     /// By axis; there is no fourth one, but its number is that of a leaf.
     origins: [N; 4],
     inverses: [N; 4],
@@ -441,9 +441,45 @@ impl<N: Sides> Packet<N> {
         Some((may, glance(&s, edges, &starts, self.along, self.pad, vertices(corners))))
     }
 
+    /// No hit before these `t` counts any more.
+    #[inline(always)]
+    pub(super) fn begin_at(&mut self, t: N) {
+        self.enter = self.enter.high(t);
+    }
+
+    /// A ray alone, for tests of those that are whole and for records.
+    #[inline(always)]
+    pub(super) fn frame(&self, ray: usize) -> Frame {
+        let one = |numbers: N| numbers.numbers()[ray];
+        let three = |numbers: &[N; 4]| Vec3::new(one(numbers[0]), one(numbers[1]), one(numbers[2]));
+        Frame {
+            origin: three(&self.origins),
+            inverse: three(&self.inverses),
+            main: one(self.main) as u32,
+            shear_x: one(self.shear_x),
+            shear_y: one(self.shear_y),
+            t_min: one(self.t_min),
+            stretch: -exponent(one(self.unstretch)),
+            ..Frame::NOTHING
+        }
+    }
+
+    /// [`strict::test`] of a triangle, if its coordinates are plain, in any range.
+    #[inline(always)]
+    pub(super) fn meet(&self, s: &Sheared<N>) -> Met<N> {
+        let zero = N::all(0.0);
+        let (u, v, w) = s.edges();
+        let negative = u.below(zero) | v.below(zero) | w.below(zero);
+        let positive = u.exceeds(zero) | v.exceeds(zero) | w.exceeds(zero);
+        let hit = (negative | positive) & !(negative & positive);
+        let (u, v, w, det) = weights(u, v, w);
+        let t = s.depth(self.along, u, v, w).over(det);
+        Met { hit, t, u: v, v: w, det }
+    }
+
     /// A triangle seen along the rays.
     #[inline(always)]
-    fn sheared(&self, (a, b, c): Corners) -> Sheared<N> {
+    pub(super) fn sheared(&self, (a, b, c): Corners) -> Sheared<N> {
         let seen = |v: Vec4, k: usize| N::turned(v, self.turns[k]) - self.seats[k];
         let (az, bz, cz) = (seen(a, 2), seen(b, 2), seen(c, 2));
         Sheared {
@@ -458,6 +494,15 @@ impl<N: Sides> Packet<N> {
             cz,
         }
     }
+}
+
+/// Where rays hit a triangle, if they do, and by which weights.
+pub(super) struct Met<N: Sides> {
+    pub hit: N::Mask,
+    pub t: N,
+    pub u: N,
+    pub v: N,
+    pub det: N,
 }
 
 /// Keeps the best hits, or the first.
@@ -505,20 +550,14 @@ impl<N: Sides> Bests<N> {
     /// [`strict::test`] of one triangle for some rays, whose coordinates are plain.
     #[inline(always)]
     fn test(&mut self, packet: &Packet<N>, s: &Sheared<N>, triangle: f32, rays: u32) {
-        let (zero, triangle) = (N::all(0.0), N::all(triangle));
-        let (u, v, w) = s.edges();
-        let negative = u.below(zero) | v.below(zero) | w.below(zero);
-        let positive = u.exceeds(zero) | v.exceeds(zero) | w.exceeds(zero);
-        let hit = (negative | positive) & !(negative & positive);
-        let (u, v, w, det) = weights(u, v, w);
-        let t = s.depth(packet.along, u, v, w).over(det);
+        let (Met { hit, t, u, v, det }, triangle) = (packet.meet(s), N::all(triangle));
         let best = self;
         let better = t.below(best.t) | (t.is(best.t) & triangle.below(best.triangle));
         let take = hit & better & !t.below(packet.t_min) & N::mask(rays);
         best.t = N::choose(take, t, best.t);
         best.triangle = N::choose(take, triangle, best.triangle);
-        best.u = N::choose(take, v, best.u);
-        best.v = N::choose(take, w, best.v);
+        best.u = N::choose(take, u, best.u);
+        best.v = N::choose(take, v, best.v);
         best.det = N::choose(take, det, best.det);
     }
 
@@ -526,7 +565,6 @@ impl<N: Sides> Bests<N> {
     #[inline(always)]
     fn test_one(&mut self, packet: &Packet<N>, ray: usize, corners: Corners) {
         let one = |numbers: N| numbers.numbers()[ray];
-        let three = |numbers: &[N; 4]| Vec3::new(one(numbers[0]), one(numbers[1]), one(numbers[2]));
         let numbers = self;
         let triangle = one(numbers.triangle);
         let mut best = Best {
@@ -536,16 +574,7 @@ impl<N: Sides> Bests<N> {
             v: one(numbers.v),
             det: one(numbers.det),
         };
-        let frame = Frame {
-            origin: three(&packet.origins),
-            inverse: three(&packet.inverses),
-            main: one(packet.main) as u32,
-            shear_x: one(packet.shear_x),
-            shear_y: one(packet.shear_y),
-            t_min: one(packet.t_min),
-            ..Frame::NOTHING
-        };
-        offer(&frame, corners, &mut best);
+        offer(&packet.frame(ray), corners, &mut best);
         if best.triangle != MISS {
             let here = N::mask(1 << ray);
             numbers.t = N::choose(here, N::all(best.t), numbers.t);
@@ -597,7 +626,7 @@ fn quotients<N: Sides>(a: N, sum: N) -> [f32; 8] {
 /// [`strict::test`], for the few cases that need it.
 #[cold]
 #[inline(never)]
-fn offer(ray: &Frame, corners: Corners, best: &mut Best) {
+pub(super) fn offer(ray: &Frame, corners: Corners, best: &mut Best) {
     strict::test(ray, corners.0.w.to_bits() & !NORMAL, &strict::shear(ray, vertices(corners)), best);
 }
 

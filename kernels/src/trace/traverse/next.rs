@@ -28,10 +28,16 @@ impl After {
     /// Before every hit.
     pub const NOTHING: Self = Self { t: f32::NEG_INFINITY, triangle: 0 };
 
+    /// A hit's place.
+    #[inline(always)]
+    pub fn of(hit: &Best) -> Self {
+        Self { t: hit.t, triangle: hit.triangle }
+    }
+
     /// Goes on behind a hit: nothing before it counts from now on, or is looked for.
     #[inline(always)]
     pub fn pass(&mut self, ray: &mut Frame, hit: &Best) {
-        *self = Self { t: hit.t, triangle: hit.triangle };
+        *self = Self::of(hit);
         ray.enter = high(ray.enter, hit.t);
     }
 
@@ -61,13 +67,13 @@ pub struct Next(pub After);
 impl Next {
     /// Forgets all hits.
     #[inline(always)]
-    fn clear(own: &mut impl Slots<u32>) {
+    pub(in crate::trace) fn clear(own: &mut impl Slots<u32>) {
         own.put(COUNT, 0);
     }
 
     /// How many hits there are.
     #[inline(always)]
-    fn count(own: &impl Slots<u32>) -> u32 {
+    pub(in crate::trace) fn count(own: &impl Slots<u32>) -> u32 {
         own.at(COUNT)
     }
 
@@ -113,6 +119,23 @@ impl Next {
             own.put(first + 4, hit.det.to_bits());
             own.put(COUNT, if full { count } else { count + 1 });
         }
+    }
+}
+
+#[cfg(not(target_arch = "spirv"))]
+impl Next {
+    /// Whether a triangle's hit is kept.
+    pub(in crate::trace) fn has(own: &[u32; WORDS], triangle: u32) -> bool {
+        (0..Self::count(own)).any(|i| own[(HITS + EACH * i + 1) as usize] == triangle)
+    }
+
+    /// Keeps a hit if it is one of the next, of which the last may be at `last`. Returns where the last may be then.
+    pub(in crate::trace) fn keep(own: &mut [u32; WORDS], hit: &Best, last: f32) -> f32 {
+        let full = Self::count(own) == AT_ONCE;
+        if !full || After::of(hit).precedes(&Self::hit(own, AT_ONCE - 1)) {
+            Self::insert(own, hit);
+        }
+        if Self::count(own) == AT_ONCE { Self::hit(own, AT_ONCE - 1).t } else { last }
     }
 }
 
