@@ -1,5 +1,6 @@
 //! What a command reads and writes, looked at before it does any work.
 
+use crate::args::ReadArgs;
 use anyhow::bail;
 use raykd::{
     internals::{files_beside, output, quoted},
@@ -23,10 +24,10 @@ type Use = (PathBuf, String);
 
 impl Files {
     /// Reads scenes that have files.
-    pub(super) fn of_scenes(names: &[impl AsRef<OsStr>]) -> Self {
+    pub(super) fn of_scenes(names: &[impl AsRef<OsStr>], how: ReadArgs) -> Self {
         let mut read = Vec::new();
         for path in names.iter().filter_map(|name| file_of(name.as_ref())) {
-            let beside = files_beside(&path).into_iter();
+            let beside = files_beside(&path, how.max_bytes).into_iter();
             read.extend(beside.map(|buffer| (buffer, "read as a buffer of the mesh".to_owned())));
             read.push((path, "read as the mesh".to_owned()));
         }

@@ -153,7 +153,7 @@ impl Task for BenchArgs {
     }
 
     fn files(&self) -> Files {
-        Files::of_scenes(&self.scenes)
+        Files::of_scenes(&self.scenes, self.read)
             .read("--costs", &self.how.amount.costs)
             .read("--compare-with", &self.compare_with)
     }

@@ -124,7 +124,7 @@ impl Task for BuildArgs {
     }
 
     fn files(&self) -> Files {
-        Files::of_scenes(self.mesh.as_slice())
+        Files::of_scenes(self.mesh.as_slice(), self.read)
             .read("--costs", &self.how.amount.costs)
             .write("-o", self.output.clone())
     }

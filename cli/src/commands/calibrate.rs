@@ -52,7 +52,7 @@ impl Task for CalibrateArgs {
     }
 
     fn files(&self) -> Files {
-        Files::of_scenes(&self.check).write("-o", self.output.clone())
+        Files::of_scenes(&self.check, Default::default()).write("-o", self.output.clone())
     }
 
     fn check(&self) -> Result<(), String> {

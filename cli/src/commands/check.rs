@@ -120,7 +120,7 @@ struct Told {
 
 impl Task for CheckArgs {
     fn files(&self) -> Files {
-        Files::of_scenes(std::slice::from_ref(&self.mesh))
+        Files::of_scenes(std::slice::from_ref(&self.mesh), self.read)
     }
 
     fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {

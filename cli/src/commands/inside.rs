@@ -94,7 +94,7 @@ impl Task for InsideArgs {
     }
 
     fn files(&self) -> Files {
-        Files::of_scenes(std::slice::from_ref(&self.mesh))
+        Files::of_scenes(std::slice::from_ref(&self.mesh), self.read)
             .read("--points", [&self.points])
             .write("-o", self.output.clone())
     }

@@ -69,7 +69,7 @@ impl Task for RaysArgs {
     }
 
     fn files(&self) -> Files {
-        Files::of_scenes(std::slice::from_ref(&self.mesh)).write("-o", [self.output.clone()])
+        Files::of_scenes(std::slice::from_ref(&self.mesh), self.read).write("-o", [self.output.clone()])
     }
 
     fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {

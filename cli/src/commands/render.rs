@@ -84,7 +84,7 @@ impl Task for RenderArgs {
     }
 
     fn files(&self) -> Files {
-        Files::of_scenes(std::slice::from_ref(&self.mesh))
+        Files::of_scenes(std::slice::from_ref(&self.mesh), self.read)
             .read("--costs", &self.how.amount.costs)
             .write("-o", [self.output.clone()])
     }

@@ -151,7 +151,7 @@ impl Task for StressArgs {
     }
 
     fn files(&self) -> Files {
-        Files::of_scenes(&self.scenes).read("--replay", &self.replay)
+        Files::of_scenes(&self.scenes, self.read).read("--replay", &self.replay)
     }
 
     fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {

@@ -159,7 +159,7 @@ impl Task for TraceArgs {
     }
 
     fn files(&self) -> Files {
-        Files::of_scenes(std::slice::from_ref(&self.mesh))
+        Files::of_scenes(std::slice::from_ref(&self.mesh), self.read)
             .read("--rays", &self.rays)
             .read("--tree", &self.tree)
             .read("--costs", &self.how.amount.costs)

@@ -2,10 +2,11 @@
 //! was there, and nothing left behind.
 
 use crate::{names, told, within as raykd};
+use flate2::{Compression, write::GzEncoder};
 use raykd::KdTree;
 use std::{
     fs::{self, Permissions},
-    io::{BufRead as _, BufReader, Read as _},
+    io::{BufRead as _, BufReader, Read as _, Write as _},
     os::unix::{
         fs::{FileTypeExt as _, MetadataExt as _, PermissionsExt as _, chown, symlink},
         process::{CommandExt as _, ExitStatusExt as _},
@@ -115,6 +116,65 @@ fn an_output_that_is_an_input_is_refused() {
             fs::remove_file(at(&link)).unwrap();
         }
     }
+}
+
+/// A glTF file is known by what is in it, whatever it is called and however it is packed.
+#[test]
+fn an_output_that_is_a_buffer_is_refused() {
+    let folder = folder();
+    let at = |name: &str| folder.path().join(name);
+    let text = fs::read(at("m.gltf")).unwrap();
+    let mut packed = GzEncoder::new(Vec::new(), Compression::default());
+    packed.write_all(&text).unwrap();
+    let packed = packed.finish().unwrap();
+    let marked = [b"\xef\xbb\xbf", &text[..]].concat();
+    let before = fs::read(at("m.bin")).unwrap();
+    let files = [
+        ("m.gltf.gz", &packed),
+        ("packed.gltf", &packed),
+        ("unnamed", &text),
+        ("m.json", &text),
+        ("mark", &marked),
+    ];
+    for (name, bytes) in files {
+        fs::write(at(name), bytes).unwrap();
+        for least in [String::new(), format!(" --max-bytes {}", text.len() + 39)] {
+            succeeds(raykd(&folder, &format!("rays {name} random -o new --device cpu{least}")));
+            let message =
+                refused(raykd(&folder, &format!("rays {name} random -o m.bin --device cpu{least}")));
+            assert!(
+                message.contains("m.bin would be both read as a buffer of the mesh and written"),
+                "{message}"
+            );
+            assert_eq!(fs::read(at("m.bin")).unwrap(), before, "{name}");
+        }
+    }
+}
+
+/// A pipe is read once, so that nobody knows before which files it names.
+#[test]
+fn meshes_come_out_of_pipes() {
+    let folder = folder();
+    let shell = |script: &str| {
+        let mut command = Command::new("timeout");
+        command.args(["60", "bash", "-c", &script.replace("raykd", env!("CARGO_BIN_EXE_raykd"))]);
+        command.current_dir(&folder);
+        command
+    };
+    let bytes = fs::read(folder.path().join("m.bin")).unwrap();
+    let data = bytes.iter().map(|byte| format!("%{byte:02x}")).collect::<String>();
+    let text = fs::read_to_string(folder.path().join("m.gltf")).unwrap();
+    fs::write(folder.path().join("whole.gltf"), text.replace("m.bin", &format!("data:,{data}"))).unwrap();
+    for (pipe, file) in [("p.gltf", "whole.gltf"), ("p.glb", "whole.gltf"), ("p", "m.obj")] {
+        let line = format!("rays {pipe} random -o new --device cpu");
+        succeeds(shell(&format!("mkfifo {pipe}; cat {file} > {pipe} & exec raykd {line}")));
+    }
+    let message =
+        refused(shell("mkfifo q.gltf; cat m.gltf > q.gltf & exec raykd rays q.gltf random -o m.bin"));
+    assert!(
+        message.contains("it is the file 'm.bin', which bytes in memory or from a pipe cannot name"),
+        "{message}"
+    );
 }
 
 #[test]

@@ -3,18 +3,34 @@
 use super::error::{MeshError, Place, truncated};
 use super::formats;
 use super::polygon;
-use super::raw::{Raw, Source};
+use super::raw::{Format, Raw, Source};
 use crate::read;
 use flate2::read::MultiGzDecoder;
 use std::path::Path;
 
 /// Reads a file, of so many bytes at most, or as many as is usual. Errors do not name it yet.
 pub(super) fn load(path: &Path, most: Option<u64>) -> Result<Raw, MeshError> {
+    // What comes out of a pipe is beside nothing. Nobody could look first whether a file beside it is also written to.
+    let folder = path.is_file().then(|| path.parent().unwrap_or(path));
+    parse(path, bytes_of(path, most)?, folder, most)
+}
+
+fn bytes_of(path: &Path, most: Option<u64>) -> Result<Vec<u8>, MeshError> {
     let limit = most.unwrap_or_else(read::default_max_bytes);
-    let bytes = read::file(path, limit)
+    read::file(path, limit)
         .map_err(|source| MeshError::Read { path: path.to_owned(), source })?
-        .ok_or_else(|| MeshError::TooLong { at: Place::default(), limit })?;
-    parse(path, bytes, Some(path.parent().unwrap_or(path)), most)
+        .ok_or_else(|| MeshError::TooLong { at: Place::default(), limit })
+}
+
+/// The unpacked bytes of a file of this format; none if it has another, is no regular file, or cannot be read.
+#[cfg(feature = "gltf")]
+pub(super) fn bytes_of_format(path: &Path, most: Option<u64>, name: &str) -> Option<Vec<u8>> {
+    // A file that is named as one of another format need not be read; a pipe can be read once only.
+    if !path.is_file() || formats::named(&ending(path).0).is_some_and(|format| format.name != name) {
+        return None;
+    }
+    let (bytes, format) = unpacked(path, bytes_of(path, most).ok()?, most).ok()?;
+    (format.name == name).then_some(bytes)
 }
 
 /// Understands a file's bytes. The path serves to tell the format. Buffers that are files of their own are read from
@@ -25,19 +41,30 @@ pub(super) fn parse(
     folder: Option<&Path>,
     most: Option<u64>,
 ) -> Result<Raw, MeshError> {
-    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
-    let inner_name = name.strip_suffix(".gz");
-    let bytes =
-        if inner_name.is_some() || bytes.starts_with(&[0x1f, 0x8b]) { unpack(&bytes, most)? } else { bytes };
-    if bytes.is_empty() {
-        return Err(truncated(Place::default(), "there is nothing in it"));
-    }
-    let extension = inner_name.unwrap_or(&name).rsplit_once('.').map_or("", |(_, extension)| extension);
-    let format = formats::of(extension, &bytes).ok_or_else(unknown)?;
+    let (bytes, format) = unpacked(path, bytes, most)?;
     let mut raw = (format.read)(Source { bytes: &bytes, folder, most })?;
     drop(bytes);
     polygon::cut(&mut raw)?;
     Ok(raw)
+}
+
+/// How a file's name ends, in small letters and but for `.gz`, and whether it has that.
+fn ending(path: &Path) -> (String, bool) {
+    let name = path.file_name().unwrap_or_default().to_string_lossy().to_ascii_lowercase();
+    let inner = name.strip_suffix(".gz");
+    let extension = inner.unwrap_or(&name).rsplit_once('.').map_or("", |(_, extension)| extension);
+    (extension.to_owned(), inner.is_some())
+}
+
+/// A file's bytes without gzip, and their format.
+fn unpacked(path: &Path, bytes: Vec<u8>, most: Option<u64>) -> Result<(Vec<u8>, Format), MeshError> {
+    let (extension, packed) = ending(path);
+    let bytes = if packed || bytes.starts_with(&[0x1f, 0x8b]) { unpack(&bytes, most)? } else { bytes };
+    if bytes.is_empty() {
+        return Err(truncated(Place::default(), "there is nothing in it"));
+    }
+    let format = formats::of(&extension, &bytes).ok_or_else(unknown)?;
+    Ok((bytes, format))
 }
 
 /// Names the formats that there are.

@@ -80,7 +80,9 @@ impl Task for ChartArgs {
     }
 
     fn files(&self) -> Files {
-        Files::of_scenes(&self.scenes).read("--peers", &self.peers).write("-o", replaced(&self.output))
+        Files::of_scenes(&self.scenes, Default::default())
+            .read("--peers", &self.peers)
+            .write("-o", replaced(&self.output))
     }
 
     fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {

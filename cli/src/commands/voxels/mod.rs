@@ -117,7 +117,7 @@ impl Task for VoxelsArgs {
     }
 
     fn files(&self) -> Files {
-        Files::of_scenes(std::slice::from_ref(&self.mesh)).write("-o", [self.output.clone()])
+        Files::of_scenes(std::slice::from_ref(&self.mesh), self.read).write("-o", [self.output.clone()])
     }
 
     fn check(&self) -> Result<(), String> {

@@ -9,6 +9,7 @@
 //! round, as glTF says.
 
 use crate::mesh::error::{MeshError, Place, check_triangles, malformed, too_many, truncated};
+use crate::mesh::load;
 use crate::mesh::raw::{Raw, Source, fits, unmarked};
 use crate::read;
 use base64::{Engine as _, engine};
@@ -144,11 +145,7 @@ const HARMLESS: [&str; 8] = [
 /// no more than `limit` bytes.
 pub(super) fn parse(Source { bytes, folder, most }: Source<'_>) -> Result<Raw, MeshError> {
     let limit = most.unwrap_or_else(read::default_max_bytes);
-    let (json, blob) = if bytes.starts_with(b"glTF") { chunks(bytes)? } else { (bytes, None) };
-    let document: Document = serde_json::from_slice(json).map_err(|e| {
-        let (at, what) = (Place::line(e.line() as u64), e.to_string());
-        if e.is_eof() { truncated(at, what) } else { malformed(at, what) }
-    })?;
+    let (document, blob) = document(bytes)?;
     if !document.asset.version.starts_with("2.") {
         let version = &document.asset.version;
         return Err(malformed(Place::header(), format!("glTF of version '{version:.20}', but 2.0 is read")));
@@ -171,6 +168,17 @@ pub(super) fn parse(Source { bytes, folder, most }: Source<'_>) -> Result<Raw, M
         return Err(MeshError::NoFaces { at: Place::default() });
     }
     Ok(raw)
+}
+
+/// The structure of a file, and its binary part.
+fn document(bytes: &[u8]) -> Result<(Document, Option<&[u8]>), MeshError> {
+    let bytes = unmarked(bytes);
+    let (json, blob) = if bytes.starts_with(b"glTF") { chunks(bytes)? } else { (bytes, None) };
+    let document = serde_json::from_slice(json).map_err(|e| {
+        let (at, what) = (Place::line(e.line() as u64), e.to_string());
+        if e.is_eof() { truncated(at, what) } else { malformed(at, what) }
+    })?;
+    Ok((document, blob))
 }
 
 fn extension(at: Place, name: &str) -> MeshError {
@@ -544,7 +552,7 @@ impl File<'_> {
         let Some(folder) = self.folder else {
             return Err(malformed(
                 at(),
-                format!("it is the file '{short}', which bytes in memory cannot name"),
+                format!("it is the file '{short}', which bytes in memory or from a pipe cannot name"),
             ));
         };
         let path = folder.join(&*name);
@@ -569,18 +577,12 @@ fn name_beside(uri: &str) -> Option<Cow<'_, str>> {
     (!uri.contains(':') && !name.starts_with(['/', '\\'])).then_some(name)
 }
 
-/// The files that a glTF file at a path reads its buffers from; none if it is no such file.
+/// The files that a glTF file at a path reads its buffers from; none if it is no such file, or cannot be read. Of the
+/// file so many bytes are read at most, or as many as is usual.
 #[doc(hidden)]
-pub fn files_beside(path: &Path) -> Vec<PathBuf> {
-    let named = path
-        .extension()
-        .is_some_and(|end| end.eq_ignore_ascii_case("gltf") || end.eq_ignore_ascii_case("glb"));
-    let bytes = if named { read::file(path, read::default_max_bytes()) } else { return Vec::new() };
-    let Ok(Some(bytes)) = bytes else { return Vec::new() };
-    let json =
-        if bytes.starts_with(b"glTF") { chunks(&bytes).map(|(json, _)| json) } else { Ok(unmarked(&bytes)) };
-    let document = json.ok().and_then(|json| serde_json::from_slice::<Document>(json).ok());
-    let buffers = document.map(|document| document.buffers).unwrap_or_default();
+pub fn files_beside(path: &Path, most: Option<u64>) -> Vec<PathBuf> {
+    let bytes = load::bytes_of_format(path, most, "glTF").unwrap_or_default();
+    let buffers = document(&bytes).map(|(document, _)| document.buffers).unwrap_or_default();
     let names = buffers.iter().filter_map(|buffer| name_beside(buffer.uri.as_deref()?));
     names.map(|name| path.with_file_name(&*name)).collect()
 }

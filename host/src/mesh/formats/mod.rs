@@ -41,10 +41,14 @@ fn gltf(file: Source<'_>) -> Result<Raw, MeshError> {
     }
 }
 
+/// The format of a file that ends like this.
+pub(super) fn named(extension: &str) -> Option<Format> {
+    FORMATS.into_iter().find(|format| format.extensions.contains(&extension))
+}
+
 /// The format of a file that ends like this, or else of one that begins like this.
 pub(super) fn of(extension: &str, bytes: &[u8]) -> Option<Format> {
-    let named = FORMATS.into_iter().find(|format| format.extensions.contains(&extension));
-    named.or_else(|| FORMATS.into_iter().find(|format| (format.begins)(bytes)))
+    named(extension).or_else(|| FORMATS.into_iter().find(|format| (format.begins)(bytes)))
 }
 
 /// The names of all formats, in order, and the extensions of each.
