@@ -18,9 +18,15 @@ pub(super) enum Rows<const WIDTH: usize> {
     Wide(Vec<[f64; WIDTH]>),
 }
 
+const NO_ARRAY: &str = "this is no NPY array; write it by numpy.save";
+
 /// The rows of an array of `what`.
 pub(super) fn rows<const WIDTH: usize>(bytes: &[u8], what: &str) -> anyhow::Result<Rows<WIDTH>> {
-    let file = NpyFile::new(bytes).context("this is no NPY array; write it by numpy.save")?;
+    ensure!(
+        is_plain(header(bytes).context(NO_ARRAY)?),
+        "its header is not that of an array of plain numbers; write {what} alone by numpy.save"
+    );
+    let file = NpyFile::new(bytes).context(NO_ARRAY)?;
     let (shape, by_column) = (file.shape(), file.order() == Order::Fortran);
     ensure!(
         shape.len() == 2 && shape[1] == WIDTH as u64,
@@ -42,6 +48,25 @@ pub(super) fn rows<const WIDTH: usize>(bytes: &[u8], what: &str) -> anyhow::Resu
             }
         },
     }
+}
+
+/// The text that tells what an array is of.
+fn header(bytes: &[u8]) -> Option<&[u8]> {
+    let [version, _, rest @ ..] = bytes.strip_prefix(b"\x93NUMPY")? else { return None };
+    let (length, text) = match (version, rest) {
+        (1, [a, b, text @ ..]) => (u32::from_le_bytes([*a, *b, 0, 0]), text),
+        (2.., [a, b, c, d, text @ ..]) => (u32::from_le_bytes([*a, *b, *c, *d]), text),
+        _ => return None,
+    };
+    text.get(..length as usize)
+}
+
+/// Whether npyz can read a header in little time and on a small stack: the time doubles with every bracket in another,
+/// and grows with the square of a number's digits. An array of numbers has a dictionary with one tuple, and numpy too
+/// refuses longer headers.
+fn is_plain(header: &[u8]) -> bool {
+    let count = |bracket: u8| header.iter().filter(|&&b| b == bracket).count();
+    header.len() <= 10_000 && count(b'[') == 0 && count(b'{') <= 1 && count(b'(') <= 1
 }
 
 fn all<T: Deserialize + Copy, const WIDTH: usize>(

@@ -216,6 +216,31 @@ mod tests {
         }
     }
 
+    /// What numpy never writes for numbers would take minutes, or the whole stack, to understand.
+    #[test]
+    fn headers_of_many_brackets_are_refused() {
+        let deep = [b"(".repeat(5000), b"1".to_vec(), b",)".repeat(5000)].concat();
+        let fields = b"{'descr': [('x', '<f4')], 'fortran_order': False, 'shape': (1,), }";
+        let digits = [&b"{'shape': ("[..], &b"1".repeat(1 << 17)].concat();
+        for header in [&b"{".repeat(31), &b"[".repeat(31), &deep, &fields.to_vec(), &digits] {
+            let length = (header.len() as u32).to_le_bytes();
+            for version in 1..=3 {
+                if version == 1 && header.len() >= 1 << 16 {
+                    continue;
+                }
+                let length = if version == 1 { &length[..2] } else { &length };
+                let bytes = [&[0x93], &b"NUMPY"[..], &[version, 0], length, header].concat();
+                let error = read("p.npy", &bytes).err().unwrap();
+                assert!(format!("{error:#}").contains("not that of an array of plain numbers"), "{error:#}");
+            }
+        }
+        for cut in
+            [&b"\x93NUMPY"[..], b"\x93NUMPY\x01\0\xff", b"\x93NUMPY\x01\0\xff\0{", b"\x93NUMPY\x02\0\xff\0\0"]
+        {
+            assert!(read("p.npy", cut).err().unwrap().to_string().contains("p.npy"));
+        }
+    }
+
     #[test]
     fn vertices_without_faces() {
         let head = "ply\nformat ascii 1.0\nelement vertex 2\n";
