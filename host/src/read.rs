@@ -17,7 +17,8 @@ pub fn default_max_bytes() -> u64 {
     (4 * LARGEST).min(memory().unwrap_or(8 << 30) / 4)
 }
 
-/// Memory that this process may use, on Linux: what the machine has, or what its control group leaves of that.
+/// Memory that this process may use, on Linux: what the machine has, or what its control group or `ulimit -v` leaves of
+/// that.
 fn memory() -> Option<u64> {
     let read = |path: &str| fs::read_to_string(path).ok();
     let total = read("/proc/meminfo")?;
@@ -30,7 +31,10 @@ fn memory() -> Option<u64> {
         .ok()?;
     let group = ["/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"];
     let allowed = group.iter().filter_map(|path| read(path)?.trim().parse().ok());
-    allowed.chain([kib * 1024]).min()
+    let limits = read("/proc/self/limits").unwrap_or_default();
+    let addresses = limits.lines().find_map(|line| line.strip_prefix("Max address space"));
+    let addresses = addresses.and_then(|line| line.split_whitespace().next()?.parse().ok());
+    allowed.chain([kib * 1024]).chain(addresses).min()
 }
 
 /// All bytes there are, or none if there are more than the limit. `expected` is a guess.

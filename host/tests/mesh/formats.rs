@@ -478,6 +478,27 @@ fn gltf_primitives_take_no_quadratic_time() {
     assert_eq!(sparse.unwrap().triangles().len(), 2 * PRIMITIVES);
 }
 
+/// What is named again takes no room in the file, but in memory.
+#[test]
+fn gltf_that_names_the_same_numbers_again_has_a_limit() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.glb");
+    let mut json = quad_json();
+    json["nodes"] = vec![json!({"mesh": 0}); 1000].into();
+    json["scenes"][0]["nodes"] = (0..1000).collect::<Vec<_>>().into();
+    let primitive = json["meshes"][0]["primitives"][0].clone();
+    json["meshes"][0]["primitives"] = vec![primitive; 10].into();
+    std::fs::write(&path, glb(&json, &quad_bytes())).unwrap();
+    // Ten thousand squares of four vertices and two triangles.
+    let written = 12 * 10_000 * (4 + 2);
+    assert_eq!(Mesh::load_up_to(&path, written).unwrap().triangles().len(), 20_000);
+    let found = Mesh::load_up_to(&path, written - 1).unwrap_err().to_string();
+    assert!(
+        found.contains(&format!("mesh 0, primitive 9: this is more than {} bytes", written - 1)),
+        "{found}"
+    );
+}
+
 /// All nodes have the same mesh, of which little is triangles.
 #[test]
 fn gltf_nodes_take_no_quadratic_time() {

@@ -402,6 +402,11 @@ impl File<'_> {
         if base.checked_add(used.len() as u32).is_none() {
             return Err(too_many());
         }
+        // A small file may name the same numbers any number of times. It counts as if each were written out.
+        let written = raw.positions.len() + used.len() + raw.triangles.len() + triangles.len();
+        if 12 * written as u64 > self.limit {
+            return Err(MeshError::TooLong { at: at(), limit: self.limit });
+        }
         raw.positions.reserve(used.len());
         for &vertex in &used {
             let position = apply(matrix, vertices.get(vertex.into()), matrix[3]);
