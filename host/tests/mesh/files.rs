@@ -282,6 +282,32 @@ fn ply_reads_strips() {
     }
 }
 
+/// Comments in any encoding, and lines that end as on old machines, say nothing of the mesh.
+#[test]
+fn ply_headers_of_other_programs() {
+    let comments = b"comment gr\xfc\xdfe\nobj_info \xff\xfe end_header\n".to_vec();
+    for whole in [QUAD_PLY.as_bytes().to_vec(), quad_binary(PLAIN)] {
+        let at = whole.windows(15).position(|w| w == b"\nelement vertex").unwrap() + 1;
+        let commented = [&whole[..at], &comments, &whole[at..]].concat();
+        is_the_quad(&read("a.ply", &commented).unwrap());
+        let body = commented.windows(12).position(|w| w == b"\nend_header\n").unwrap() + 12;
+        let header = commented[..body].iter().map(|&b| if b == b'\n' { b'\r' } else { b });
+        let returns: Vec<u8> = header.chain(commented[body..].iter().copied()).collect();
+        is_the_quad(&read("a.ply", &returns).unwrap());
+        is_the_quad(&read("unnamed", &returns).unwrap());
+    }
+    is_the_quad(&read("a.ply", QUAD_PLY.replace('\n', "\r")).unwrap());
+    // The first byte of the body is none of the header's, whatever it is.
+    let header = "ply\rformat binary_little_endian 1.0\relement vertex 3\rproperty uchar x\rproperty uchar y\r\
+        property uchar z\relement face 1\rproperty list uchar uchar vertex_index\rend_header\r";
+    let body = b"\n\0\0\0\x01\0\0\0\x01\x03\0\x01\x02";
+    let mesh = read("a.ply", [header.as_bytes(), body].concat()).unwrap();
+    assert_eq!(corners(&mesh), [[[10.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]]);
+    // What is no comment is refused, by its line.
+    let named = QUAD_PLY.replace("element face", "element gr\u{fc}\u{df}e 0\nelement face");
+    assert!(refusal("a.ply", named).starts_with("a.ply, line 7: Couldn't parse line"));
+}
+
 /// What a header or a body says twice, or more than the header promises, is refused, by its line.
 #[test]
 fn ply_passes_over_nothing() {

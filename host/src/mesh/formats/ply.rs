@@ -34,11 +34,13 @@ pub fn ply_vertices(bytes: &[u8]) -> Result<Vec<[f64; 3]>, MeshError> {
 
 fn read(bytes: &[u8], with_faces: bool) -> Result<Raw, MeshError> {
     let bytes = unmarked(bytes);
-    let mut reader = Reader::new(bytes);
+    let head = plain_header(bytes);
+    let mut reader = Reader::new(&head[..]);
     let header = Parser::<Vertex>::new().read_header(&mut reader).map_err(|e| header_error(&e))?;
     let line = reader.line() as u64;
-    let body = reader.into_inner();
-    no_name_twice(&bytes[..bytes.len() - body.len()])?;
+    let length = head.len() - reader.into_inner().len();
+    no_name_twice(&head[..length])?;
+    let body = &bytes[length..];
     let mut sink = Sink::new(&header, with_faces)?;
     match header.encoding {
         Encoding::Ascii => Text { rest: body, line }.read(&header, &mut sink)?,
@@ -46,6 +48,25 @@ fn read(bytes: &[u8], with_faces: bool) -> Result<Raw, MeshError> {
         Encoding::BinaryBigEndian => Binary { rest: body, big_endian: true }.read(&header, &mut sink)?,
     }
     Ok(sink.raw)
+}
+
+/// The header as `ply-rs-bw` takes it, of the same length: all lines end with LF, and comments are ASCII.
+fn plain_header(bytes: &[u8]) -> Vec<u8> {
+    // The first line's end is that of all: behind the last one, any byte may begin a binary body.
+    let end = if bytes.starts_with(b"ply\r") && bytes.get(4) != Some(&b'\n') { b'\r' } else { b'\n' };
+    let mut header = Vec::new();
+    for line in bytes.split_inclusive(|&b| b == end) {
+        let comment = line.starts_with(b"comment") || line.starts_with(b"obj_info");
+        header.extend(line.iter().map(|&b| match b {
+            b if b == end => b'\n',
+            b if comment && !b.is_ascii() => b'?',
+            b => b,
+        }));
+        if line.trim_ascii() == b"end_header" {
+            break;
+        }
+    }
+    header
 }
 
 fn header_error(e: &ParseError) -> MeshError {
