@@ -191,6 +191,10 @@ fn gltf_of_every_form() {
         }
         is_the_quad(&read("a.glb.gz", gzip(bytes)).unwrap());
         is_the_quad(&read("unnamed", gzip(bytes)).unwrap());
+        // A mark of UTF-8.
+        let marked = [b"\xef\xbb\xbf", bytes].concat();
+        is_the_quad(&read("a.gltf", &marked).unwrap());
+        is_the_quad(&read("unnamed", &marked).unwrap());
     }
     // Data that are not base64, and base64 without its padding.
     let percent: String = quad_bytes().iter().map(|byte| format!("%{byte:02x}")).collect();
@@ -628,6 +632,20 @@ fn gltf_errors_name_the_place() {
     ] {
         let found = in_glb(&changed(pointer, value.clone())).unwrap_err().to_string();
         assert!(found.starts_with("a.glb") && found.contains(message), "{pointer} = {value}: {found}");
+    }
+    // Nothing of a file moves a terminal's cursor, or fills its screen.
+    let evil = format!("\u{1b}[31mRED\u{7}{}", "x".repeat(1000));
+    for (pointer, value) in [
+        ("/asset/version", json!(evil)),
+        ("/extensionsRequired", json!([evil])),
+        ("/accessors/0/type", json!(evil)),
+        ("/buffers/0/uri", json!(format!("https://{evil}"))),
+        ("/buffers/0/uri", json!(evil)),
+        ("/nodes/0", json!(evil)),
+    ] {
+        let found = in_glb(&changed(pointer, value)).unwrap_err().to_string();
+        assert!(!found.contains(char::is_control) && found.chars().count() < 400, "{pointer}: {found}");
+        assert!(found.contains("\\u{1b}[31mRED\\u{7}x"), "{pointer}: {found}");
     }
     // Zeros without data, as many as one likes to announce.
     let mut json = changed("/accessors/0/count", json!(u32::MAX));

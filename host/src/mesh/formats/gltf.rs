@@ -8,7 +8,7 @@
 //! primitive by primitive. Corners keep the file's order, in mirrored nodes too; strips turn every other triangle
 //! round, as glTF says.
 
-use crate::mesh::error::{MeshError, Place, check_triangles, malformed, too_many, truncated};
+use crate::mesh::error::{MeshError, Place, check_triangles, malformed, quoted_bytes, too_many, truncated};
 use crate::mesh::load;
 use crate::mesh::raw::{Raw, Source, fits, unmarked};
 use crate::read;
@@ -147,8 +147,8 @@ pub(super) fn parse(Source { bytes, folder, most }: Source<'_>) -> Result<Raw, M
     let limit = most.unwrap_or_else(read::default_max_bytes);
     let (document, blob) = document(bytes)?;
     if !document.asset.version.starts_with("2.") {
-        let version = &document.asset.version;
-        return Err(malformed(Place::header(), format!("glTF of version '{version:.20}', but 2.0 is read")));
+        let version = quoted_bytes(document.asset.version.as_bytes());
+        return Err(malformed(Place::header(), format!("glTF of version '{version}', but 2.0 is read")));
     }
     let refused = |name: &&String| GEOMETRY.contains(&name.as_str());
     let unknown = |name: &&String| !HARMLESS.iter().any(|known| name.starts_with(known));
@@ -175,14 +175,14 @@ fn document(bytes: &[u8]) -> Result<(Document, Option<&[u8]>), MeshError> {
     let bytes = unmarked(bytes);
     let (json, blob) = if bytes.starts_with(b"glTF") { chunks(bytes)? } else { (bytes, None) };
     let document = serde_json::from_slice(json).map_err(|e| {
-        let (at, what) = (Place::line(e.line() as u64), e.to_string());
+        let (at, what) = (Place::line(e.line() as u64), quoted_bytes(e.to_string().as_bytes()));
         if e.is_eof() { truncated(at, what) } else { malformed(at, what) }
     })?;
     Ok((document, blob))
 }
 
 fn extension(at: Place, name: &str) -> MeshError {
-    MeshError::Extension { at, name: name.chars().take(60).collect() }
+    MeshError::Extension { at, name: quoted_bytes(name.as_bytes()) }
 }
 
 /// JSON and binary part of a `.glb` file.
@@ -429,11 +429,8 @@ impl File<'_> {
             .filter(|part| N == 3 && part.bytes != 0 || part.is_index())
             .filter(|_| accessor.kind == kind);
         let Some(part) = part else {
-            let (kind, part) = (&accessor.kind, accessor.component_type);
-            return Err(malformed(
-                at(),
-                format!("type '{kind:.20}' of component type {part} cannot serve here"),
-            ));
+            let (kind, part) = (quoted_bytes(accessor.kind.as_bytes()), accessor.component_type);
+            return Err(malformed(at(), format!("type '{kind}' of component type {part} cannot serve here")));
         };
         let items = match accessor.buffer_view {
             Some(view) => {
@@ -550,7 +547,7 @@ impl File<'_> {
 
     /// What stands in a file beside this one, up to a length.
     fn beside(&self, uri: &str, length: u64, at: &dyn Fn() -> Place) -> Result<Vec<u8>, MeshError> {
-        let short: String = uri.chars().take(200).collect();
+        let short = quoted_bytes(uri.as_bytes());
         let Some(name) = name_beside(uri) else {
             return Err(malformed(at(), format!("'{short}' is no file beside this one")));
         };
