@@ -100,6 +100,8 @@ fn every_format_gives_the_same_mesh() {
     // Several gzip members in a row are one file.
     let (head, tail) = QUAD_PLY.as_bytes().split_at(99);
     is_the_quad(&read("a.ply.gz", [gzip(head), gzip(tail)].concat()).unwrap());
+    // What follows the last may be zeros.
+    is_the_quad(&read("a.ply.gz", [gzip(head), gzip(tail), vec![0; 600]].concat()).unwrap());
     // Without a telling name.
     is_the_quad(&read("mesh", QUAD_OBJ).unwrap());
     is_the_quad(&read("mesh.txt", format!("# a comment\n\n{QUAD_OBJ}")).unwrap());
@@ -544,6 +546,10 @@ fn other_refusals() {
         refusal("a.ply.gz", &packed[..packed.len() - 5]).starts_with("a.ply.gz: the gzip data is damaged")
     );
     assert!(refusal("a.ply.gz", QUAD_PLY).starts_with("a.ply.gz: the gzip data is damaged"));
+    assert!(
+        refusal("a.ply.gz", [&packed[..], &[0, 0, 1]].concat())
+            .starts_with("a.ply.gz: the gzip data is damaged")
+    );
     assert!(refusal("a.ply.gz", gzip(b"")).starts_with("a.ply.gz: there is nothing in it"));
     assert!(refusal("a.fbx", "teapot\n").starts_with("a.fbx: neither OBJ, PLY, STL nor glTF; convert it"));
     assert!(refusal("a", [0u8, 1, 2, 255]).starts_with("a: neither OBJ, PLY"));
