@@ -125,10 +125,14 @@ mod tests {
             "raykd trace m --rays r --hits h --query count --limit 4",
             "raykd trace m --rays r --hits h --intersector plane --query all",
             "raykd render m -o p --intersector moeller --shading heat",
+            "raykd stress --rays 268435457",
+            "raykd stress --scene leaks,m --rays 268435457",
         ] {
             assert_eq!(check(wrong).unwrap_err().kind(), ErrorKind::ArgumentConflict, "{wrong}");
         }
         check("raykd bench --adapter x --threads 2").unwrap();
+        check("raykd stress --rays 268435456").unwrap();
+        check("raykd stress --scene leaks --rays 1000000000000").unwrap();
         check("raykd bench --intersector woop --traversal brute").unwrap();
         check("raykd build m --device cpu --threads 2").unwrap();
         check("raykd build m --quality auto --rays 10 --costs c.json").unwrap();

@@ -9,7 +9,7 @@ use crate::{
     report::{Table, capitals, count, three, write_json},
     task::{On, Task},
 };
-use anyhow::{Context as _, bail};
+use anyhow::{Context as _, anyhow, bail};
 use clap::Parser;
 use raykd::{
     Device, Error, Hit, Ray,
@@ -53,7 +53,7 @@ pub(crate) struct StressArgs {
     /// Methods whose names start like this; left out: all
     #[arg(long = "method", value_name = "NAME", value_delimiter = ',')]
     pub methods: Vec<String>,
-    /// Rays a scene; of leaks, a surface; of a mesh, half as many more
+    /// Rays a scene, at most 2^28 (268435456); of leaks, a surface, and any number; of a mesh, half as many more
     #[arg(long, value_name = "N", default_value_t = 1000)]
     #[arg(value_parser = whole(1_u64, 1_000_000_000_000))]
     pub rays: u64,
@@ -74,6 +74,14 @@ pub(crate) struct StressArgs {
 
 /// Name of the scenes of [`Surface`].
 const LEAKS: &str = "leaks";
+
+/// As many rays, if they are not too many to be in memory at once.
+fn at_once(rays: u64) -> Result<usize, String> {
+    let fits = usize::try_from(rays).ok().filter(|&rays| rays <= 1 << 28);
+    fits.ok_or_else(|| {
+        format!("{} rays are too many: all scenes but leaks take at most 2^28 (268435456)", count(rays))
+    })
+}
 
 /// One method in one scene on one device.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
@@ -154,6 +162,12 @@ impl Task for StressArgs {
         Files::of_scenes(&self.scenes, self.read).read("--replay", &self.replay)
     }
 
+    fn check(&self) -> Result<(), String> {
+        // Leaks are traced part by part.
+        let in_parts = !self.scenes.is_empty() && self.scenes.iter().all(|scene| scene == LEAKS);
+        if in_parts { Ok(()) } else { at_once(self.rays).map(drop) }
+    }
+
     fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
         if self.list {
             return list(out);
@@ -207,7 +221,7 @@ fn methods(wishes: &[String]) -> anyhow::Result<Vec<Method>> {
 fn trial(wish: &OsStr, rays: u64, read: ReadArgs, notes: &Notes) -> anyhow::Result<Trial> {
     let name = &*wish.to_string_lossy();
     notes.stage(format_args!("{name}: making it"));
-    let rays = usize::try_from(rays.min(1 << 28)).expect("it fits 28 bits");
+    let rays = at_once(rays).map_err(|why| anyhow!("{}: {why}", quoted(name)))?;
     if let Some(case) = CASES.iter().find(|case: &&Case| case.name == name) {
         return Ok(case.prepare(rays)?);
     }

@@ -73,6 +73,14 @@ fn unknown_failures_exit_with_1_and_can_be_replayed() {
     assert_eq!((&again[0]["rays"], &again[0]["failures"]), (&1.into(), &1.into()));
     let (code, out, _) = raykd(&["stress", "--replay", &file]);
     assert!(code == 1 && out.contains("moeller/stack") && out.contains("missed"), "{out}");
+    // More rays than any run makes of a scene.
+    let mut many = found.clone();
+    many.iter_mut()
+        .filter(|row| !row["example"].is_null())
+        .for_each(|row| row["example"]["rays"] = u64::MAX.into());
+    fs::write(&file, serde_json::to_vec(&many).unwrap()).unwrap();
+    let (code, _, error) = raykd(&["stress", "--replay", &file]);
+    assert!(code == 1 && error.contains("18,446,744,073,709,551,615 rays are too many"), "{error}");
     // A ray that the scene does not have.
     let mut other = found.clone();
     for row in &mut other {
