@@ -50,7 +50,10 @@ pub fn main() -> ExitCode {
     #[cfg(unix)]
     signals::watch();
     let args = Args::try_parse_from(words(env::args_os())).and_then(|args| args.check().map(|()| args));
-    let args = args.unwrap_or_else(|error| shortened(error).exit());
+    let args = match args {
+        Ok(args) => args,
+        Err(error) => return said(&shortened(error)),
+    };
     let mut out = io::stdout().lock();
     let done = run(&args, &mut out).and_then(|code| Ok(out.flush().map(|()| code)?));
     done.unwrap_or_else(|error| {
@@ -73,6 +76,18 @@ fn run(args: &Args, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
     let (_, task) = args.command.task();
     task.files().check()?;
     task.run(out)
+}
+
+/// Says what is wrong with the command line, or the help that it asks for.
+fn said(error: &clap::Error) -> ExitCode {
+    let printed = error.print().and_then(|()| io::stdout().flush()).map_err(Into::into);
+    match printed {
+        Err(failed) if !error.use_stderr() && !reader_left(&failed) => {
+            eprint!("{}", told(&failed));
+            ExitCode::FAILURE
+        }
+        _ => ExitCode::from(error.exit_code() as u8),
+    }
 }
 
 /// Wrong usage, quoting no more of an argument than other messages do.

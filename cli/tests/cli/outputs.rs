@@ -383,6 +383,11 @@ fn devices_and_pipes_are_written_to() {
     let mut full = raykd(&folder, "build m.obj --json --device cpu");
     full.stdout(fs::OpenOptions::new().write(true).open("/dev/full").unwrap());
     assert!(refused(full).contains("No space left"));
+    for asks in ["--help", "--version", "help build", "trace -h"] {
+        let mut full = raykd(&folder, asks);
+        full.stdout(fs::OpenOptions::new().write(true).open("/dev/full").unwrap());
+        assert!(refused(full).contains("No space left"), "{asks}");
+    }
     let shell = |script: &str| {
         let mut command = Command::new("bash");
         command.args(["-c", &script.replace("raykd", env!("CARGO_BIN_EXE_raykd"))]).current_dir(&folder);
