@@ -256,7 +256,7 @@ impl Scene {
         let start = js_sys::Date::now();
         let (size, span) = ([part.width, part.height], part.first..part.last);
         let camera = part.camera.into();
-        let (seen, hits, _) =
+        let (seen, [hits, _], _) =
             rows(&self.scene, &self.mesh, &camera, size, part.samples, shading, span).map_err(error)?;
         let heats = shading == Shading::Heat;
         let colour = |seen: &[f32; 3]| encode(if heats { heat(seen[0] / part.full) } else { *seen });

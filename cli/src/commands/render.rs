@@ -8,7 +8,7 @@ use crate::{
     measure::ms,
     notes::Notes,
     png_file,
-    report::{capitals, count},
+    report::{INVALID, capitals, count},
     task::{On, Task},
 };
 use anyhow::Context as _;
@@ -130,8 +130,11 @@ impl Task for RenderArgs {
         let [width, height] = self.size;
         output::write_whole(&self.output, |file| png_file::write(file, &picture.rgb, self.size))?;
         notes.clear();
+        if picture.invalid > 0 {
+            notes.note(format_args!("invalid rays: {} {INVALID}", count(picture.invalid)));
+        }
         let seen = format!("{} of {} rays hit", count(picture.hits), count(picture.rays));
-        writeln!(out, "{}: {width}x{height}, {seen}, {device}", self.output.display())?;
+        writeln!(out, "{}: {width}x{height}, {seen}, {device}", quoted(self.output.display()))?;
         if let Some(plan) = &amount.plan {
             writeln!(out, "auto: {}", amount::Told::new(plan, before, Some(shown)).words())?;
         }

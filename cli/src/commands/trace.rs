@@ -11,7 +11,7 @@ use crate::{
     notes::Notes,
     npy,
     ray_file::{self, Rays},
-    report::{count, three, write_json},
+    report::{INVALID, count, three, write_json},
     task::{On, Task},
 };
 use anyhow::anyhow;
@@ -382,8 +382,7 @@ fn print(t: &Told, hits: &Path, out: &mut StdoutLock<'_>) -> anyhow::Result<()> 
         line("all", format!("{} hits", count(total)))?;
     }
     if t.invalid > 0 {
-        let why = "with NaN, infinite or zero directions, or origins out of range";
-        line("invalid", format!("{} ({why}): they hit nothing", count(t.invalid)))?;
+        line("invalid", format!("{} {INVALID}", count(t.invalid)))?;
     }
     if let Some(auto) = &t.auto {
         line("auto", auto.words())?;

@@ -7,6 +7,10 @@ pub(crate) use table::Table;
 use raykd::Device;
 use std::io::{StdoutLock, Write as _};
 
+/// Behind the number of rays that are none.
+pub(crate) const INVALID: &str =
+    "(with NaN, infinite or zero directions, or origins out of range): they hit nothing";
+
 /// Three significant digits, thousands apart: `0.00123`, `1.23`, `12.3`, `123`, `1,230`.
 pub(crate) fn three(x: f64) -> String {
     if x == 0.0 || !x.is_finite() {

@@ -669,6 +669,46 @@ fn a_bomb_takes_little_memory() {
     has(text(&output.stderr), &["bomb.obj.gz: this is more than ", " bytes, unpacked, and no more are read"]);
 }
 
+#[test]
+fn pictures_of_rays_that_are_none_are_told() {
+    let folder = folder();
+    let [mesh, picture] = ["t.obj", "t.png"].map(|name| path(&folder, name));
+    fs::write(&mesh, "v 0 0 0\nv 4 0 0\nv 0 4 0\nf 1 2 3\n").unwrap();
+    for (eye, none) in [("1e30,0,0", true), ("9,9,9", false)] {
+        let line = ["render", &mesh, "-o", &picture, "--eye", eye, "--size", "8x8", "--device", "cpu"];
+        let output = raykd(&line);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        assert_eq!(
+            text(&output.stderr).contains("invalid rays: 256 (with NaN"),
+            none,
+            "{}",
+            text(&output.stderr)
+        );
+    }
+}
+
+/// What a file names again and again takes memory, as if it were written out.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_small_file_of_a_large_mesh_takes_little_memory() {
+    let folder = folder();
+    let file = path(&folder, "many.gltf");
+    let primitives = vec![r#"{"attributes": {"POSITION": 0}}"#; 3000].join(", ");
+    let gltf = format!(
+        r#"{{"asset": {{"version": "2.0"}}, "meshes": [{{"primitives": [{primitives}]}}],
+            "accessors": [{{"componentType": 5126, "count": 60000, "type": "VEC3"}}]}}"#
+    );
+    fs::write(&file, gltf).unwrap();
+    let line = format!("ulimit -v 2000000; exec {} check {file}", env!("CARGO_BIN_EXE_raykd"));
+    let output = Command::new("sh").args(["-c", &line]).stdin(Stdio::null()).output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    has(
+        text(&output.stderr),
+        &["many.gltf, mesh 0, primitive 533: this is more than 512000000 bytes, unpacked"],
+    );
+    has(&bad(&["check", &file, "--max-bytes", "1M"], 1), &["primitive 1: this is more than 1048576 bytes"]);
+}
+
 /// A mesh's name that is no UTF-8, and what is told of faces that had to be looked at.
 #[cfg(unix)]
 #[test]

@@ -45,6 +45,8 @@ pub struct Picture {
     pub rays: u64,
     /// Rays that hit something.
     pub hits: u64,
+    /// Rays that were none, see [`Traced::invalid`].
+    pub invalid: u64,
     /// What the rays took, without making them and painting what they hit.
     pub times: TraceTimes,
 }
@@ -60,13 +62,14 @@ pub fn render(
 ) -> Result<Picture, Error> {
     let [width, height] = size;
     let band = (BAND_RAYS / u64::from(width * samples * samples)).clamp(1, height.into()) as u32;
-    let (mut hits, mut times) = (0, TraceTimes::default());
+    let (mut hits, mut invalid, mut times) = (0, 0, TraceTimes::default());
     let mut pixels: Vec<Rgb> = Vec::with_capacity(width as usize * height as usize);
     for first in (0..height).step_by(band as usize) {
         let part = first..(first + band).min(height);
-        let (seen, hit, took) = rows(scene, mesh, camera, size, samples, shading, part)?;
+        let (seen, [hit, none], took) = rows(scene, mesh, camera, size, samples, shading, part)?;
         pixels.extend(seen);
         hits += hit;
+        invalid += none;
         times += took;
     }
     let rgb = if shading == Shading::Heat {
@@ -78,11 +81,11 @@ pub fn render(
         pixels.iter().flat_map(|&pixel| encode(pixel)).collect()
     };
     let rays = u64::from(width) * u64::from(height) * u64::from(samples * samples);
-    Ok(Picture { rgb, rays, hits, times })
+    Ok(Picture { rgb, rays, hits, invalid, times })
 }
 
-/// What the pixels of some rows show, how many of their rays hit, and what all rays took. [`Shading::Heat`] has steps
-/// instead of light.
+/// What the pixels of some rows show, how many of their rays hit and how many were none, and what all rays took.
+/// [`Shading::Heat`] has steps instead of light.
 pub fn rows(
     scene: &Scene,
     mesh: &Mesh,
@@ -91,28 +94,28 @@ pub fn rows(
     samples: u32,
     shading: Shading,
     rows: Range<u32>,
-) -> Result<(Vec<Rgb>, u64, TraceTimes), Error> {
+) -> Result<(Vec<Rgb>, [u64; 2], TraceTimes), Error> {
     let (across, down) = (width * samples, height * samples);
     let band = rows.start * samples..rows.end * samples;
     let rays = camera.rows(across, down, band.clone());
-    let (hits, seen, times): (_, Vec<Rgb>, _) = if shading == Shading::Heat {
-        let Stepped { hits, steps, times, .. } = scene.steps(&rays)?;
+    let (hits, seen, invalid, times): (_, Vec<Rgb>, _, _) = if shading == Shading::Heat {
+        let Stepped { hits, steps, times, invalid } = scene.steps(&rays)?;
         let seen = steps.iter().map(|s| [(s.inner + s.leaves + s.tests) as f32; 3]).collect();
-        (hits, seen, times)
+        (hits, seen, invalid, times)
     } else if shading == Shading::Ao {
-        let Traced { hits, mut times, .. } = scene.trace(Query::Closest, &rays)?;
+        let Traced { hits, mut times, invalid } = scene.trace(Query::Closest, &rays)?;
         let (seen, around) = sky(scene, mesh, &rays, &hits, band.start)?;
         times += around;
-        (hits, seen, times)
+        (hits, seen, invalid, times)
     } else {
-        let Traced { hits, times, .. } = scene.trace(Query::Closest, &rays)?;
+        let Traced { hits, times, invalid } = scene.trace(Query::Closest, &rays)?;
         let artist = Artist::new(mesh, camera, [across, down], shading);
         let row = |i: usize| band.start + (i / across as usize) as u32;
         let seen = (0..rays.len()).map(|i| artist.paint(&rays[i], &hits[i], row(i))).collect();
-        (hits, seen, times)
+        (hits, seen, invalid, times)
     };
     let hit = hits.iter().filter(|hit| hit.is_hit()).count() as u64;
-    Ok((means(&seen, across as usize, samples as usize), hit, times))
+    Ok((means(&seen, across as usize, samples as usize), [hit, invalid], times))
 }
 
 /// Rays of ambient occlusion from every point seen.
