@@ -8,7 +8,9 @@ use crate::{
     report::{Table, bytes, capitals, count, three, write_json},
 };
 use raykd::{
-    BuildOptions, Builder, Device, Error, Mesh, Query, internals::teapot_level_for, rays::sets::Sets,
+    BuildOptions, Builder, Device, Error, Mesh, Query,
+    internals::{quoted, teapot_level_for},
+    rays::sets::Sets,
 };
 use std::{
     io::{StdoutLock, Write as _},
@@ -83,7 +85,7 @@ pub(super) fn compare(
     } else {
         machines.write_names(out)?;
         let triangles = count(input.mesh.triangles().len() as u64);
-        writeln!(out, "{}: {triangles} triangles.", input.name)?;
+        writeln!(out, "{}: {triangles} triangles.", quoted(&input.name))?;
         writeln!(out, "\n{}", table(&rows))?;
         writeln!(out, "{}", if same { "Each builder's trees are the same bytes." } else { "TREES DIFFER" })?;
     }

@@ -143,8 +143,9 @@ fn other_bytes(before: &[Value], after: &[Value]) -> Vec<(String, &'static str)>
     for row in after {
         let old = before.iter().find(|old| key(old) == key(row));
         for (digest, what) in DIGESTS.into_iter().zip(["the tree", "the hits"]) {
-            let name = key(row)
-                .map_or_else(String::new, |(scene, device)| format!("{scene}, {}", device.to_uppercase()));
+            let name = key(row).map_or_else(String::new, |(scene, device)| {
+                format!("{}, {}", quoted(scene), quoted(device.to_uppercase()))
+            });
             let other = (name, what);
             if old.is_some_and(|old| old[digest] != row[digest]) && !others.contains(&other) {
                 others.push(other);

@@ -9,7 +9,9 @@ use crate::{
     report::{Table, bytes, count, three, write_json},
 };
 use raykd::{
-    BuildOptions, Device, Error, Query, Ray, RaySteps, Scene, Stepped, Traversal, internals::digest_of, rays,
+    BuildOptions, Device, Error, Query, Ray, RaySteps, Scene, Stepped, Traversal,
+    internals::{digest_of, quoted},
+    rays,
 };
 use std::{
     io::{StdoutLock, Write as _},
@@ -93,7 +95,11 @@ pub(super) fn run(
         if let Some(sets) = &sets {
             let [primary, diffuse, shadow] =
                 [&sets.primary, &sets.diffuse, &sets.shadow].map(|set| count(set.len() as u64));
-            writeln!(out, "{}: {primary} primary, {diffuse} diffuse, {shadow} shadow rays", input.name)?;
+            writeln!(
+                out,
+                "{}: {primary} primary, {diffuse} diffuse, {shadow} shadow rays",
+                quoted(&input.name)
+            )?;
         }
         writeln!(
             out,

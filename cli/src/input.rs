@@ -3,6 +3,7 @@
 use crate::{args::ReadArgs, notes::Notes, report::three};
 use raykd::{
     Mesh,
+    internals::quoted,
     mesh::{MeshSource, Repairs, Spot},
 };
 use std::{
@@ -45,7 +46,7 @@ impl Input {
         if !closed {
             notes.note(format_args!(
                 "{}: not closed, so inside is not certain; `raykd check` tells where",
-                self.name
+                quoted(&self.name)
             ));
         }
         closed

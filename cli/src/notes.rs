@@ -2,7 +2,7 @@
 
 use crate::report::capitals;
 use indicatif::{ProgressBar, ProgressStyle, WeakProgressBar};
-use raykd::Device;
+use raykd::{Device, internals::quoted};
 use std::{
     cell::RefCell,
     collections::HashSet,
@@ -51,7 +51,7 @@ impl Notes {
 
     /// Says what happens now.
     pub(super) fn stage(&self, what: impl Display) {
-        self.bar.set_message(what.to_string());
+        self.bar.set_message(quoted(what));
     }
 
     /// Says what happens now to something, and on which device.

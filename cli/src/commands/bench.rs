@@ -15,7 +15,7 @@ use crate::{
 use clap::Parser;
 use raykd::{
     Device, Error, Query, Ray,
-    internals::hits_digest,
+    internals::{hits_digest, quoted},
     rays::{self, sets::Sets},
 };
 use std::{
@@ -317,29 +317,29 @@ fn print(rows: &[Row], machines: &Machines, out: &mut impl Write) -> anyhow::Res
         writeln!(
             out,
             "{}",
-            kernel_table(&format!("{}, {}", row.scene, row.device.to_uppercase()), &row.kernels)
+            kernel_table(&format!("{}, {}", quoted(&row.scene), row.device.to_uppercase()), &row.kernels)
         )?;
     }
     for row in rows {
         if let Some(auto) = &row.auto {
-            writeln!(out, "{}, {}: auto: {}", row.scene, row.device.to_uppercase(), auto.words())?;
+            writeln!(out, "{}, {}: auto: {}", quoted(&row.scene), row.device.to_uppercase(), auto.words())?;
         }
     }
     for scene in scenes(rows) {
         let row = scene.any();
         if let Some(told) = row.repairs.told() {
-            writeln!(out, "{}: {told}", row.scene)?;
+            writeln!(out, "{}: {told}", quoted(&row.scene))?;
         }
         match scene {
             Both { cpu: Some(cpu), gpu: Some(gpu) } if gpu.identical == Some(true) => {
                 let trees =
                     if cpu.choice() == gpu.choice() { "trees and hits" } else { "hits by other trees" };
-                writeln!(out, "{}: CPU and GPU gave byte-identical {trees}", gpu.scene)?;
+                writeln!(out, "{}: CPU and GPU gave byte-identical {trees}", quoted(&gpu.scene))?;
                 writeln!(out, "  tree {}\n  hits {}", gpu.digest, gpu.hits_digest)?;
             }
             Both { cpu: Some(cpu), gpu: Some(gpu) } => {
                 let mark = |same| if same { "same     " } else { "DIFFERENT" };
-                writeln!(out, "{}: CPU AND GPU DIFFER", cpu.scene)?;
+                writeln!(out, "{}: CPU AND GPU DIFFER", quoted(&cpu.scene))?;
                 for (what, a, b) in [
                     ("tree", &cpu.digest, &gpu.digest),
                     ("hits", &cpu.hits_digest, &gpu.hits_digest),
@@ -351,7 +351,7 @@ fn print(rows: &[Row], machines: &Machines, out: &mut impl Write) -> anyhow::Res
             _ => writeln!(
                 out,
                 "{}: only the {} ran, nothing to compare\n  tree {}\n  hits {}",
-                row.scene,
+                quoted(&row.scene),
                 row.device.to_uppercase(),
                 row.digest,
                 row.hits_digest

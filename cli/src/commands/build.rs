@@ -13,7 +13,7 @@ use crate::{
     task::{On, Task},
 };
 use clap::Parser;
-use raykd::{BuildOptions, Device, Error, KdTree, Traversal};
+use raykd::{BuildOptions, Device, Error, KdTree, Traversal, internals::quoted};
 use std::{
     ffi::OsString,
     io::{StdoutLock, Write as _},
@@ -223,7 +223,7 @@ fn build(device: &Device, input: &Input, options: &BuildOptions) -> Result<(Told
 fn print(t: &Told, args: &BuildArgs, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
     let each = |bytes: u64| three(bytes as f64 / t.triangles as f64);
     let mut line = |name: &str, what: String| writeln!(out, "{name:<10} {what}");
-    line("scene", format!("{}, {} triangles", t.scene, count(t.triangles as u64)))?;
+    line("scene", format!("{}, {} triangles", quoted(&t.scene), count(t.triangles as u64)))?;
     line("repairs", t.repairs.told().unwrap_or_else(|| "none".to_owned()))?;
     line("device", format!("{}, {}", t.device.to_uppercase(), t.adapter))?;
     line(
@@ -288,7 +288,7 @@ fn print(t: &Told, args: &BuildArgs, out: &mut StdoutLock<'_>) -> anyhow::Result
     }
     line("digest", t.digest.clone())?;
     if let Some(path) = &args.output {
-        line("saved", path.display().to_string())?;
+        line("saved", quoted(path.display()))?;
     }
     if !t.kernels.is_empty() {
         write!(out, "\n{}", kernel_table("kernel", &t.kernels))?;

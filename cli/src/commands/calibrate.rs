@@ -11,7 +11,10 @@ use crate::{
     task::{On, Task},
 };
 use clap::Parser;
-use raykd::plan::{CHOICES, create_cache_file};
+use raykd::{
+    internals::quoted,
+    plan::{CHOICES, create_cache_file},
+};
 use std::{
     io::{StdoutLock, Write as _},
     path::PathBuf,
@@ -111,7 +114,7 @@ impl Task for CalibrateArgs {
                     table.row(cells.chain([count(cost.bytes), three(cost.spread)]));
                 }
             }
-            writeln!(out, "{table}\nkept in {}\n", path.display())?;
+            writeln!(out, "{table}\nkept in {}\n", quoted(path.display()))?;
         }
         Ok(ExitCode::SUCCESS)
     }

@@ -9,7 +9,7 @@ use crate::{
     task::Task,
 };
 use clap::Parser;
-use raykd::{BuildOptions, ContactCount, Device, Scene, mesh::EdgeCount};
+use raykd::{BuildOptions, ContactCount, Device, Scene, internals::quoted, mesh::EdgeCount};
 use std::{
     ffi::OsString,
     io::{StdoutLock, Write as _},
@@ -152,7 +152,10 @@ impl Task for CheckArgs {
 
 fn print(t: &Told, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
     let mut line = |name: &str, what: String| writeln!(out, "{name:<7} {what}");
-    line("scene", format!("{}, {} triangles, {} edges", t.scene, count(t.triangles as u64), count(t.edges)))?;
+    line(
+        "scene",
+        format!("{}, {} triangles, {} edges", quoted(&t.scene), count(t.triangles as u64), count(t.edges)),
+    )?;
     line("closed", if t.closed { "yes" } else { "no" }.to_owned())?;
     for (name, kind, what) in [
         ("border", &t.border, "edges of a single triangle"),

@@ -13,7 +13,10 @@ use crate::{
     task::{On, Task},
 };
 use clap::Parser;
-use raykd::{Counted, Device, Error, Scene, internals::output};
+use raykd::{
+    Counted, Device, Error, Scene,
+    internals::{output, quoted},
+};
 use std::{
     ffi::OsString,
     io::{StdoutLock, Write as _},
@@ -152,7 +155,7 @@ impl Task for InsideArgs {
 
 fn print(t: &Told, path: &std::path::Path, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
     let mut line = |name: &str, what: String| writeln!(out, "{name:<7} {what}");
-    line("scene", format!("{}, {} triangles", t.scene, count(t.triangles as u64)))?;
+    line("scene", format!("{}, {} triangles", quoted(&t.scene), count(t.triangles as u64)))?;
     if let Some(told) = t.repairs.told() {
         line("repairs", told)?;
     }
@@ -171,6 +174,6 @@ fn print(t: &Told, path: &std::path::Path, out: &mut StdoutLock<'_>) -> anyhow::
     if t.invalid > 0 {
         line("invalid", format!("{} {INVALID}", count(t.invalid)))?;
     }
-    line("written", path.display().to_string())?;
+    line("written", quoted(path.display()))?;
     Ok(())
 }

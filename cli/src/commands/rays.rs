@@ -11,7 +11,11 @@ use crate::{
     task::{On, Task},
 };
 use clap::{Parser, ValueEnum};
-use raykd::{BuildOptions, Device, Error, Ray, Scene, internals::output, rays::sets::Sets};
+use raykd::{
+    BuildOptions, Device, Error, Ray, Scene,
+    internals::{output, quoted},
+    rays::sets::Sets,
+};
 use std::{
     ffi::OsString,
     io::{StdoutLock, Write as _},
@@ -93,7 +97,7 @@ impl Task for RaysArgs {
         if self.json {
             write_json(out, &serde_json::json!({ "scene": input.name, "rays": rays.len() }))?;
         } else {
-            writeln!(out, "{} rays written to {}", count(rays.len() as u64), self.output.display())?;
+            writeln!(out, "{} rays written to {}", count(rays.len() as u64), quoted(self.output.display()))?;
         }
         Ok(ExitCode::SUCCESS)
     }

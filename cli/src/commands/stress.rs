@@ -431,7 +431,15 @@ fn print(rows: &[Row], machines: &Machines, out: &mut StdoutLock<'_>) -> anyhow:
     writeln!(out, "{table}")?;
     for row in rows.iter().filter(|row| !row.ok) {
         if let Some(example) = &row.example {
-            writeln!(out, "{} {} {}: {}, {}", row.scene, row.method, row.device, example.why, example.told)?;
+            writeln!(
+                out,
+                "{} {} {}: {}, {}",
+                quoted(&row.scene),
+                row.method,
+                row.device,
+                example.why,
+                example.told
+            )?;
         }
     }
     let bad = rows.iter().filter(|row| !row.ok).count();

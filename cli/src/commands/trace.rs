@@ -350,7 +350,7 @@ fn answer(scene: &Scene, ask: Ask, limit: u32, rays: &[Ray]) -> Result<Answer, E
 
 fn print(t: &Told, hits: &Path, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
     let mut line = |name: &str, what: String| writeln!(out, "{name:<7} {what}");
-    line("scene", format!("{}, {} triangles", t.scene, count(t.triangles as u64)))?;
+    line("scene", format!("{}, {} triangles", quoted(&t.scene), count(t.triangles as u64)))?;
     if let Some(told) = t.repairs.told() {
         line("repairs", told)?;
     }
@@ -389,6 +389,6 @@ fn print(t: &Told, hits: &Path, out: &mut StdoutLock<'_>) -> anyhow::Result<()> 
     }
     line("tree", t.digest.clone())?;
     line("hits", t.hits_digest.clone())?;
-    line("written", hits.display().to_string())?;
+    line("written", quoted(hits.display()))?;
     Ok(())
 }

@@ -1,5 +1,6 @@
 //! Plain text tables.
 
+use raykd::internals::quoted;
 use std::fmt;
 
 /// Rows of cells in columns as wide as need be: the first to the left, the others to the right.
@@ -14,9 +15,9 @@ impl Table {
         Self { rows: vec![titles.into_iter().map(Into::into).collect()] }
     }
 
-    /// Adds a row.
+    /// Adds a row. Cells may hold names of files.
     pub(crate) fn row(&mut self, cells: impl IntoIterator<Item = String>) {
-        self.rows.push(cells.into_iter().collect());
+        self.rows.push(cells.into_iter().map(quoted).collect());
     }
 }
 

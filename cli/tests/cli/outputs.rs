@@ -151,6 +151,35 @@ fn an_output_that_is_a_buffer_is_refused() {
     }
 }
 
+/// What is printed may be seen on a terminal, whose cursor a name could move.
+#[test]
+fn names_of_files_are_printed_without_control_characters() {
+    let folder = folder();
+    let name = "\u{1b}[31mred\u{7}";
+    let at = |name: &str| folder.path().join(name);
+    fs::copy(at("m.obj"), at(&format!("{name}.obj"))).unwrap();
+    fs::copy(at("rays"), at(name)).unwrap();
+    fs::write(at(&format!("{name}.txt")), "1,1,1\n").unwrap();
+    for line in [
+        "bench NAME.obj --device cpu",
+        "build NAME.obj -o NAME.kd --device cpu",
+        "build NAME.obj --compare --device cpu",
+        "trace NAME.obj --rays NAME --hits NAME.hits --device cpu",
+        "trace NAME.obj --compare --device cpu",
+        "rays NAME.obj random -o NAME.npy --device cpu",
+        "inside NAME.obj --points NAME.txt -o NAME.csv --device cpu",
+        "check NAME.obj",
+        "voxels NAME.obj --size 4 -o NAME.npy --device cpu",
+        "render NAME.obj -o NAME.png --size 8x8 --device cpu",
+        "stress --scene NAME.obj --rays 10 --method exact/stack --device cpu",
+    ] {
+        let output = raykd(&folder, &line.replace("NAME", name)).output().unwrap();
+        let printed = String::from_utf8(output.stdout.clone()).unwrap() + &told(&output);
+        assert!(printed.contains("\u{fffd}[31mred\u{fffd}"), "{line}: {printed:?}");
+        assert!(!printed.contains(|c: char| c.is_control() && c != '\n'), "{line}: {printed:?}");
+    }
+}
+
 /// A pipe is read once, so that nobody knows before which files it names.
 #[test]
 fn meshes_come_out_of_pipes() {

@@ -25,7 +25,10 @@ use crate::{
 use clap::Parser;
 use data::{Data, Effort};
 use figure::Figure;
-use raykd::{Mesh, internals::output};
+use raykd::{
+    Mesh,
+    internals::{output, quoted},
+};
 use std::{
     collections::BTreeMap,
     fs,
@@ -122,7 +125,12 @@ impl Task for ChartArgs {
             writeln!(out, "{}: {}\n", figure.title, figure.say)?;
         }
         let took = start.elapsed().as_secs();
-        writeln!(out, "{} figures in {}, {took} s", count(drawn.len() as u64), folder.join(INDEX).display())?;
+        writeln!(
+            out,
+            "{} figures in {}, {took} s",
+            count(drawn.len() as u64),
+            quoted(folder.join(INDEX).display())
+        )?;
         Ok(ExitCode::SUCCESS)
     }
 }

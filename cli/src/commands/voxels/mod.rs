@@ -17,7 +17,10 @@ use anyhow::Context as _;
 use clap::Parser;
 use file::{Format, VoxelFile};
 use grid::{Grid, Spent, volume};
-use raykd::{BuildTimes, Device, Error, Scene, internals::output};
+use raykd::{
+    BuildTimes, Device, Error, Scene,
+    internals::{output, quoted},
+};
 use std::{
     ffi::OsString,
     io::{self, StdoutLock, Write as _},
@@ -223,7 +226,7 @@ fn fill(
 
 fn print(t: &Told, path: &std::path::Path, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
     let mut line = |name: &str, what: String| writeln!(out, "{name:<7} {what}");
-    line("scene", format!("{}, {} triangles", t.scene, count(t.triangles as u64)))?;
+    line("scene", format!("{}, {} triangles", quoted(&t.scene), count(t.triangles as u64)))?;
     if let Some(told) = t.repairs.told() {
         line("repairs", told)?;
     }
@@ -237,6 +240,6 @@ fn print(t: &Told, path: &std::path::Path, out: &mut StdoutLock<'_>) -> anyhow::
     if let Some(across) = t.across {
         line("slices", format!("{across} side by side"))?;
     }
-    line("written", path.display().to_string())?;
+    line("written", quoted(path.display()))?;
     Ok(())
 }
