@@ -493,6 +493,7 @@ fn ply_right(whole: &str) -> Texts {
         ("blank-lines", whole.replace("\n0 4 0", "\n\n\n0 4 0")),
         ("spaces", whole.replace("\n4 0 0", "\n  4\t 0   0  ")),
         ("no-last-line-end", whole.trim_end().to_owned()),
+        ("returns", whole.replace('\n', "\r")),
     ]
 }
 
@@ -540,7 +541,6 @@ fn ply_either(whole: &str) -> Texts {
         ),
         ("version-2", whole.replace("ascii 1.0", "ascii 2.0")),
         ("upper-case", whole.to_uppercase()),
-        ("returns", whole.replace('\n', "\r")),
     ]
 }
 
@@ -708,6 +708,7 @@ fn packed() -> Vec<File> {
             [gzip(V.as_bytes()), gzip(b""), gzip(F.as_bytes())].concat(),
             Right(tetra.clone()),
         ),
+        file("zeros.obj.gz", [&zipped[..], &[0; 512]].concat(), Right(tetra.clone())),
         file("twice.obj.gz", gzip(&zipped), Either(tetra.clone())),
         file("behind.obj.gz", [&zipped[..], b"garbage"].concat(), Either(tetra)),
         file("checksum.obj.gz", other, Refused(&[])),
