@@ -229,35 +229,41 @@ impl Scene {
         count: usize,
         make: impl Fn(Range<usize>) -> Cow<'a, [R]> + Sync,
     ) -> Result<Traced, Error> {
-        self.in_parts(count, |range, hits| {
+        self.in_parts(count, |range, hits, turn| {
             let start = Instant::now();
+            let uploading = lock(turn);
             let mut batch = Batch::new(self, &make(range))?;
+            drop(uploading);
             batch.job.timed = timed;
             let upload = start.elapsed();
             traced(upload, || self.run(&batch, self.traversal, query, hits))
         })
     }
 
-    /// Traces so many rays in parts, by a function of which rays they are and where their hits go.
+    /// Traces so many rays in parts, by a function of which rays they are, where their hits go, and a lock to hold while
+    /// rays are moved to the device, so that those of one part are there early.
     fn in_parts(
         &self,
         count: usize,
-        trace: impl Fn(Range<usize>, To<'_, Hit>) -> Result<Traced, Error> + Sync,
+        trace: impl Fn(Range<usize>, To<'_, Hit>, &Mutex<()>) -> Result<Traced, Error> + Sync,
     ) -> Result<Traced, Error> {
-        let limit = self.batch_limit();
+        let (limit, turn) = (self.batch_limit(), Mutex::new(()));
         let most = if self.device.is_cpu() { limit } else { limit.min(OVERLAPPED) };
         if count == 0 {
             return Ok(Traced::default());
         }
         if count <= most {
             let mut hits = Vec::new();
-            let traced = trace(0..count, To::End(&mut hits, count))?;
+            let traced = trace(0..count, To::End(&mut hits, count), &turn)?;
             return Ok(Traced { hits, ..traced });
         }
         let mut hits: Vec<Hit> = zeroed_vec(count);
         let parts = hits.chunks_mut(most).enumerate();
-        let part = |(i, hits): (usize, &mut [Hit])| trace(i * most..i * most + hits.len(), To::Room(hits));
-        let all = if self.device.is_cpu() { alone(parts, part) } else { by_two(parts, part) }?;
+        let part =
+            |(i, hits): (usize, &mut [Hit])| trace(i * most..i * most + hits.len(), To::Room(hits), &turn);
+        // A thread of rayon must not wait for another one that may itself wait for rayon.
+        let is_alone = self.device.is_cpu() || rayon::current_thread_index().is_some();
+        let all = if is_alone { alone(parts, part) } else { by_two(parts, part) }?;
         Ok(Traced { hits, ..all })
     }
 
@@ -277,10 +283,12 @@ impl Scene {
         if rays.len() != excluded.len() {
             return Err(Error::Excluded { rays: rays.len(), excluded: excluded.len() });
         }
-        self.in_parts(rays.len(), |range, hits| {
+        self.in_parts(rays.len(), |range, hits, turn| {
             let start = Instant::now();
+            let uploading = lock(turn);
             let batch = Batch::new(self, &rays[range.clone()])?;
             let excluded = &self.device.upload("excluded", &excluded[range])?;
+            drop(uploading);
             let upload = start.elapsed();
             let except = self.intersector.except(batch.query(self), excluded, batch.lanes())?;
             traced(upload, || {

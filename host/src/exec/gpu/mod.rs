@@ -50,15 +50,21 @@ pub struct Gpu {
     entry_points: HashSet<String>,
     pipelines: Mutex<HashMap<&'static str, Pipeline>>,
     /// Staging buffers; taken while in use, and not put back after an error.
-    uploads: Mutex<Option<[Slot; 2]>>,
-    downloads: Mutex<Option<[Slot; 2]>>,
+    uploads: Kept<[Slot; 2]>,
+    downloads: Kept<[Slot; 2]>,
     /// Bytes that went to the device, and that came back.
     crossed: [AtomicU64; 2],
     /// How many buffers were allocated.
     allocated: AtomicU64,
     /// None where the device has no timestamps.
-    clock: Option<Mutex<Option<Clock>>>,
+    clock: Option<Kept<Clock>>,
 }
+
+/// Tools that nobody uses now.
+type Kept<T> = Mutex<Vec<T>>;
+
+/// Tools of a kind that are kept at most: large batches take two, see `by_two`.
+const KEPT: usize = 2;
 
 // See the same of `Memory`.
 const _: fn(&Gpu) = |gpu| {
@@ -342,7 +348,7 @@ impl Gpu {
     /// each.
     fn run_once(
         &self,
-        clock: &Mutex<Option<Clock>>,
+        clock: &Kept<Clock>,
         steps: &[Step<'_>],
         timed: Timed,
         early: bool,
@@ -543,16 +549,21 @@ impl AnyBuffer {
     }
 }
 
-/// Uses what is kept in `place`, made first if need be, and keeps it unless the use failed.
+/// Uses a tool of those that are kept, or a new one, and keeps it unless the use failed.
+///
+/// No lock is held meanwhile: a thread of rayon that waits for a copy may take up a task that asks here, too.
 fn with<T, R>(
-    place: &Mutex<Option<T>>,
+    kept: &Kept<T>,
     create: impl FnOnce() -> Result<T, Error>,
     act: impl FnOnce(&mut T) -> Result<R, Error>,
 ) -> Result<R, Error> {
-    let mut place = lock(place);
-    let mut tool = place.take().map_or_else(create, Ok)?;
+    let free = lock(kept).pop();
+    let mut tool = free.map_or_else(create, Ok)?;
     let result = act(&mut tool)?;
-    *place = Some(tool);
+    let mut kept = lock(kept);
+    if kept.len() < KEPT {
+        kept.push(tool);
+    }
     Ok(result)
 }
 

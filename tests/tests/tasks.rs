@@ -1,0 +1,55 @@
+//! Scenes that are asked by tasks of rayon, whose threads take up other tasks while they wait.
+
+use raykd::{BuildOptions, Device, Hit, Mesh, Ray, Scene};
+use raykd_tests::gpu;
+use rayon::{ThreadPoolBuilder, prelude::*};
+use std::{
+    sync::{LazyLock, mpsc::channel},
+    thread,
+    time::Duration,
+};
+
+/// A scene of one triangle, and rays that hit it. From now on rayon has two threads, but for pools of one's own.
+fn on_few_threads(device: impl FnOnce() -> Device, rays: usize) -> (Scene, Vec<Ray>) {
+    static POOL: LazyLock<()> =
+        LazyLock::new(|| ThreadPoolBuilder::new().num_threads(2).build_global().expect("nobody has used it"));
+    LazyLock::force(&POOL);
+    let mesh = Mesh::new(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2]]).unwrap();
+    let ray = Ray::new([0.1, 0.1, 1.0], [0.0, 0.0, -1.0]);
+    (Scene::build(&device(), &mesh, &BuildOptions::default()).unwrap(), vec![ray; rays])
+}
+
+/// Fails if `work` takes more than a minute: it hangs.
+fn within_a_minute(work: impl FnOnce() + Send + 'static) {
+    let (done, told) = channel();
+    thread::spawn(move || {
+        work();
+        done.send(()).unwrap();
+    });
+    told.recv_timeout(Duration::from_secs(60)).expect("it hangs, or has failed");
+}
+
+#[test]
+fn tasks_ask_a_gpu() {
+    let (scene, rays) = on_few_threads(|| gpu().clone(), 100_000);
+    within_a_minute(move || {
+        ThreadPoolBuilder::new().num_threads(4).build().unwrap().install(|| {
+            for _ in 0..100 {
+                (0..5).into_par_iter().with_max_len(1).for_each(|_| {
+                    assert!(scene.closest(&rays).unwrap().iter().all(Hit::is_hit));
+                });
+            }
+        });
+    });
+}
+
+/// Many rays are moved by two threads, of which one is a task's own.
+#[test]
+fn tasks_ask_a_gpu_for_many_hits() {
+    let (scene, rays) = on_few_threads(|| gpu().clone(), 3 << 20);
+    within_a_minute(move || {
+        (0..2).into_par_iter().with_max_len(1).for_each(|_| {
+            assert!(scene.closest(&rays).unwrap().iter().all(Hit::is_hit));
+        });
+    });
+}
