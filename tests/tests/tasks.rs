@@ -53,3 +53,16 @@ fn tasks_ask_a_gpu_for_many_hits() {
         });
     });
 }
+
+/// If a thread that waits took up the next task, each would lie on its stack on top of the one before.
+#[test]
+fn tasks_ask_threads_of_a_devices_own() {
+    let (scene, rays) = on_few_threads(|| Device::cpu_with_threads(2).unwrap(), 3000);
+    within_a_minute(move || {
+        rayon::scope(|scope| {
+            for _ in 0..2000 {
+                scope.spawn(|_| assert!(scene.closest(&rays).unwrap().iter().all(Hit::is_hit)));
+            }
+        });
+    });
+}

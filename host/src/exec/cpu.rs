@@ -14,6 +14,7 @@ use std::sync::{
         AtomicU32,
         Ordering::{Acquire, Relaxed, Release},
     },
+    mpsc::channel,
 };
 
 /// The processor as a device.
@@ -85,10 +86,19 @@ impl Cpu {
     }
 
     pub(super) fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
-        match &self.pool {
-            Some(pool) => pool.install(work),
-            None => work(),
+        let Some(pool) = &self.pool else { return work() };
+        let is_anothers = rayon::current_thread_index().is_some() && pool.current_thread_index().is_none();
+        if !is_anothers {
+            return pool.install(work);
         }
+        // A thread of another pool would take up more and more of that pool's tasks while it waits for this one, each on
+        // top of the other, until its stack is full. So it sleeps.
+        let (done, told) = channel();
+        let result = pool.in_place_scope(|scope| {
+            scope.spawn(move |_| drop(done.send(work())));
+            told.recv()
+        });
+        result.expect("a panic would have been passed on")
     }
 
     fn run_here(&self, steps: &[Step<'_>], profile: bool) -> Timing {
