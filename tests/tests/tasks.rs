@@ -34,11 +34,12 @@ fn tasks_ask_a_gpu() {
     let (scene, rays) = on_few_threads(|| gpu().clone(), 100_000);
     within_a_minute(move || {
         ThreadPoolBuilder::new().num_threads(4).build().unwrap().install(|| {
-            for _ in 0..100 {
-                (0..5).into_par_iter().with_max_len(1).for_each(|_| {
-                    assert!(scene.closest(&rays).unwrap().iter().all(Hit::is_hit));
-                });
+            for _ in 0..400 {
+                (0..5).into_par_iter().with_max_len(1).for_each(|_| drop(scene.resident(&rays).unwrap()));
             }
+            (0..20).into_par_iter().with_max_len(1).for_each(|_| {
+                assert!(scene.closest(&rays).unwrap().iter().all(Hit::is_hit));
+            });
         });
     });
 }
