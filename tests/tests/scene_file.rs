@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use raykd::{
     BuildOptions, Builder, Device, Intersector, KdTree, Mesh, Query, Ray, Scene, Traversal,
-    shared::{LAYOUT_VERSION, Node, TreeHeader},
+    shared::{LAYOUT_VERSION, Node, TreeHeader, TreeView},
 };
 use raykd_tests::{
     Failure, built_from, cases, cpu, devices,
@@ -337,6 +337,46 @@ fn parts_that_do_not_belong_together_are_refused() {
     ] {
         let message = refusal(&changed);
         assert!(message.contains(what), "{what}: {message}");
+    }
+}
+
+/// The file with another header of its tree, all checksums right.
+fn with_header(file: &[u8], change: impl FnOnce(&mut TreeHeader)) -> Vec<u8> {
+    let [nodes, refs, ..] = sections(file).map(|section| &file[section]);
+    let mut header: TreeHeader = bytemuck::pod_read_unaligned(&file[40..104]);
+    change(&mut header);
+    let (nodes, refs) = (bytemuck::pod_collect_to_vec(nodes), bytemuck::pod_collect_to_vec(refs));
+    header.checksum = TreeView { header: &header, nodes: &nodes, refs: &refs }.checksum();
+    let mut changed = file.to_vec();
+    changed[40..104].copy_from_slice(bytemuck::bytes_of(&header));
+    resealed(changed)
+}
+
+/// In a smaller box hits would be lost.
+#[test]
+fn a_box_scale_or_move_that_is_not_the_meshs_is_refused() {
+    for mesh in meshes() {
+        let (_folder, path) = place();
+        build(cpu(), &mesh, Builder::Binned).save(&path).unwrap();
+        let file = fs::read(&path).unwrap();
+        assert!(open(&with_header(&file, |_| ())).is_ok());
+        let boxes: &[fn(&mut TreeHeader)] = &[
+            |header| header.lo[0] -= 1.0,
+            |header| header.hi[2] += 1.0,
+            |header| header.hi[1] = header.hi[1].next_up(),
+        ];
+        // What was scaled may have been of any size.
+        let scales: &[fn(&mut TreeHeader)] = &[|header| header.scale *= 2.0, |header| header.scale *= 0.5];
+        for change in boxes.iter().chain(if mesh.scale() == 1.0 { scales } else { &[] }) {
+            let message = refusal(&with_header(&file, change));
+            assert!(message.contains("box or scale is not its mesh's"), "{message}");
+        }
+        for number in [f64::NAN, f64::INFINITY] {
+            let mut moved = file.clone();
+            moved[24..32].copy_from_slice(&number.to_le_bytes());
+            let message = refusal(&resealed(moved));
+            assert!(message.contains("moved by what is no number"), "{message}");
+        }
     }
 }
 

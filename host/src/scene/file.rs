@@ -6,7 +6,7 @@ use crate::{
     build::{Built, Kept, Laid, MeshBuffers},
     clock::Instant,
     exec::{Device, cpu::Memory, pages::FileBytes},
-    mesh::digest,
+    mesh::{Measure, digest},
     output, tree,
 };
 use bytemuck::{Pod, Zeroable, cast_slice};
@@ -95,6 +95,24 @@ impl Parts<'_> {
         ]
     }
 
+    /// Whether a tree has the box of the triangles that take part, and their scale.
+    fn is_measured(&self, header: &TreeHeader) -> bool {
+        let Self { positions, indices, kept, .. } = *self;
+        if kept.is_empty() {
+            return header.lo == [0.0; 3] && header.hi == [0.0; 3] && header.scale == 1.0;
+        }
+        let both = |a: [Vec3; 2], b: [Vec3; 2]| [a[0].min(b[0]), a[1].max(b[1])];
+        let corner = |&vertex: &u32| [Vec3::from_slice(&positions[3 * vertex as usize..][..3]); 2];
+        let corners =
+            kept.par_iter().flat_map_iter(|&triangle| indices[triangle as usize].iter().map(corner));
+        let [lo, hi] = corners.reduce(|| [Vec3::INFINITY, Vec3::NEG_INFINITY], both).map(|v| v.to_array());
+        // The mesh as it was given, which tells by what power of two it was multiplied.
+        let [lo_given, hi_given] = [lo, hi].map(|corner| corner.map(|x| x / header.scale));
+        let finite = lo_given.iter().chain(&hi_given).all(|x| x.is_finite());
+        let scale = Measure { lo: lo_given, hi: hi_given, smallest: 0.0 }.scale();
+        (header.lo, header.hi) == (lo, hi) && finite && scale.is_ok_and(|scale| scale == header.scale)
+    }
+
     /// Makes sure that it all belongs together: kernels rely on it. Whatever stands there is no harm to this.
     fn check(&self, head: &Head) -> Result<(), String> {
         let Self { nodes, refs, corners, positions, indices, kept } = *self;
@@ -110,6 +128,12 @@ impl Parts<'_> {
         view.validate().map_err(|fault| fault.to_string())?;
         if digest(positions, indices, kept) != head.tree.mesh {
             return Err("the tree belongs to another mesh".to_owned());
+        }
+        if !self.is_measured(&head.tree) {
+            return Err("the tree's box or scale is not its mesh's".to_owned());
+        }
+        if !head.translation.iter().all(|x| x.is_finite()) {
+            return Err("the mesh was moved by what is no number".to_owned());
         }
         let laid = |(&id, corners): (&u32, &LeafTriangle)| {
             let at = |vertex: u32| Vec3::from_slice(&positions[3 * vertex as usize..][..3]);
