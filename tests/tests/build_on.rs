@@ -375,6 +375,7 @@ fn buffers_that_cannot_be_used_are_refused() -> Result<(), Failure> {
     let options = BuildOptions::default();
     for (on, positions, indices, word) in [
         (device, buffer.slice(256..end), other.slice(..), "STORAGE"),
+        (device, buffer.slice(12..24), buffer.slice(next..), "begins at byte 12"),
         (device, buffer.slice(256..end - 4), buffer.slice(next..), "no whole number of vertices"),
         (
             device,

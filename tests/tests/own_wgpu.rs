@@ -315,13 +315,35 @@ fn what_cannot_be_used_is_refused() {
         let few = own.buffer(&[0u32; 19], Use::STORAGE);
         let refused = own.scene.encode_crossings(encoder, rays.slice(..), few.slice(..), 10);
         assert!(refused.expect_err("too few").to_string().contains("room for 9"));
+        let counts = own.buffer(&[0u32; 20], Use::STORAGE);
+        let (gone, not_four) = (own.buffer(&[0u8; 320], Use::STORAGE), rays.slice(..319));
+        gone.destroy();
+        let slices = [rays.slice(..), hits.slice(..)];
+        for (rays, hits, count, word) in [
+            (rays.slice(4..), slices[1], 9.into(), "buffer of rays begins at byte 4"),
+            (slices[0], hits.slice(4..), 9.into(), "begins at byte 4"),
+            (not_four, slices[1], 9.into(), "buffer of rays has 319 bytes"),
+            (slices[0], slices[1], RayCount::from(counts.slice(4..)), "the number of rays begins at byte 4"),
+            (gone.slice(..), slices[1], 9.into(), "destroyed"),
+        ] {
+            for refused in [
+                own.scene.encode(encoder, Query::Closest, rays, hits, count),
+                own.scene.encode_crossings(encoder, rays, hits, count),
+            ] {
+                let error = refused.expect_err(word).to_string();
+                assert!(error.contains(word), "{error}");
+            }
+        }
         // The encoder is none the worse for it.
         own.scene.encode(encoder, Query::Closest, rays.slice(..), hits.slice(..), 10).expect("encoded");
     });
     assert!(host.buffers().is_err());
+    let small = raykd::required_limits(wgpu::Limits::default());
+    let small = wgpu::Limits { max_buffer_size: 4 << 20, max_storage_buffer_binding_size: 4 << 20, ..small };
     let lacking = [
         (wgpu::Features::empty(), raykd::required_limits(wgpu::Limits::default()), "PASSTHROUGH_SHADERS"),
         (raykd::required_features(), wgpu::Limits::default(), "max_storage_buffers_per_shader_stage"),
+        (raykd::required_features(), small, "max_buffer_size"),
     ];
     for (features, limits, word) in lacking {
         let (device, queue) = request(features, limits).expect("a device");
@@ -330,6 +352,40 @@ fn what_cannot_be_used_is_refused() {
         let told = error.to_string();
         assert!(told.contains(word) && told.contains("request it") && !told.contains("--device"), "{told}");
     }
+}
+
+/// A device of one's own for a scene that no other test uses.
+fn alone() -> Result<(wgpu::Device, Scene), Error> {
+    let limits = raykd::required_limits(wgpu::Limits::default());
+    let (device, queue) = request(raykd::required_features(), limits).expect("the least that is needed");
+    let scene = Scene::build(&Device::from_wgpu(&device, &queue)?, &OWN.mesh, &BuildOptions::default())?;
+    Ok((device, scene))
+}
+
+#[test]
+fn too_many_rays_are_told_as_such() {
+    let most = wgpu::Limits::default().max_storage_buffer_binding_size as usize / size_of::<Ray>();
+    let rays = vec![Ray::new([0.0; 3], [1.0, 0.0, 0.0]); most + 1];
+    let error = OWN.scene.resident(&rays).expect_err("there is no room").to_string();
+    assert!(error.contains("use fewer rays, or another device"), "{error}");
+}
+
+/// Little is kept of a large batch, however few hits it has.
+#[test]
+fn a_large_batch_leaves_little_memory() -> Result<(), Failure> {
+    let (device, scene) = alone()?;
+    let memory = || {
+        device.poll(wgpu::PollType::wait_indefinitely()).expect("it goes on");
+        device.generate_allocator_report().expect("a report").total_allocated_bytes
+    };
+    let mut rays = vec![Ray::new([100.0, 0.0, 0.0], [1.0, 0.0, 0.0]); 1 << 20];
+    assert!(scene.all(&rays, 1)?.hits.is_empty());
+    let before = memory();
+    rays[7] = Ray::new([0.0, 0.0, 50.0], [0.0, 0.0, -1.0]);
+    assert_eq!(scene.all(&rays, 1)?.hits.len(), 1);
+    let more = memory().saturating_sub(before);
+    assert!(more < 1 << 20, "{more} bytes are kept");
+    Ok(())
 }
 
 /// What is offered to shaders of one's own is the tree, as its layout says.
@@ -356,15 +412,11 @@ fn buffers_hold_the_tree() -> Result<(), Failure> {
 /// Without raykd's callbacks a lost device still gives no hits.
 #[test]
 fn a_lost_device_gives_an_error() -> Result<(), Failure> {
-    let limits = raykd::required_limits(wgpu::Limits::default());
-    let (device, queue) = request(raykd::required_features(), limits).expect("the least that is needed");
-    let raykd = Device::from_wgpu(&device, &queue)?;
-    let mesh = Mesh::teapot(2);
-    let scene = Scene::build(&raykd, &mesh, &BuildOptions::default())?;
+    let (device, scene) = alone()?;
     device.destroy();
     let _ = device.poll(wgpu::PollType::Poll);
-    let rays = random(mesh.bounds(), 100_000, 1);
+    let rays = random(OWN.mesh.bounds(), 100_000, 1);
     assert!(scene.closest(&rays).is_err());
-    assert!(Scene::build(&raykd, &mesh, &BuildOptions::default()).is_err());
+    assert!(Scene::build(scene.device(), &OWN.mesh, &BuildOptions::default()).is_err());
     Ok(())
 }

@@ -101,12 +101,24 @@ pub(super) fn refused(what: impl Into<String>) -> Error {
     Error::Wgpu(what.into())
 }
 
-/// How many elements of a type fit a part of a buffer.
-pub(super) fn room<T>(what: &str, part: wgpu::BufferSlice<'_>) -> Result<u32, Error> {
+/// How many elements of a type fit a part of a buffer that kernels can bind.
+pub(super) fn room<T>(gpu: &Gpu, what: &str, part: wgpu::BufferSlice<'_>) -> Result<u32, Error> {
     if !part.buffer().usage().contains(wgpu::BufferUsages::STORAGE) {
         return Err(refused(format!("the buffer of {what} lacks BufferUsages::STORAGE")));
     }
-    Ok(u32::try_from(part.size() / size_of::<T>() as u64).unwrap_or(u32::MAX))
+    let (begin, bytes) = (part.offset(), part.size());
+    let aligned = u64::from(gpu.parts().0.limits().min_storage_buffer_offset_alignment);
+    if begin % aligned != 0 {
+        return Err(refused(format!(
+            "the part of the buffer of {what} begins at byte {begin}, which is no multiple of {aligned}"
+        )));
+    }
+    if bytes % 4 != 0 {
+        return Err(refused(format!(
+            "the part of the buffer of {what} has {bytes} bytes, which is no multiple of 4"
+        )));
+    }
+    Ok(u32::try_from(bytes / size_of::<T>() as u64).unwrap_or(u32::MAX))
 }
 
 pub(super) fn bind(part: wgpu::BufferSlice<'_>) -> wgpu::BindingResource<'_> {
@@ -139,17 +151,17 @@ impl Scene {
     /// device.
     ///
     /// `rays` holds [`Ray`]s, 32 bytes each, less the [translation](crate::Mesh::translation) of the mesh; `hits`
-    /// gets as many
-    /// [`Hit`]s, 16 bytes each, the same bytes as [`Scene::trace`] gives. Both are parts of buffers with
-    /// `BufferUsages::STORAGE`, as is the number of rays, if that is in a buffer. Nothing is waited for, and no ray
-    /// or hit is copied. Hits by [`Intersector::Exact`](crate::Intersector::Exact) take 16 more bytes a ray
-    /// for as long as the commands need them. The example [own_wgpu] is a whole program.
+    /// gets as many [`Hit`]s, 16 bytes each, the same bytes as [`Scene::trace`] gives. Both are parts of buffers with
+    /// `BufferUsages::STORAGE`, which begin at a multiple of the device's `min_storage_buffer_offset_alignment`, as
+    /// does the number of rays, if that is in a buffer. Nothing is waited for, and no ray or hit is copied. Hits by
+    /// [`Intersector::Exact`](crate::Intersector::Exact) take 16 more bytes a ray for as long as the commands need
+    /// them. The example [own_wgpu] is a whole program.
     ///
     /// [own_wgpu]: https://docs.rs/crate/raykd/latest/source/examples/own_wgpu.rs
     ///
     /// # Errors
     /// The scene is not on a GPU, its traversal is not the usual one, rays and hits are parts of one buffer, a buffer
-    /// is too small or lacks a usage, or the device failed.
+    /// is too small, lacks a usage or begins elsewhere, or the device failed. The encoder may still be used.
     pub fn encode<'a>(
         &self,
         encoder: &mut wgpu::CommandEncoder,
@@ -194,8 +206,8 @@ impl Scene {
     /// ```
     ///
     /// # Errors
-    /// The scene is not on a GPU, rays and crossings are parts of one buffer, a buffer is too small or lacks a usage,
-    /// or the device failed.
+    /// The scene is not on a GPU, rays and crossings are parts of one buffer, a buffer is too small, lacks a usage or
+    /// begins elsewhere, or the device failed. The encoder may still be used.
     pub fn encode_crossings<'a>(
         &self,
         encoder: &mut wgpu::CommandEncoder,
@@ -226,7 +238,7 @@ impl Scene {
         if rays.buffer() == answers.buffer() {
             return Err(refused(format!("rays and {what} are parts of one buffer; give each its own")));
         }
-        let room = room::<Ray>("rays", rays)?.min(room::<Answer>(what, answers)?);
+        let room = room::<Ray>(gpu, "rays", rays)?.min(room::<Answer>(gpu, what, answers)?);
         let most = match count {
             RayCount::Rays(rays) if rays > room => {
                 return Err(refused(format!("there are {rays} rays, and the buffers have room for {room}")));
@@ -237,7 +249,7 @@ impl Scene {
         let job = gpu.filled("job", &[most, 0, 0, option])?;
         let mut args = None;
         if let RayCount::InBuffer(number) = count {
-            if self::room::<u32>("the number of rays", number)? == 0 {
+            if self::room::<u32>(gpu, "the number of rays", number)? == 0 {
                 return Err(refused("the number of rays takes four bytes"));
             }
             let args = args.insert(gpu.filled("workgroups", &[0; 3])?);

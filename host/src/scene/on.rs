@@ -50,8 +50,8 @@ impl Scene {
         let gpu = device
             .as_gpu()
             .ok_or_else(|| refused("the device is the CPU; a mesh in buffers of wgpu is built on a GPU"))?;
-        let vertices = threes("vertices", positions)?;
-        let triangles = threes("triangles", indices)?;
+        let vertices = threes(gpu, "vertices", positions)?;
+        let triangles = threes(gpu, "triangles", indices)?;
         Self::surveyed(device, vertices, triangles, options, |copies, then| {
             copy_by_encoder(gpu, copies, (vertices, triangles), positions, indices, then)
         })
@@ -59,14 +59,14 @@ impl Scene {
 }
 
 /// How many elements of three words a part of a buffer holds.
-fn threes(what: &str, part: wgpu::BufferSlice<'_>) -> Result<u32, Error> {
+fn threes(gpu: &Gpu, what: &str, part: wgpu::BufferSlice<'_>) -> Result<u32, Error> {
     if part.size() % THREE != 0 {
         let bytes = part.size();
         let why =
             format!("{bytes} bytes hold no whole number of {what} of {THREE} bytes; give the part that does");
         return Err(refused(why));
     }
-    match room::<[u32; 3]>(what, part)? {
+    match room::<[u32; 3]>(gpu, what, part)? {
         0 => Err(refused(format!("there are no {what}"))),
         // Of all numbers of a word's width the largest means none.
         count if u64::from(count) * 3 < u64::from(u32::MAX) => Ok(count),
