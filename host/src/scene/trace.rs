@@ -240,8 +240,8 @@ impl Scene {
         })
     }
 
-    /// Traces so many rays in parts, by a function of which rays they are, where their hits go, and a lock to hold while
-    /// rays are moved to the device, so that those of one part are there early.
+    /// Traces so many rays in parts, by a function of which rays they are, where their hits go, and a lock to hold
+    /// while rays are moved to the device, so that those of one part are there early.
     fn in_parts(
         &self,
         count: usize,
@@ -400,7 +400,7 @@ impl Scene {
             return Ok(());
         }
         reserve(&mut all.hits, "hits", end)?;
-        let device = self.device.for_rays(end as usize);
+        let device = self.device.for_rays(rays.len().max(end as usize));
         let (begins, hits) = (device.put("begins", &begins)?, device.room("all hits", end)?);
         all.times.upload += start.elapsed();
         let (job, kept_hits) = (&batch.job.record, &batch.hits);
