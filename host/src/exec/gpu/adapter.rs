@@ -1,6 +1,6 @@
 //! Finding and describing Vulkan adapters.
 
-use super::{Gpu, clock::Clock, probe::AdapterVerdict};
+use super::{CHUNK, Gpu, clock::Clock, probe::AdapterVerdict};
 use crate::Error;
 use raykd_kernels::Kernel;
 use raykd_shared::limits::GROUPS_X;
@@ -57,7 +57,7 @@ pub const fn required_features() -> wgpu::Features {
     wgpu::Features::PASSTHROUGH_SHADERS
 }
 
-/// Of `limits`, raised where a kernel needs more.
+/// Of `limits`, raised where kernels or transfers need more.
 ///
 /// `max_storage_buffer_binding_size` and `max_buffer_size` bound the scenes that fit; ask for what the adapter has.
 pub fn required_limits(limits: wgpu::Limits) -> wgpu::Limits {
@@ -69,6 +69,7 @@ pub fn required_limits(limits: wgpu::Limits) -> wgpu::Limits {
         max_compute_workgroup_size_x: limits.max_compute_workgroup_size_x.max(threads),
         max_storage_buffers_per_shader_stage: limits.max_storage_buffers_per_shader_stage.max(buffers),
         max_compute_workgroups_per_dimension: limits.max_compute_workgroups_per_dimension.max(GROUPS_X),
+        max_buffer_size: limits.max_buffer_size.max(CHUNK as u64),
         ..limits
     }
 }
@@ -112,7 +113,7 @@ pub(super) fn missing(who: &str, features: wgpu::Features, limits: wgpu::Limits)
     }
     let mut lacks = None;
     required_limits(limits.clone()).check_limits_with_fail_fn(&limits, true, |name, needed, allowed| {
-        lacks = Some(format!("{who} allows {name} of {allowed}, and kernels need {needed}"));
+        lacks = Some(format!("{who} allows {name} of {allowed}, and raykd needs {needed}"));
     });
     lacks
 }
