@@ -1,7 +1,7 @@
 //! What can go wrong, and what to do about it.
 
 use crate::{Intersector, quoted::quoted};
-use raykd_shared::{Fault, LAYOUT_VERSION};
+use raykd_shared::{Fault, LAYOUT_VERSION, status};
 use std::path::PathBuf;
 
 /// Everything raykd's library reports.
@@ -32,7 +32,8 @@ pub enum Error {
     },
     /// A buffer would be larger than the device allows.
     #[error(
-        "buffer '{buffer}' needs {bytes} bytes, but {limit_name} allows {limit}; use a smaller mesh, or another device"
+        "buffer '{buffer}' needs {bytes} bytes, but {limit_name} allows {limit}; use {}, or another device",
+        if *buffer == "rays" { "fewer rays" } else { "a smaller mesh" }
     )]
     TooLarge {
         /// Name of the buffer.
@@ -221,6 +222,17 @@ pub enum TreeError {
     },
 }
 
+impl Error {
+    /// That a kernel stopped, by the bits that it left.
+    pub(crate) const fn of_status(bits: u32) -> Self {
+        Self::Kernel(if bits & status::CUT_SHORT == 0 {
+            status::describe(bits)
+        } else {
+            "the driver cut a long loop short, as llvmpipe does after 65,535 rounds; a CPU does the same job"
+        })
+    }
+}
+
 impl From<TreeError> for Error {
     fn from(why: TreeError) -> Self {
         Self::Tree { file: None, why }
@@ -240,6 +252,13 @@ mod tests {
             assert!(error.ends_with(&format!("the default, {}", Intersector::default().name())), "{error}");
         }
         assert_eq!(Intersector::default().name(), "strict");
+    }
+
+    #[test]
+    fn a_loop_cut_short_is_told_without_options_of_the_program() {
+        let error = Error::of_status(status::CUT_SHORT | status::STACK).to_string();
+        assert!(error.contains("cut a long loop short") && !error.contains("--"), "{error}");
+        assert!(Error::of_status(status::STACK).to_string().ends_with("deeper than its header says"));
     }
 
     #[test]

@@ -225,7 +225,7 @@ pub(super) fn build(
             return Err(Stop::Room);
         }
         if state.status != 0 {
-            return Err(Error::Kernel(status::describe(state.status)).into());
+            return Err(Error::of_status(state.status).into());
         }
         if state.left == 0 {
             break state;
@@ -233,7 +233,7 @@ pub(super) fn build(
         // Each look makes a level or two of what is left.
         looks += 1;
         if looks > params.max_depth + 1 {
-            return Err(Error::Kernel(status::describe(status::LEVELS)).into());
+            return Err(Error::of_status(status::LEVELS).into());
         }
         // Branches come once the levels are done.
         let more = if state.rounds > 0 { 0 } else { MORE };

@@ -13,7 +13,7 @@ use raykd_kernels::{
         queries,
     },
 };
-use raykd_shared::{Hit, Ray, status};
+use raykd_shared::{Hit, Ray};
 use std::time::Duration;
 
 impl Scene {
@@ -180,7 +180,7 @@ impl Batch {
 pub(super) fn invalid(words: [u32; OUTCOME_WORDS as usize]) -> Result<u32, Error> {
     match words[OUTCOME_STATUS as usize] {
         0 => Ok(words[OUTCOME_INVALID as usize]),
-        bits => Err(Error::Kernel(status::describe(bits))),
+        bits => Err(Error::of_status(bits)),
     }
 }
 

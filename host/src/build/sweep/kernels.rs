@@ -362,7 +362,7 @@ impl<'a> Lists<'a> {
                 break state;
             }
             if end == number {
-                return Err(Error::Kernel(status::describe(status::LEVELS)).into());
+                return Err(Error::of_status(status::LEVELS).into());
             }
             (depth, lists) = (end, state.lists > 0);
         };
