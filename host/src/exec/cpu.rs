@@ -91,8 +91,8 @@ impl Cpu {
         if !is_anothers {
             return pool.install(work);
         }
-        // A thread of another pool would take up more and more of that pool's tasks while it waits for this one, each on
-        // top of the other, until its stack is full. So it sleeps.
+        // A thread of another pool would take up more and more of that pool's tasks while it waits for this one, each
+        // on top of the other, until its stack is full. So it sleeps.
         let (done, told) = channel();
         let result = pool.in_place_scope(|scope| {
             scope.spawn(move |_| drop(done.send(work())));

@@ -31,7 +31,8 @@ pub struct Counted<T> {
 impl Scene {
     /// How often every ray crosses the mesh in its range of `t`, and from which sides. A ray through an edge or a
     /// vertex of a closed surface crosses it there once or not at all, never once for each triangle; one along a
-    /// triangle's plane does not cross that triangle. Signs are exact, whatever the scene's triangle test is.
+    /// triangle's plane does not cross that triangle. Signs are exact, whatever the scene's triangle test is. If a ray
+    /// crosses many triangles in one place, which lie on one another, its time grows with the square of their number.
     ///
     /// The rule: the ray counts as if its origin were moved by `(e, e^2, e^3)` for an infinitely small positive `e`
     /// (Edelsbrunner & Mücke 1990, "Simulation of simplicity"). So an origin on the surface is on one side of it,

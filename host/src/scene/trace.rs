@@ -329,7 +329,8 @@ impl Scene {
     }
 
     /// All hits of every ray, each triangle once: `limit` of a ray at most, and how many there are. With a limit of 0
-    /// hits are only counted. Uses the full stack; a walk finds up to eight hits.
+    /// hits are only counted. Uses the full stack; a walk finds up to eight hits. If a ray hits many triangles in one
+    /// place, which lie on one another, its time grows with the square of their number.
     ///
     /// ```
     /// use raykd::{BuildOptions, Device, Mesh, Ray, Scene};

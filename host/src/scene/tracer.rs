@@ -66,7 +66,8 @@ impl Tracer {
         self.find(&self.local(ray), true)
     }
 
-    /// Calls `each` with all hits, by rising (`t`, triangle), until it breaks; returns what it broke with.
+    /// Calls `each` with all hits, by rising (`t`, triangle), until it breaks; returns what it broke with. If the ray
+    /// hits many triangles in one place, which lie on one another, its time grows with the square of their number.
     ///
     /// # Errors
     /// The scene's triangle test was neither the default nor `exact`. Then `each` is not called.
