@@ -15,8 +15,9 @@
 //!   and are counted; of equal hits the lowest number wins.
 //! - **Dust**: coordinates that are smaller in size than 2⁻⁶⁰ of the mesh's largest extent (rounded down to a
 //!   power of two) are 0 for the kernels, and counted. They are there because somebody's arithmetic left
-//!   them, and a GPU may or may not flush them. Whether a triangle has area is asked after that. Only where triangles
-//!   that have none before make the mesh so much larger that more would be dust, they count as zero-area.
+//!   them, and a GPU may or may not flush them. A triangle without area after that counts as zero-area. One that has
+//!   area only after that takes part if triangles with area have such coordinates, too, and the mesh does not get so
+//!   large by it that more would be dust.
 //! - **Errors**: coordinates that are not finite, indices out of range, damaged, truncated or empty files, a
 //!   mesh without faces. Each names file and line or element. A mesh whose triangles all have no area is fine:
 //!   its tree is empty.

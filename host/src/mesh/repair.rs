@@ -179,7 +179,7 @@ pub(super) fn survey(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Result<S
             if kept.len() < before {
                 continue;
             }
-            // Others may have area without dust alone: a closed mesh needs them. Not where dust would be another then.
+            // Others have area only without dust, and a closed mesh may need them. Not if dust would be another then.
             let all = with_area(dust);
             if all.len() > kept.len() && measure(&all).dust() == dust {
                 (measured, kept) = (measure(&all), all);

@@ -150,7 +150,8 @@ mod tests {
     use crate::BuildOptions;
 
     /// Coordinates that are 0 for kernels, others next to them that are not, and a triangle on one line that has area
-    /// without the former; small, too, so that such a triangle would make the mesh larger, and has none.
+    /// without the former, which counts if others have such coordinates, too; small, too, so that such a triangle would
+    /// make the mesh larger.
     #[test]
     fn a_scene_has_the_mesh_of_which_it_was_built() {
         let dust = 2f32.powi(-60);
@@ -158,12 +159,16 @@ mod tests {
         let on_lines = [[0.9 * dust, 0.5, 0.0], [1.8 * dust, 1.0, 0.0]];
         let tiny = solid.map(|p| p.map(|x| x * 2f32.powi(-100)));
         let huge = [[1e8, 1e-20, 0.0], [4e8, 4e-20, 0.0]];
-        let mut kept: &[u32] = &[0, 1, 2];
-        for corners in [[solid.as_slice(), &on_lines].concat(), [tiny.as_slice(), &huge].concat()] {
-            let triangles = vec![[0, 1, 2], [0, 1, 3], [0, 4, 5]];
-            let mesh = Mesh::new(corners, triangles).unwrap();
+        let (dusty, small) = ([solid.as_slice(), &on_lines].concat(), [tiny.as_slice(), &huge].concat());
+        let three = [[0, 1, 2], [0, 1, 3], [0, 4, 5]];
+        let four = [three.as_slice(), &[[2, 3, 4]]].concat();
+        for (corners, triangles, kept) in [
+            (&dusty, three.as_slice(), &[0, 1][..]),
+            (&dusty, &four, &[0, 1, 2, 3]),
+            (&small, &three, &[0, 1]),
+        ] {
+            let mesh = Mesh::new(corners.clone(), triangles.to_vec()).unwrap();
             assert_eq!(mesh.kept(), kept);
-            kept = &[0, 1];
             let scene = Scene::build(&Device::cpu(), &mesh, &BuildOptions::default()).unwrap();
             let back = scene.mesh().unwrap();
             assert_eq!((back.kept(), back.triangles()), (mesh.kept(), mesh.triangles()));
