@@ -30,7 +30,7 @@ use {crate::lock::lock, std::sync::Mutex};
 /// A machine that kernels run on: the processor, by rayon, or a Vulkan device, by wgpu. Clones are the same machine.
 ///
 /// It keeps the memory of small batches of rays for the next ones: 2 MiB, and as much for each thread that traces at
-/// the same time.
+/// the same time. One that moves more to or from a GPU leaves up to 64 MiB of the host's memory there, for the next.
 #[derive(Clone, Debug)]
 pub struct Device {
     machine: Arc<Machine>,

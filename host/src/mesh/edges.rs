@@ -1,6 +1,6 @@
 //! Whether a mesh is closed: how its triangles meet at edges.
 
-use super::Mesh;
+use super::{Mesh, repair::settle};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -45,10 +45,14 @@ impl Edges {
 type Use = u64;
 
 impl Mesh {
-    /// How triangles meet at edges. Vertices count by place, so that a mesh whose triangles share no vertices may be
-    /// closed. Triangles without area count too, but for those with two corners at one place.
+    /// How triangles meet at edges. Vertices count by place, where dust is 0, so that a mesh whose triangles share no
+    /// vertices may be closed. Triangles without area count too, but for those with two corners at one place.
     pub fn edges(&self) -> Edges {
-        edges(self.positions(), self.triangles())
+        if self.repairs.flushed == 0 {
+            return edges(self.positions(), self.triangles());
+        }
+        let settled = self.positions().par_iter().map(|p| p.map(|x| settle(x, self.dust)));
+        edges(&settled.collect::<Vec<_>>(), self.triangles())
     }
 }
 
@@ -159,15 +163,15 @@ pub(crate) fn places(positions: &[[f32; 3]]) -> Vec<u32> {
 mod tests {
     use super::*;
 
-    /// A tetrahedron whose triangles share no vertices, half of them with zeros of the other sign; of each the corners
-    /// in order, or not.
+    /// A tetrahedron whose triangles share no vertices, some of them with zeros of the other sign, or dust; of each the
+    /// corners in order, or not.
     fn tetrahedron(turned: [bool; 4], count: usize) -> Edges {
         let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
         let listed = faces.iter().zip(turned).take(count);
         let positions = listed.flat_map(|(&[a, b, c], turned)| if turned { [a, c, b] } else { [a, b, c] });
         let signed = |(i, corner): (usize, usize)| {
-            corners[corner].map(|x: f32| if x == 0.0 && i % 6 < 3 { -x } else { x })
+            corners[corner].map(|x: f32| if x == 0.0 { [-0.0, 0.0, 1e-25][i % 9 / 3] } else { x })
         };
         let positions: Vec<[f32; 3]> = positions.enumerate().map(signed).collect();
         let triangles = (0..count as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();

@@ -199,8 +199,8 @@ impl Scene {
     }
 
     /// Traces rays and reports times; rays are moved in batches as large as the device's buffers allow, at most. On a
-    /// GPU the host moves some while others are traced, so that times overlap. An H200 takes 12 µs to tell the time:
-    /// who does not need it asks for [`Scene::closest`] or [`Scene::any`].
+    /// GPU the host moves some while others are traced, so that times overlap, unless a thread of rayon asks. An H200
+    /// takes 12 µs to tell the time: who does not need it asks for [`Scene::closest`] or [`Scene::any`].
     ///
     /// # Errors
     /// The device failed.
