@@ -47,10 +47,10 @@ impl Gpu {
         assert_eq!(resources.len(), kernel.slots.len(), "buffers of {}", kernel.name());
         self.prepare(&[kernel])?;
         let Pipeline { layout, pipeline } = lock(&self.pipelines)[kernel.path].clone();
-        let doing = format_args!("encoding kernel {}", kernel.name());
+        let doing = format!("encoding kernel {}", kernel.name());
         // Before the pass begins: an encoder with a pass that fails is of no use any more.
-        let group = self.link.guard(doing, || self.bind(&layout, resources.iter().cloned()))?;
-        self.link.guard(doing, || {
+        let group = self.link.guard(&doing, || self.bind(&layout, resources.iter().cloned()))?;
+        self.link.guard(&doing, || {
             let descriptor =
                 wgpu::ComputePassDescriptor { label: Some(kernel.name()), timestamp_writes: None };
             let mut pass = encoder.begin_compute_pass(&descriptor);
