@@ -86,7 +86,8 @@ impl Cpu {
     }
 
     pub(super) fn install<R: Send>(&self, work: impl FnOnce() -> R + Send) -> R {
-        let Some(pool) = &self.pool else { return work() };
+        // A page has none, and should not load what follows.
+        let Some(pool) = self.pool.as_ref().filter(|_| !cfg!(target_arch = "wasm32")) else { return work() };
         let is_anothers = rayon::current_thread_index().is_some() && pool.current_thread_index().is_none();
         if !is_anothers {
             return pool.install(work);
