@@ -293,9 +293,9 @@ mod tests {
     fn determinants_of_all_but_singular_matrices_have_all_digits() {
         let mut random = Random::new(3);
         for _ in 0..1000 {
-            let mut row = || [0; 3].map(|_| random.below(1 << 12) as i128 - (1 << 11));
-            let (a, b, nudge) = (row(), row(), row());
-            let c = [0, 1, 2].map(|i| 701 * a[i] - 345 * b[i] + nudge[i] / 2047);
+            let mut row = |size: usize| [0; 3].map(|_| random.below(2 * size) as i128 - size as i128);
+            let (a, b, nudge) = (row(1 << 21), row(1 << 21), row(4));
+            let c = [0, 1, 2].map(|i| 3 * a[i] - 2 * b[i] + nudge[i]);
             let exact: i128 = [(0, 1, 2), (1, 2, 0), (2, 0, 1)]
                 .iter()
                 .map(|&(i, j, k)| a[i] * (b[j] * c[k] - b[k] * c[j]))
