@@ -210,23 +210,15 @@ impl Survey {
         self.look(device)
     }
 
-    /// With those triangles that have area without dust alone, if dust is the same then. Which were kept before, in
-    /// rounds of so much dust, is found once more if not.
-    fn others_too(
-        &self,
-        device: &Device,
-        job: Job,
-        dust: f64,
-        dusts: &[u32],
-        before: Found,
-    ) -> Result<Found, Error> {
-        let all = self.sift_again(device, job)?;
-        if all.kept == before.kept || measure(&all).dust() == dust {
-            return Ok(all);
-        }
-        let mut found = self.sift_again(device, self.job())?;
-        for &dust in dusts {
-            found = self.sift_again(device, Job { dust, again: 1, ..job })?;
+    /// With those triangles that have area only without dust, if dust is the same then. Else those of before are marked
+    /// once more, in rounds of so much dust.
+    fn others_too(&self, device: &Device, job: Job, dusts: &[u32]) -> Result<Found, Error> {
+        let mut found = self.sift_again(device, job)?;
+        if dust_bits(measure(&found).dust()) != job.dust {
+            found = self.sift_again(device, self.job())?;
+            for &dust in dusts {
+                found = self.sift_again(device, Job { dust, again: 1, ..job })?;
+            }
         }
         Ok(found)
     }
@@ -244,16 +236,14 @@ impl Survey {
             if measured.has_dust() {
                 dusts.push(job.dust);
                 found = self.sift_again(device, Job { again: 1, ..job })?;
-                if found.kept == kept {
-                    found = self.others_too(device, job, measured.dust(), &dusts, found)?;
-                    facts = self.facts(&found)?;
-                    break;
+                if found.kept < kept {
+                    job.dust = dust_bits(0.0);
+                    continue;
                 }
-            } else {
-                facts = self.facts(&found)?;
-                break;
+                found = self.others_too(device, job, &dusts)?;
             }
-            job.dust = dust_bits(0.0);
+            facts = self.facts(&found)?;
+            break;
         }
         job.scale = facts.scale.to_bits() >> 23;
         self.write(device, job)?;

@@ -106,6 +106,13 @@ impl Measure {
     const NOTHING: Self =
         Self { lo: [f32::INFINITY; 3], hi: [f32::NEG_INFINITY; 3], smallest: f32::INFINITY };
 
+    /// Of some triangles.
+    pub(crate) fn of(kept: &[u32], corners: impl Fn(u32) -> [[f32; 3]; 3] + Sync) -> Self {
+        kept.par_iter()
+            .fold(|| Self::NOTHING, |m, &t| corners(t).into_iter().fold(m, Self::with))
+            .reduce(|| Self::NOTHING, |a, b| a.and(&b))
+    }
+
     fn with(mut self, p: [f32; 3]) -> Self {
         for (a, x) in p.into_iter().enumerate() {
             self.lo[a] = self.lo[a].min(x);
@@ -155,34 +162,28 @@ impl Measure {
 /// Applies the rule. The inputs are finite and in range.
 pub(super) fn survey(positions: &[[f32; 3]], triangles: &[[u32; 3]]) -> Result<Survey, MeshError> {
     let corners = |t: u32| triangles[t as usize].map(|v| positions[v as usize]);
-    let with_area = |dust: f64| -> Vec<u32> {
-        let has_area = |&t: &u32| has_area(corners(t).map(|p| p.map(|x| settle(x, dust))));
-        (0..triangles.len() as u32).into_par_iter().filter(has_area).collect()
-    };
-    let measure = |kept: &[u32]| {
-        kept.par_iter()
-            .fold(|| Measure::NOTHING, |m, &t| corners(t).into_iter().fold(m, Measure::with))
-            .reduce(|| Measure::NOTHING, |a, b| a.and(&b))
-    };
-    let mut kept = with_area(0.0);
+    let has_area_without = |t, dust| has_area(corners(t).map(|p| p.map(|x| settle(x, dust))));
+    let all = || (0..triangles.len() as u32).into_par_iter();
+    let mut kept: Vec<u32> = all().filter(|&t| has_area(corners(t))).collect();
     // Dropping dust can flatten triangles, and without those the mesh, and with it the measure of dust, may be
     // smaller. `kept` only shrinks, so this ends; nearly always in the first round.
     loop {
         if kept.is_empty() {
             return Ok(Survey { kept, bounds: ([0.0; 3], [0.0; 3]), scale: 1.0, dust: 0.0 });
         }
-        let mut measured = measure(&kept);
+        let mut measured = Measure::of(&kept, corners);
         let dust = measured.dust();
         if measured.has_dust() {
             let before = kept.len();
-            kept.retain(|&t| has_area(corners(t).map(|p| p.map(|x| settle(x, dust)))));
+            kept.retain(|&t| has_area_without(t, dust));
             if kept.len() < before {
                 continue;
             }
             // Others have area only without dust, and a closed mesh may need them. Not if dust would be another then.
-            let all = with_area(dust);
-            if all.len() > kept.len() && measure(&all).dust() == dust {
-                (measured, kept) = (measure(&all), all);
+            let more: Vec<u32> = all().filter(|&t| has_area_without(t, dust)).collect();
+            let larger = Measure::of(&more, corners);
+            if larger.dust() == dust {
+                (measured, kept) = (larger, more);
             }
         }
         let bounds = (measured.lo.map(|x| settle(x, dust)), measured.hi.map(|x| settle(x, dust)));

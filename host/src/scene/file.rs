@@ -101,11 +101,8 @@ impl Parts<'_> {
         if kept.is_empty() {
             return header.lo == [0.0; 3] && header.hi == [0.0; 3] && header.scale == 1.0;
         }
-        let both = |a: [Vec3; 2], b: [Vec3; 2]| [a[0].min(b[0]), a[1].max(b[1])];
-        let corner = |&vertex: &u32| [Vec3::from_slice(&positions[3 * vertex as usize..][..3]); 2];
-        let corners =
-            kept.par_iter().flat_map_iter(|&triangle| indices[triangle as usize].iter().map(corner));
-        let [lo, hi] = corners.reduce(|| [Vec3::INFINITY, Vec3::NEG_INFINITY], both).map(|v| v.to_array());
+        let at = |vertex: u32| [0, 1, 2].map(|axis| positions[3 * vertex as usize + axis]);
+        let Measure { lo, hi, .. } = Measure::of(kept, |triangle| indices[triangle as usize].map(at));
         // The mesh as it was given, which tells by what power of two it was multiplied.
         let [lo_given, hi_given] = [lo, hi].map(|corner| corner.map(|x| x / header.scale));
         let finite = lo_given.iter().chain(&hi_given).all(|x| x.is_finite());

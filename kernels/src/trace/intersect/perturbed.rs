@@ -38,8 +38,8 @@ use crate::{
 /// The `t` of crossings next to the origin: smaller in size than any other that is not 0.
 pub const AT_ORIGIN: f32 = exp2(-126);
 
-/// Whether a crossing next to the origin, ahead of it or behind, is not on the other side of the ray's range: that
-/// may begin, or end, at [`AT_ORIGIN`] or the negative of it.
+/// Whether the ray's range, scaled, reaches the side of 0 on which a crossing next to the origin is. To compare its
+/// ends with [`AT_ORIGIN`] is not enough: what lies between that and 0 is scaled to the same number.
 #[inline(always)]
 fn counts_at_origin(ray: &Frame, ahead: bool) -> bool {
     if ahead { ray.t_min <= 0.0 } else { ray.t_max >= 0.0 }

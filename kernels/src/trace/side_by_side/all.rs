@@ -3,6 +3,7 @@
 //! on alone if it has more. The answers are those of [`find`].
 
 use super::{
+    Scene,
     apart::{self, Visits},
     packet::{Leaves, Packet, many, near, neighbours, offer},
 };
@@ -32,22 +33,6 @@ const SIDES: usize = SIDE_BY_SIDE as usize;
 
 /// The next hits of a ray.
 type Hits = [u32; WORDS];
-
-/// What all of it reads.
-#[derive(Clone, Copy)]
-struct Scene<'a> {
-    header: &'a TreeHeader,
-    pairs: &'a Buf<UVec4>,
-    corners: &'a Buf<Vec4>,
-    rays: &'a Buf<Vec4>,
-}
-
-impl Scene<'_> {
-    fn frame(&self, i: u32, whole: bool) -> Frame {
-        let frame = Frame::new(self.rays.at(2 * i), self.rays.at(2 * i + 1), self.header);
-        if whole { frame.whole() } else { frame }
-    }
-}
 
 /// Where answers go, and how many hits of a ray there is room for.
 struct Answers<'a> {
@@ -310,7 +295,7 @@ unsafe fn by_eight<I: Together>(
     outcome: &mut Buf<u32>,
 ) -> u64 {
     let mut left = u64::MAX;
-    let Scene { header, pairs, corners, rays } = scene;
+    let Scene { header, rays, .. } = scene;
     let Some(near) = near(header) else { return left };
     let mut i = first;
     while i + SIDE_BY_SIDE <= end {
@@ -328,7 +313,7 @@ unsafe fn by_eight<I: Together>(
     let Some(some) = many(left, (first, end)) else { return left };
     let visits =
         Apart::<I> { scene, answers: &mut answers, own: [[0; WORDS]; apart::LANES], test: PhantomData };
-    apart::answer::<Eight, _>(first, some, header, pairs, corners, rays, outcome, visits)
+    apart::answer::<Eight, _>(first, some, scene, outcome, visits)
 }
 
 /// Counts the hits of those of a workgroup's rays that go side by side, and keeps as many of the first as the job says.

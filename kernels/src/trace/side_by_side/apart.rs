@@ -2,6 +2,7 @@
 //! eight take their steps down at once, then each visits its leaf alone, and one that is done makes room for the next.
 //! Each does what it does in [`stack`](crate::trace::traverse::stack).
 
+use super::Scene;
 use crate::{
     eight::SIDE_BY_SIDE,
     glam::{UVec4, Vec4},
@@ -17,7 +18,7 @@ use crate::{
         },
     },
 };
-use raykd_shared::{MISS, Node, TreeHeader, limits::MAX_DEPTH};
+use raykd_shared::{MISS, Node, limits::MAX_DEPTH};
 
 /// While fewer than this are on their way down, those that have arrived do not wait for them.
 const KEEP: u32 = 9;
@@ -270,13 +271,11 @@ impl Lanes {
 pub(super) fn answer<N: Sides, V: Visits>(
     first: u32,
     mut left: u64,
-    header: &TreeHeader,
-    pairs: &Buf<UVec4>,
-    corners: &Buf<Vec4>,
-    rays: &Buf<Vec4>,
+    scene: Scene<'_>,
     outcome: &mut Buf<u32>,
     mut visits: V,
 ) -> u64 {
+    let Scene { header, pairs, corners, rays } = scene;
     // Which have no answer.
     let mut back = 0u64;
     let (tag, root) = (f32::from_bits(Node::PADDING.words().1), pairs.at(0));

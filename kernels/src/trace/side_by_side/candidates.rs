@@ -5,6 +5,7 @@
 //! answers are those of the test in the walk.
 
 use super::{
+    Scene,
     apart::{self, Visits},
     packet::{Leaves, Packet, Scaled, many, near, neighbours},
 };
@@ -33,23 +34,10 @@ const SIDES: usize = SIDE_BY_SIDE as usize;
 /// Fewer of eight rays wait for others.
 const AT_ONCE: u32 = 5;
 
-/// What all of it reads.
-#[derive(Clone, Copy)]
-struct Scene<'a> {
-    header: &'a TreeHeader,
-    pairs: &'a Buf<UVec4>,
-    corners: &'a Buf<Vec4>,
-    rays: &'a Buf<Vec4>,
-}
-
 /// The triangles that may be the hit of one ray.
 type List = [u32; WORDS];
 
 impl Scene<'_> {
-    fn frame(&self, i: u32) -> Frame {
-        Frame::new(self.rays.at(2 * i), self.rays.at(2 * i + 1), self.header).whole()
-    }
-
     /// Tests the triangle that a reference lists.
     fn test(&self, ray: &Frame, at: u32, best: &mut Best) {
         let corners = self.corners.three(3 * at);
@@ -60,7 +48,7 @@ impl Scene<'_> {
     #[cold]
     #[inline(never)]
     fn alone(&self, i: u32, at: u32) -> UVec4 {
-        let (ray, mut best) = (self.frame(i), Best::NOTHING);
+        let (ray, mut best) = (self.frame(i, true), Best::NOTHING);
         self.test(&ray, at, &mut best);
         record(&ray, &best)
     }
@@ -78,7 +66,7 @@ impl Scene<'_> {
     #[cold]
     #[inline(never)]
     fn best_of(&self, i: u32, list: &List) -> UVec4 {
-        let ray = self.frame(i);
+        let ray = self.frame(i, true);
         record(&ray, &self.best(&ray, list))
     }
 }
@@ -409,9 +397,8 @@ unsafe fn by_eight<const ANY: bool>(
         i += SIDE_BY_SIDE;
     }
     if let Some(some) = many(left, (first, end)) {
-        let Scene { header, pairs, corners, rays } = scene;
         let visits = Apart::<ANY> { answers, lists: [[0; WORDS]; apart::LANES] };
-        left = apart::answer::<Eight, _>(first, some, header, pairs, corners, rays, outcome, visits);
+        left = apart::answer::<Eight, _>(first, some, scene, outcome, visits);
     }
     answers.settle::<Doubles>();
     left

@@ -6,7 +6,7 @@
 //! Where signs differ most decide which child comes first, which changes no closest hit. Any hit is that of the first
 //! leaf that has one, so there signs must agree.
 
-use super::apart;
+use super::{Scene, apart};
 use crate::{
     Group,
     eight::{Eight, SIDE_BY_SIDE},
@@ -688,7 +688,8 @@ unsafe fn by_eight<const ANY: bool>(
 ) -> u64 {
     let left = answer::<Eight, ANY>((first, end), header, pairs, corners, rays, hits);
     let Some(left) = many(left, (first, end)) else { return left };
-    apart::answer::<Eight, _>(first, left, header, pairs, corners, rays, outcome, apart::Hits::<ANY>(hits))
+    let scene = Scene { header, pairs, corners, rays };
+    apart::answer::<Eight, _>(first, left, scene, outcome, apart::Hits::<ANY>(hits))
 }
 
 /// Those of the rays from `first` to `end` that are left, if they are enough to go each at a node of its own.
