@@ -118,6 +118,26 @@ proptest! {
     }
 }
 
+/// A triangle on a line that has area once dust is 0: it takes part, but not where it would make the mesh so large that
+/// more is dust.
+#[test]
+fn dust_of_a_mesh_of_the_device_is_that_of_the_hosts() -> Result<(), Failure> {
+    let power = |e: i32| 2f32.powi(e);
+    let mut positions = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    positions.push([power(-61), 0.5, 0.0]);
+    let small = [[power(-60), 1.0, 0.0], [power(-61), 0.5, 0.0]];
+    let large = [[power(29), 0.0, power(-61)], [power(50), 0.0, power(-40)]];
+    for (line, kept) in [(small, &[0, 1, 2, 3][..]), (large, &[0, 1, 2])] {
+        let positions = [positions.as_slice(), &line].concat();
+        let arrays = (positions.clone(), vec![[0, 1, 2], [0, 1, 3], [2, 3, 4], [0, 5, 6]]);
+        assert_eq!(Mesh::new(positions, arrays.1.clone()).expect("a mesh").kept(), kept);
+        for named in devices() {
+            compare(&named.device, &arrays, &BuildOptions::default())?;
+        }
+    }
+    Ok(())
+}
+
 proptest! {
     #![proptest_config(cases(64))]
     #[test]
