@@ -168,7 +168,7 @@ fn check(bytes: &[u8], raw: &mut Raw) -> Result<String, MeshError> {
                 // A weight, a colour, or both: numbers, or something is wrong with this line.
                 for (i, word) in words.enumerate() {
                     if i == 5 || number::<f32>(word).is_none() {
-                        return Err(not_a_number(word, "a weight or a colour", line));
+                        return Err(refused(word, "is not a weight or a colour", line));
                     }
                 }
             }
@@ -204,22 +204,15 @@ fn check(bytes: &[u8], raw: &mut Raw) -> Result<String, MeshError> {
                 raw.repairs.ignored = raw.repairs.ignored.saturating_add(1);
             }
             Some(word @ (b"surf" | b"bsp" | b"bzp" | b"cdp")) => {
-                let what = format!(
-                    "'{}' is a curved surface, which only polygons can stand for here",
-                    quoted_bytes(word)
-                );
-                return Err(malformed(line, what));
+                let why = "is a curved surface, which only polygons can stand for here";
+                return Err(refused(word, why, line));
             }
-            Some(b"call") => {
-                let what = "'call' takes in another file, which is not done here";
-                return Err(malformed(line, what));
+            Some(word @ b"call") => {
+                return Err(refused(word, "takes in another file, which is not done here", line));
             }
             Some(word) if !is_statement(word) => {
-                let what = format!(
-                    "'{}' is no statement of OBJ (a # before it makes it a comment)",
-                    quoted_bytes(word)
-                );
-                return Err(malformed(line, what));
+                let why = "is no statement of OBJ (a # before it makes it a comment)";
+                return Err(refused(word, why, line));
             }
             _ => {}
         }
@@ -240,8 +233,7 @@ fn out_of_range(line: u64, index: i64, vertices: i64) -> MeshError {
 
 /// A word that is a finite coordinate, written so that `tobj` reads [`decimal`](crate::mesh::raw::decimal).
 fn coordinate(word: &[u8], line: u64) -> Result<Cow<'_, str>, MeshError> {
-    let number = std::str::from_utf8(word).ok().and_then(|text| Some((text, text.parse().ok()?)));
-    match number {
+    match number::<f64>(word) {
         Some((text, x)) if fits(not_halfway(x, text)) => match not_halfway(x, text) {
             same if same == x => Ok(text.into()),
             other => Ok(format!("{other:?}").into()),
@@ -249,7 +241,7 @@ fn coordinate(word: &[u8], line: u64) -> Result<Cow<'_, str>, MeshError> {
         Some((text, _)) => {
             Err(MeshError::NonFinite { at: Place::line(line), value: quoted_bytes(text.as_bytes()) })
         }
-        None => Err(not_a_number(word, "a coordinate", line)),
+        None => Err(refused(word, "is not a coordinate", line)),
     }
 }
 
@@ -262,9 +254,9 @@ fn number<T: std::str::FromStr>(word: &[u8]) -> Option<(&str, T)> {
 /// The vertex index of a corner written `v`, `v/vt`, `v//vn` or `v/vt/vn`.
 fn corner(word: &[u8], line: u64) -> Result<(&str, i64), MeshError> {
     let index = word.split(|&b| b == b'/').next().unwrap_or_default();
-    number(index).ok_or_else(|| not_a_number(word, "a vertex index", line))
+    number(index).ok_or_else(|| refused(word, "is not a vertex index", line))
 }
 
-fn not_a_number(word: &[u8], wanted: &str, line: u64) -> MeshError {
-    malformed(line, format!("'{}' is not {wanted}", quoted_bytes(word)))
+fn refused(word: &[u8], why: &str, line: u64) -> MeshError {
+    malformed(line, format!("'{}' {why}", quoted_bytes(word)))
 }
