@@ -14,19 +14,18 @@ use std::{
 
 /// Repetitions that a median is taken of.
 const TIMES: usize = 5;
-/// A build slower than this is repeated less often,
+/// A build slower than this is repeated [`SLOW_TIMES`] times.
 const SLOW: Duration = Duration::from_secs(2);
-/// namely so often.
+/// Repetitions of slow builds, of uploads and of downloads.
 const SLOW_TIMES: usize = 3;
-/// Pictures are traced again until this time is spent.
+/// Pictures are not traced again once this time is spent.
 const ENOUGH: Duration = Duration::from_secs(1);
-
-/// and of short ones at least this much.
+/// Pictures are traced again until this time is spent, however often.
 const SHORT: Duration = Duration::from_millis(30);
 
-/// All hits are traced in so many parts,
+/// Most parts in which all hits are traced.
 const PARTS: usize = 12;
-/// of at least so many bytes.
+/// Least bytes of hits in a part.
 const PART: usize = 1 << 24;
 
 /// A graphics card that was idle is woken before anything is timed, until no trace was faster than those before for
@@ -142,7 +141,7 @@ fn moved(device: &Device, mesh: &Mesh, options: &BuildOptions) -> Result<Vec<Ker
 pub(super) fn trace(scene: &Scene, query: Query, rays: &[Ray]) -> Result<Traced, Error> {
     let mut total = Traced::default();
     total.hits.reserve(rays.len());
-    for part in rays.chunks(batch(scene)) {
+    for part in rays.chunks(scene.batch_limit()) {
         let mut upload = Vec::new();
         let mut resident = None;
         for _ in 0..SLOW_TIMES {
@@ -179,7 +178,7 @@ pub(super) fn all(scene: &Scene, rays: &[Ray], limit: u32) -> Result<(Traced, Ve
     reserve(&mut total.hits, "hits", (rays.len() as u64).saturating_mul(limit.into()))?;
     reserve(&mut totals, "totals", rays.len() as u64)?;
     let least = (PART / (size_of::<Hit>() * limit.max(1) as usize)).max(1);
-    for part in rays.chunks(rays.len().div_ceil(PARTS).max(least).min(batch(scene))) {
+    for part in rays.chunks(rays.len().div_ceil(PARTS).max(least).min(scene.batch_limit())) {
         let (mut upload, mut trace, mut download) = (Vec::new(), Vec::new(), Vec::new());
         wake(scene)?;
         let mut all = scene.all(part, limit)?;
@@ -210,7 +209,7 @@ pub(super) fn time(scene: &Scene, query: Query, rays: &[Ray]) -> Result<Duration
     if rays.is_empty() {
         return Ok(Duration::ZERO);
     }
-    let parts = rays.chunks(batch(scene)).map(|part| scene.resident(part));
+    let parts = rays.chunks(scene.batch_limit()).map(|part| scene.resident(part));
     let mut parts = parts.collect::<Result<Vec<ResidentRays>, _>>()?;
     let mut all = || parts.iter_mut().map(|part| part.trace(query)).sum::<Result<_, _>>();
     wake(scene)?;
@@ -223,13 +222,8 @@ pub(super) fn time(scene: &Scene, query: Query, rays: &[Ray]) -> Result<Duration
         spent += time;
         times.push(time);
     }
-    // Past the first, which was slow already: good enough.
+    // The first alone took as long as all may.
     Ok(if times.is_empty() { first } else { median(times) })
-}
-
-/// Most rays that the scene's device takes at once.
-fn batch(scene: &Scene) -> usize {
-    ((scene.device().limit().bytes / size_of::<Ray>() as u64) as usize).min(1 << 24)
 }
 
 fn median(mut times: Vec<Duration>) -> Duration {

@@ -8,16 +8,17 @@ use crate::{
 };
 use std::time::Duration;
 
-/// Work is repeated until nothing was faster for so long, at least [`TIMES`] times, or in rounds for parts of both;
+/// On a CPU, work is repeated until nothing was faster for so long; in rounds for a part of it.
 const ENOUGH: Duration = Duration::from_millis(30);
-/// on a graphics card longer, because its clocks rise.
+/// The same on a GPU: longer, because its clocks rise.
 const AWAKE: Duration = Duration::from_millis(150);
+/// Least repetitions of work; in rounds a part of them.
 const TIMES: u32 = 3;
 /// Nothing is repeated after this time.
 const LONG: Duration = Duration::from_secs(2);
-/// A card that lay idle works until it has got no faster for so long;
+/// A card that was idle is woken until it gets no faster for so long.
 const RESTED: Duration = Duration::from_millis(500);
-/// at most until then.
+/// No card is woken for longer.
 const DROWSY: Duration = Duration::from_secs(3);
 /// Tests of triangles that brute force is given; few rays tell what it costs.
 const TESTS: usize = 1 << 26;

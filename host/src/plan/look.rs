@@ -22,9 +22,10 @@ const UNSIMPLIFIED: usize = 1024;
 pub(super) struct Look {
     /// Cells of the coarse grid along the longest axis.
     cells: f32,
-    /// Jobs that take less are not worth it, in milliseconds: ten times as long as it takes itself,
+    /// Milliseconds of a job that is worth a look, without those of [`Self::from_each_ms`]. Together they are ten times
+    /// what the look takes.
     pub from_ms: f64,
-    /// and for each triangle.
+    /// The same for each triangle.
     pub from_each_ms: f64,
 }
 
@@ -34,15 +35,15 @@ pub(super) const LOOKS: [Look; 2] = [
     Look { cells: 40.0, from_ms: 100.0, from_each_ms: 4e-4 },
 ];
 
-/// Rays.
+/// Rays whose steps are counted.
 const RAYS: usize = 1024;
 
 /// What a look shows of a usual ray.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(super) struct Seen {
-    /// Nodes, leaves and tests in an exact tree of the coarse copy, and one for setting out;
+    /// Nodes, leaves and tests in an exact tree of the coarse copy, and one more for the start.
     pub whole: f64,
-    /// the same and the triangles that it would meet in the leaves of a tree that ends halfway down.
+    /// [`Self::whole`], and the triangles in the leaves that it would meet in a tree that ends halfway down.
     pub halfway: f64,
 }
 

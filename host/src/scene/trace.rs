@@ -507,7 +507,8 @@ impl Scene {
     }
 
     /// Most rays in one batch.
-    pub(super) fn batch_limit(&self) -> usize {
+    #[doc(hidden)]
+    pub fn batch_limit(&self) -> usize {
         ((self.device.limit().bytes / size_of::<Ray>() as u64) as usize).min(1 << 24)
     }
 }
