@@ -91,8 +91,8 @@ pub enum Error {
         /// What happened.
         what: String,
     },
-    /// A kernel stopped, and nothing that it wrote counts. A software driver (llvmpipe) left a loop early: run the job
-    /// on the CPU. Or a tree is deeper than its header says, or no room was enough for a build.
+    /// A kernel stopped, and its output is dropped: a software driver (llvmpipe) left a loop early (run the job on the
+    /// CPU), a tree is deeper than its header says, or no room was enough for a build.
     #[error("a kernel stopped: {0}")]
     Kernel(&'static str),
     /// A file of measured costs is of no use.
@@ -103,7 +103,7 @@ pub enum Error {
         /// What is wrong with it.
         what: String,
     },
-    /// What was given to be used with wgpu cannot be.
+    /// A buffer or device of a wgpu program cannot be used: the message says why.
     #[error("{0}")]
     Wgpu(String),
     /// A transform of a [`World`](crate::World) cannot be undone.
@@ -151,10 +151,10 @@ pub enum Error {
         /// Whether [`Intersector::Exact`] does that too.
         exact: bool,
     },
-    /// Rays on a device were asked for hits that they have not.
+    /// [`ResidentRays`](crate::ResidentRays) were asked for hits before a trace succeeded.
     #[error("these rays have no hits yet; call ResidentRays::trace first, and see that it succeeds")]
     Untraced,
-    /// As many triangles to leave out as rays are needed.
+    /// [`Scene::trace_except`](crate::Scene::trace_except) needs as many triangles as rays.
     #[error("{rays} rays with {excluded} triangles to leave out; give one a ray (MISS for none)")]
     Excluded {
         /// Rays given.

@@ -35,9 +35,8 @@
 //! # What is promised
 //! Triangles are closed: no ray passes between two that share an edge or a vertex. Of hits with equal `t`, the
 //! triangle with the lowest number wins. `t_min` and `t_max` are inclusive. Closest hits are the same bytes for every
-//! device, builder and traversal, and those of testing every triangle; which hit [`Query::Any`] finds depends on
-//! builder and traversal. Triangles without area are never hit. Rays with NaN, infinite numbers or a zero direction
-//! miss, and are counted.
+//! device, builder and traversal, and those of testing every triangle; [`Query::Any`] may find any hit. Triangles
+//! without area are never hit. Invalid rays (NaN, infinite numbers, a zero direction) miss, and are counted.
 //!
 //! # Features
 //! * `gpu` (default): run kernels on Vulkan devices, by wgpu. Without it there is the CPU alone.

@@ -7,6 +7,7 @@ pub enum Query {
     /// The hit with the smallest `t`; of several, the one with the lowest triangle number.
     #[default]
     Closest,
-    /// Some hit, if there is one: enough for shadows. Which one depends on the tree and the traversal.
+    /// Some hit, if there is one: enough for shadows. Which one depends on tree, traversal and triangle test, not on
+    /// the device.
     Any,
 }

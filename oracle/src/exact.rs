@@ -18,7 +18,7 @@ const EPSILON: f64 = f64::EPSILON * 0.5;
 const ACCURACY: f64 = 1.0 / (1u64 << 40) as f64;
 
 /// Whether two ray parameters from [`cross`], or one and an end of a ray, differ for certain when rounded to the 24
-/// digits of `f32`.
+/// bits of `f32`.
 pub(crate) fn apart(a: f64, b: f64) -> bool {
     const DIGITS: f64 = 4.0 * f32::EPSILON as f64;
     a.is_infinite() || b.is_infinite() || (a - b).abs() > DIGITS * a.abs().max(b.abs())
@@ -59,7 +59,7 @@ fn triple(x: [f64; 3], y: [f64; 3], z: [f64; 3]) -> Rough {
 }
 
 /// Where a ray hits a triangle: `t` within `2^-40` of its size, or 0 only if it is; `None` if it does not, or not
-/// between `t_min` and `t_max`, which are compared with `t` rounded to 24 digits.
+/// between `t_min` and `t_max`, which are compared with `t` rounded to 24 bits.
 pub fn cross(ray: &Ray, corners: &Corners) -> Option<f64> {
     let [a, b, c] = corners.map(|p| [0, 1, 2].map(|i| f64::from(p[i]) - f64::from(ray.origin[i])));
     let d = ray.direction.map(f64::from);
@@ -106,10 +106,10 @@ pub struct Exact {
     weights: [BigInt; 2],
 }
 
-/// A fraction rounded to the nearest number of 24 digits, of two the even one, however large or small. The denominator
+/// A fraction rounded to the nearest number of 24 bits, of two the even one, however large or small. The denominator
 /// is positive; both come from a few `f32`, so that `f64` holds the quotient.
 fn nearest(numerator: &BigInt, denominator: &BigInt) -> f64 {
-    // 26 or 27 digits and one for all that follow: `f32` rounds these as it would the fraction.
+    // 26 or 27 bits and one for all that follow: `f32` rounds these as it would the fraction.
     let shift = 26 + denominator.bits() as i64 - numerator.bits() as i64;
     let (up, down) = (shift.max(0) as u64, (-shift).max(0) as u64);
     let (dividend, divisor) = (numerator.abs() << up, denominator << down);
@@ -120,7 +120,7 @@ fn nearest(numerator: &BigInt, denominator: &BigInt) -> f64 {
     if numerator.is_negative() { -size } else { size }
 }
 
-/// A number of 24 digits as `f32`: 0 if it is too small to be normal, infinite if it is too large.
+/// A number of 24 bits as `f32`: 0 if it is too small to be normal, infinite if it is too large.
 fn narrow(x: f64) -> f32 {
     if x.abs() < f64::from(f32::MIN_POSITIVE) { 0.0 } else { x as f32 }
 }
@@ -169,7 +169,7 @@ impl Exact {
         Ratio::new_raw(self.numerator.clone(), self.denominator.clone()).to_f64().unwrap_or(f64::NAN)
     }
 
-    /// The ray parameter rounded to 24 digits, however large or small: what hits are ordered by, and what is compared
+    /// The ray parameter rounded to 24 bits, however large or small: what hits are ordered by, and what is compared
     /// with `t_min` and `t_max`. Of a ray that is not parallel to the plane.
     pub fn rounded_t(&self) -> f64 {
         nearest(&self.numerator, &self.denominator)
@@ -217,7 +217,7 @@ mod tests {
         prop::array::uniform3(number())
     }
 
-    /// Numbers of 24 digits, the middle between two, and what is just beside the middle.
+    /// Numbers of 24 bits, the middle between two, and what is just beside the middle.
     #[test]
     fn rounding_is_to_nearest_even() {
         let odd = (1 << 23) + 5;

@@ -14,11 +14,11 @@
 //! assert!(hits.iter().all(|hit| hit.t == 2.0 && hit.rank == 0));
 //! ```
 //!
-//! Nothing here is shared with raykd's kernels but the layout of a ray. Triangles are closed; a ray in a triangle's
-//! plane misses it, and so does every ray a triangle without area. Of `t` counts what it is rounded to 24 digits, the
-//! nearest number of an `f32` whose exponent has no bounds: from `t_min` to `t_max`, both inclusive; equal ones are
-//! ordered by triangle number. [`Oracle`] finds hits by a box tree of its own; signs and orders are decided in `f64`
-//! where its rounding cannot change them, else in integers ([`exact`]).
+//! Nothing here is shared with raykd's kernels but the layout of a ray. Triangles are closed. A ray in the plane of a
+//! triangle misses it, and every ray misses a triangle without area. `t` is rounded to 24 bits, as an `f32` whose
+//! exponent has no bounds; then it is compared with `t_min` and `t_max`, both inclusive, and orders the hits. Hits of
+//! equal `t` are ordered by triangle number. [`Oracle`] finds hits by a box tree of its own; signs and orders are
+//! decided in `f64` where its rounding cannot change them, else in integers ([`exact`]).
 //!
 //! A kernel computes in `f32`, so its answer may be the exact one of a scene moved by some ULP. [`judge`] says
 //! whether it is, for a given distance.
@@ -43,7 +43,7 @@ pub struct Crossing {
     pub triangle: u32,
     /// The exact ray parameter, within `2^-40` of its size.
     pub t: f64,
-    /// 0 for the closest; the same for hits of the same `t`, rounded to 24 digits.
+    /// 0 for the closest; the same for hits of the same `t`, rounded to 24 bits.
     pub rank: u32,
 }
 

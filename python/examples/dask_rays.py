@@ -58,7 +58,7 @@ def opened(path: str) -> raykd.Scene:
 
 
 def trace(scene: str, rays: str, hits: str, first: int, last: int) -> int:
-    """Traces some rays of the file, and returns how many were none."""
+    """Traces some rays of the file, and returns how many were invalid."""
     part = np.load(rays, mmap_mode="r")[first:last]
     found = opened(scene).closest(part[:, :3], part[:, 3:6], part[:, 6], part[:, 7])
     written = np.load(hits, mmap_mode="r+")
@@ -68,7 +68,7 @@ def trace(scene: str, rays: str, hits: str, first: int, last: int) -> int:
 
 
 def trace_all(client: Client, scene: str, rays: str, hits: str, *, at_once: int) -> int:
-    """Traces all rays of the file by the client's workers, and returns how many were none."""
+    """Traces all rays of the file by the client's workers, and returns how many were invalid."""
     count = len(np.load(rays, mmap_mode="r"))
     np.lib.format.open_memmap(hits, "w+", raykd.Hits.RECORD, (count,)).flush()
     parts = [(first, min(first + at_once, count)) for first in range(0, count, at_once)]

@@ -102,8 +102,8 @@ class Hits:
 
     ``records`` is a structured array, of type ``RECORD``: ``triangle``, ``t``, ``u`` and ``v``, which are also
     attributes. Of a miss the triangle is ``raykd.MISS``, which no array of triangles has a place for, and ``t`` is
-    infinite. The point hit is ``(1 - u - v) * a + u * b + v * c`` for the triangle's corners. ``invalid`` counts rays
-    that were none.
+    infinite. The point hit is ``(1 - u - v) * a + u * b + v * c`` for the triangle's corners. ``invalid`` counts
+    invalid rays.
     """
 
     RECORD = np.dtype([("triangle", "<u4"), ("t", "<f4"), ("u", "<f4"), ("v", "<f4")])
@@ -167,7 +167,7 @@ class AllHits(NamedTuple):
 
 
 class Crossings(NamedTuple):
-    """How often rays leave through the surface, how often they enter, and how many were none."""
+    """How often rays leave through the surface, how often they enter, and how many were invalid."""
 
     leaving: np.ndarray
     entering: np.ndarray

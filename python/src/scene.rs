@@ -102,7 +102,7 @@ impl Scene {
         Ok(Self { scene, mesh: self.mesh.clone(), plan: self.plan.clone() })
     }
 
-    /// Hits as words, and how many rays were none.
+    /// Hits as words, and how many rays were invalid.
     fn trace<'py>(
         &self,
         py: Python<'py>,
@@ -142,7 +142,7 @@ impl Scene {
         Ok((words(py, found), invalid))
     }
 
-    /// Where each ray's hits begin among all of them, the hits as words, and how many rays were none.
+    /// Where each ray's hits begin among all of them, the hits as words, and how many rays were invalid.
     fn all<'py>(
         &self,
         py: Python<'py>,
@@ -161,7 +161,7 @@ impl Scene {
         Ok((PyArray1::from_vec(py, begins), words(py, found), invalid))
     }
 
-    /// How many hits each ray has, and how many rays were none.
+    /// How many hits each ray has, and how many rays were invalid.
     fn count<'py>(&self, py: Python<'py>, rays: Arrays<'_>) -> PyResult<(Words<'py>, u64)> {
         let rays = Rays::new(&rays)?;
         let (mut counts, mut invalid) = (Vec::with_capacity(rays.len()), 0);
@@ -174,7 +174,7 @@ impl Scene {
         Ok((PyArray1::from_vec(py, counts), invalid))
     }
 
-    /// How often each ray leaves, how often it enters, and how many rays were none.
+    /// How often each ray leaves, how often it enters, and how many rays were invalid.
     fn crossings<'py>(&self, py: Python<'py>, rays: Arrays<'_>) -> PyResult<(Words<'py>, Words<'py>, u64)> {
         let rays = Rays::new(&rays)?;
         let (mut leaving, mut entering, mut invalid) = (Vec::new(), Vec::new(), 0);
@@ -188,7 +188,7 @@ impl Scene {
         Ok((PyArray1::from_vec(py, leaving), PyArray1::from_vec(py, entering), invalid))
     }
 
-    /// Winding numbers of points, and how many points were none.
+    /// Winding numbers of points, and how many points were invalid.
     fn winding<'py>(
         &self,
         py: Python<'py>,

@@ -127,14 +127,14 @@ proptest! {
                 let (invalid, expected) = way(&on_cpu)?;
                 if let Some((found_invalid, found)) = unless_cut(way(&on_gpu))? {
                     same(&format!("{name} by {test}"), &expected, &found)?;
-                    prop_assert_eq!(invalid, found_invalid, "rays that are none, {} by {}", name, test);
+                    prop_assert_eq!(invalid, found_invalid, "invalid rays, {} by {}", name, test);
                 }
             }
         }
     }
 }
 
-/// Asks a scene something of some rays: how many were none, and the answers' bytes.
+/// Asks a scene something of some rays: how many were invalid, and the answers' bytes.
 type Way<'a> = &'a dyn Fn(&Scene) -> Result<(u64, Vec<u8>), raykd::Error>;
 
 fn bytes(answers: &[impl bytemuck::Pod]) -> Vec<u8> {

@@ -15,7 +15,7 @@ use raykd_tests::{
     same,
 };
 
-/// From each ray some that are like it, by more or less; every now and then one that is none or has another range.
+/// From each ray some that are like it, by more or less; every now and then one that is invalid or has another range.
 fn crowds(rays: &[Ray], extent: f32, seed: u64) -> Vec<Ray> {
     let mut random = Random::new(seed);
     let mut crowds = Vec::new();

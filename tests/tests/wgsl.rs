@@ -133,7 +133,7 @@ fn a_million_rays_through_a_sphere() -> Result<(), Failure> {
     compare("sphere", &mesh, &random(mesh.bounds(), 1_000_000, 2), FEW)
 }
 
-/// Directions along axes and in planes, ranges of `t`, other units, and rays that are none.
+/// Directions along axes and in planes, ranges of `t`, other units, and invalid rays.
 #[test]
 fn rays_with_zeros_ranges_and_other_lengths() -> Result<(), Failure> {
     let mesh = Mesh::teapot(6);

@@ -18,7 +18,7 @@ export interface Options {
 export interface Hits {
   triangle: Uint32Array; t: Float32Array; u: Float32Array; v: Float32Array;
   /** Time of the trace alone. */ ms: number;
-  /** Rays that were none: NaN, infinite, zero direction. */ invalid: number;
+  /** Invalid rays: NaN, infinite, zero direction. */ invalid: number;
 }
 /** How often rays cross the mesh: from outside to inside, and back. */
 export interface Counts { entering: Uint32Array; leaving: Uint32Array; invalid: number }

@@ -87,7 +87,7 @@ struct Told {
     points: usize,
     /// Points whose winding number is not 0.
     inside: usize,
-    /// Points that are none.
+    /// Invalid points.
     invalid: u64,
 }
 

@@ -32,7 +32,7 @@ const EXAMPLES: &str = "\
 Rays: records of 8 little-endian f32: origin x y z, direction x y z, t_min, t_max (may be
 infinite), in the mesh's own coordinates; with --f64, of 8 f64. Hits: records of u32 triangle
 (0xFFFFFFFF: none), f32 t, f32 u, f32 v, one a ray, in the order of the rays. Triangles are
-numbered from 0 in file order. Rays that are none (NaN, zero direction) miss and are counted.
+numbered from 0 in file order. Invalid rays (NaN, zero direction) miss and are counted.
 --query all writes LIMIT records a ray, by rising t, the rest of them misses; --query count writes
 one u32 a ray.
 
@@ -138,7 +138,7 @@ struct Told {
     /// All hits, if all were asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     total_hits: Option<u64>,
-    /// Rays that were none.
+    /// Invalid rays.
     invalid: u64,
     /// Of the tree.
     digest: String,

@@ -7,7 +7,7 @@ pub(crate) use table::Table;
 use raykd::Device;
 use std::io::{StdoutLock, Write as _};
 
-/// Behind the number of rays that are none.
+/// Behind the number of invalid rays.
 pub(crate) const INVALID: &str =
     "(with NaN, infinite or zero directions, or origins out of range): they hit nothing";
 

@@ -1,4 +1,4 @@
-//! What a build may be told.
+//! The options of a build.
 
 use super::built::Facts;
 use crate::{Error, choices::choices};
@@ -40,35 +40,43 @@ impl Builder {
     }
 }
 
-/// What a build may be told.
+/// Options of a build: the default ones, of which methods change some.
+///
+/// ```
+/// use raykd::{BuildOptions, Builder};
+///
+/// let options = BuildOptions::default().with_builder(Builder::Exact).with_max_depth(20);
+/// assert_eq!((options.builder, options.max_depth), (Builder::Exact, 20));
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct BuildOptions {
-    /// SAH cost of one traversal step, from 0 to [`Self::MAX_COST`].
+    /// SAH cost of one traversal step, from 0 to [`Self::MAX_COST`]; default 1.
     pub cost_step: f32,
-    /// SAH cost of one triangle test, from 0 to [`Self::MAX_COST`].
+    /// SAH cost of one triangle test, from 0 to [`Self::MAX_COST`]; default 1.
     pub cost_test: f32,
-    /// Price of a reference, from 0 to [`Self::MAX_COST`]: how many tests a ray through the scene it has to save,
-    /// times the number of triangles. 0 takes every split that saves anything; more makes trees smaller where
-    /// that costs least. It has never to save a ray through its own node more than there is to save, nor in
-    /// nodes of more than `long` more than half a test: an object that is small in its scene is split, too.
+    /// Price of a reference, from 0 to [`Self::MAX_COST`]; default 5: the tests that it must save a ray through the
+    /// scene, times the number of triangles. 0 takes every split that saves anything; more makes trees smaller where
+    /// that costs least. It is at most what a ray through the node can save, and half a test in nodes of more than
+    /// `long` references, so that small objects in large scenes are split, too.
     pub price: f32,
-    /// In nodes of more references a reference costs 2^-7 of `price`: long leaves hold up the rays beside.
+    /// In nodes of more references than this, a reference costs 2^-7 of `price`, as long leaves hold up the rays
+    /// beside; default 16.
     pub long: u32,
-    /// Most references a triangle, on average, at least 1: `price` and `long` are doubled until the tree
-    /// keeps to it. A scene that needs more gets slow. [`Builder::Median`] weighs no costs, [`Builder::Zhou`]
+    /// Most references a triangle, on average, at least 1; default none. `price` and `long` are doubled until the
+    /// tree keeps to it. A scene that needs more gets slow. [`Builder::Median`] weighs no costs, [`Builder::Zhou`]
     /// none in large nodes: they may not keep to it.
     pub budget: Option<f32>,
-    /// Factor on the cost of planes that cut off empty space, from 0 to 1.
+    /// Factor on the cost of planes that cut off empty space, from 0 to 1; default 0.9.
     pub empty: f32,
-    /// Deepest level for a leaf, from 0 to [`MAX_DEPTH`].
+    /// Deepest level for a leaf, from 0 to [`MAX_DEPTH`], the default.
     pub max_depth: u32,
     /// How planes are chosen.
     pub builder: Builder,
     /// Whether a reference is dropped where its triangle does not reach, though its box does ("perfect splits",
-    /// Wald & Havran 2006, section 4.3).
+    /// Wald & Havran 2006, section 4.3); default true.
     pub clip: bool,
-    /// Time every kernel, see [`BuildTimes::kernels`](crate::BuildTimes::kernels).
+    /// Whether every kernel is timed, see [`BuildTimes::kernels`](crate::BuildTimes::kernels); default false.
     pub profile: bool,
 }
 
@@ -93,7 +101,7 @@ impl BuildOptions {
     /// The most that a cost or price may be.
     pub const MAX_COST: f32 = 1e9;
 
-    /// Refuses numbers that costs cannot be weighed by, and leaves deeper than a tree's may be.
+    /// Refuses numbers out of range.
     pub(crate) fn check(&self) -> Result<(), Error> {
         let numbers = [
             ("cost_step", self.cost_step, 0.0, Self::MAX_COST),

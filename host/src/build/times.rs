@@ -1,4 +1,4 @@
-//! What a build tells.
+//! Times and memory of a build.
 
 use crate::exec::{Step, Timing};
 use std::time::Duration;
@@ -7,19 +7,19 @@ use std::time::Duration;
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct BuildTimes {
-    /// Mesh to device.
+    /// From the mesh to the device, by the host's clock.
     pub upload: Duration,
-    /// All kernels, on the device's clock.
+    /// All kernels, by the device's clock.
     pub build: Duration,
-    /// Laying the leaves' triangles out for tracing, on the device's clock. Zero where `build` includes it: see
-    /// `Device::recycling`.
+    /// Laying the leaves' triangles out for tracing, by the device's clock. Zero where `build` includes it: see
+    /// [`Device::recycling`](crate::Device::recycling).
     pub layout: Duration,
     /// Most bytes of buffers held at once, the mesh included.
     pub peak_bytes: u64,
     /// How often the build was repeated, with more room, a higher price or by the host; the other times are
     /// those of the last try.
     pub retries: u32,
-    /// What the tries before the last took in all, by the clock on the wall.
+    /// What the tries before the last took in all, by the host's clock.
     pub failed: Duration,
     /// Whether the host built the tree because the device had not the room to.
     pub by_host: bool,
@@ -35,7 +35,7 @@ pub struct KernelTimes {
     pub name: &'static str,
     /// How often it was dispatched.
     pub dispatches: u32,
-    /// On the device's clock.
+    /// What they took in all, by the device's clock.
     pub time: Duration,
     /// Bytes read and written in buffers: on the CPU, with the feature `traffic`.
     pub bytes: Option<u64>,

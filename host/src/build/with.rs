@@ -1,4 +1,4 @@
-//! Options changed one by one: outside of this crate, none can be written as a whole, as there may be more.
+//! Options changed one by one: other crates cannot write the struct, as it may get more fields.
 
 use super::{BuildOptions, Builder};
 
@@ -6,13 +6,6 @@ use super::{BuildOptions, Builder};
 macro_rules! with {
     ($($with:ident: $field:ident: $t:ty,)+) => {
         /// The same options with one of them changed.
-        ///
-        /// ```
-        /// use raykd::{BuildOptions, Builder};
-        ///
-        /// let options = BuildOptions::default().with_builder(Builder::Exact).with_max_depth(20);
-        /// assert_eq!((options.builder, options.max_depth), (Builder::Exact, 20));
-        /// ```
         impl BuildOptions {
             $(
                 #[doc = concat!("With [`", stringify!($field), "`](field@Self::", stringify!($field), ").")]

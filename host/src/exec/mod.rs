@@ -188,7 +188,7 @@ impl Device {
         Cpu::default().into()
     }
 
-    /// The processor, with threads of this device's own.
+    /// The processor, with so many threads of this device's own, at least one.
     ///
     /// # Errors
     /// They could not be started.
@@ -202,7 +202,8 @@ impl Device {
     /// though it rounds differently: then bytes may differ from the CPU's.
     ///
     /// # Errors
-    /// No adapter, or one that does not compute our float operations exactly.
+    /// There is no such adapter ([`Error::NoAdapter`]), it lacks a feature or limit ([`Error::Lacking`]), or it does
+    /// not compute float operations as the CPU does ([`Error::Inexact`]).
     #[cfg(feature = "gpu")]
     pub fn gpu(adapter: Option<&str>) -> Result<Self, Error> {
         Gpu::open(adapter).map(Into::into)
@@ -232,7 +233,8 @@ impl Device {
     /// ```
     ///
     /// # Errors
-    /// It lacks a feature or limit ([`Error::Lacking`] says which), or does not compute our float operations exactly.
+    /// It lacks a feature or limit ([`Error::Lacking`]), or does not compute float operations as the CPU does
+    /// ([`Error::Inexact`]).
     #[cfg(feature = "gpu")]
     pub fn from_wgpu(device: &wgpu::Device, queue: &wgpu::Queue) -> Result<Self, Error> {
         Gpu::given(device.clone(), queue.clone()).map(Into::into)

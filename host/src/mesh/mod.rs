@@ -3,21 +3,19 @@
 //! # Which triangles take part
 //! Triangles are numbered in file order, before anything else happens to them, and keep that number.
 //!
-//! - **Polygons** are cut into triangles, and counted: one of n corners takes n - 2 numbers. Where the fan from the
-//!   first corner covers it, it is that fan, as always if it is convex; a concave one is cut so that no ray beside it
-//!   hits, and counted. One whose edges cross, or that a corner touches from outside, stays a fan; that, and one
-//!   thicker than a thousandth of its extent, so that nothing says what surface it is, is counted and named. All of
-//!   that is decided where the axis looks from which most of the face is seen. A face with fewer than three corners
-//!   is an error. Points, lines and curves are ignored, and counted.
+//! - **Polygons** of n corners become n - 2 triangles, and are counted: the fan from the first corner if that covers
+//!   the polygon, as it does any convex one, else a triangulation inside it, counted as concave. If its edges cross or
+//!   a corner touches it from outside, it stays a fan, counted as crossed. If it is thicker than a thousandth of its
+//!   extent, it is counted as bent. All of that is decided in the projection along the axis from which most of it is
+//!   seen. A face with fewer than three corners is an error. Points, lines and curves are ignored, and counted.
 //! - **Zero-area** triangles, whose corners lie exactly on one line or coincide, are kept out of the tree, and
 //!   counted. The test is exact, not a threshold.
 //! - **Duplicates**, with the same three positions in the same order as an earlier triangle, stay in the tree,
 //!   and are counted; of equal hits the lowest number wins.
 //! - **Dust**: coordinates that are smaller in size than 2⁻⁶⁰ of the mesh's largest extent (rounded down to a
-//!   power of two) are 0 for the kernels, and counted. They are there because somebody's arithmetic left
-//!   them, and a GPU may or may not flush them. A triangle without area after that counts as zero-area. One that has
-//!   area only after that takes part if triangles with area have such coordinates, too, and the mesh does not get so
-//!   large by it that more would be dust.
+//!   power of two) are 0 for the kernels, and counted: they are residues of rounding, and a GPU may or may not flush
+//!   them. A triangle without area after that counts as zero-area. One that has area only after that takes part if
+//!   triangles with area have such coordinates, too, and the mesh does not get so large by it that more would be dust.
 //! - **Errors**: coordinates that are not finite, indices out of range, damaged, truncated or empty files, a
 //!   mesh without faces. Each names file and line or element. A mesh whose triangles all have no area is fine:
 //!   its tree is empty.

@@ -75,7 +75,7 @@ pub(super) fn decimal(text: &str) -> Option<f64> {
 
 /// [`decimal`], of what `f64` makes of the text.
 pub(super) fn not_halfway(x: f64, text: &str) -> f64 {
-    // The 29 digits that go are a one and zeros; below the normal numbers it is easier not to look.
+    // The 29 bits that go are a one and zeros; below the normal numbers it is easier not to look.
     let halfway = x.to_bits() << 35 == 1 << 63 || x.abs() < f64::from(f32::MIN_POSITIVE);
     let nearest = if halfway { text.parse().unwrap_or(x as f32) } else { x as f32 };
     match f64::from(nearest) {

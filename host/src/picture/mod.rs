@@ -45,7 +45,7 @@ pub struct Picture {
     pub rays: u64,
     /// Rays that hit something.
     pub hits: u64,
-    /// Rays that were none, see [`Traced::invalid`].
+    /// Invalid rays, see [`Traced::invalid`].
     pub invalid: u64,
     /// What the rays took, without making them and painting what they hit.
     pub times: TraceTimes,
@@ -84,7 +84,7 @@ pub fn render(
     Ok(Picture { rgb, rays, hits, invalid, times })
 }
 
-/// What the pixels of some rows show, how many of their rays hit and how many were none, and what all rays took.
+/// What the pixels of some rows show, how many of their rays hit and how many were invalid, and what all rays took.
 /// [`Shading::Heat`] has steps instead of light.
 pub fn rows(
     scene: &Scene,

@@ -31,7 +31,7 @@ fn corners((lo, hi): ([f32; 3], [f32; 3])) -> [[f32; 3]; 8] {
 }
 
 /// The rays of the travel table in Meng Zhou, *Build and Travel KD-Tree with CUDA*: from the sphere around the box to
-/// uniform points of the box.
+/// uniform points of the box. Directions have unit length.
 pub fn random(bounds: ([f32; 3], [f32; 3]), count: usize, seed: u64) -> Vec<Ray> {
     let (centre, radius) = ball_around(bounds);
     let (lo, hi) = (wide(bounds.0), wide(bounds.1));
@@ -48,11 +48,11 @@ pub fn random(bounds: ([f32; 3], [f32; 3]), count: usize, seed: u64) -> Vec<Ray>
 /// A pinhole camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
-    /// Where it is.
+    /// Its position, in the mesh's units.
     pub eye: [f64; 3],
-    /// What it looks at.
+    /// The point that it looks at.
     pub target: [f64; 3],
-    /// Which way is up.
+    /// Which way is up, of any length.
     pub up: [f64; 3],
     /// Vertical field of view in degrees.
     pub fov: f64,
@@ -110,7 +110,7 @@ impl Camera {
         [right, cross(right, forward), forward]
     }
 
-    /// One ray a pixel centre, row by row from the top left.
+    /// One ray a pixel centre, row by row from the top left, with a direction of unit length.
     pub fn rays(&self, width: u32, height: u32) -> Vec<Ray> {
         self.rows(width, height, 0..height)
     }

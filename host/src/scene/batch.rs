@@ -42,7 +42,7 @@ impl Scene {
 pub struct ResidentRays {
     scene: Scene,
     batch: Batch,
-    /// How many rays were none, once they have been traced: the buffers hold no hits before.
+    /// How many rays were invalid, once they have been traced: the buffers hold no hits before.
     invalid: Option<u32>,
 }
 
@@ -68,7 +68,7 @@ impl ResidentRays {
         self.batch.hits(&self.scene.device)
     }
 
-    /// How many rays of the last trace were none, see [`Traced::invalid`](super::Traced::invalid).
+    /// How many rays of the last trace were invalid, see [`Traced::invalid`](super::Traced::invalid).
     ///
     /// # Errors
     /// There was none, or it failed.
@@ -102,7 +102,7 @@ impl Job {
     }
 
     /// Runs kernels, `option` telling what is asked, and fetches what is wanted. Says how long the kernels took, and
-    /// how many rays or points were none.
+    /// how many rays or points were invalid.
     pub(super) fn run(
         &self,
         device: &Device,
@@ -142,7 +142,7 @@ impl Batch {
         Self::of_local(&device, &AnyRay::local(rays, scene.translation), room)
     }
 
-    /// Of rays that are where the mesh is, in memory of `device`.
+    /// Of rays as the mesh's positions are, in memory of `device`.
     pub(super) fn of_local(device: &Device, rays: &[Ray], room: u32) -> Result<Self, Error> {
         let count = u32::try_from(rays.len()).unwrap_or(u32::MAX);
         Ok(Self {
@@ -176,7 +176,7 @@ impl Batch {
     }
 }
 
-/// How many rays were none, if the status that a kernel left is good.
+/// How many rays were invalid, if the status that a kernel left is good.
 pub(super) fn invalid(words: [u32; OUTCOME_WORDS as usize]) -> Result<u32, Error> {
     match words[OUTCOME_STATUS as usize] {
         0 => Ok(words[OUTCOME_INVALID as usize]),

@@ -20,11 +20,11 @@ use std::time::Duration;
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct Counted<T> {
-    /// One a ray or point.
+    /// One a ray or point, in their order.
     pub counts: Vec<T>,
     /// What it took.
     pub times: TraceTimes,
-    /// Rays that were none, or points with NaN, infinite or too large coordinates: they cross nothing.
+    /// Invalid rays, or points with NaN, infinite or too large coordinates: they cross nothing, and get zeros.
     pub invalid: u64,
 }
 
@@ -66,7 +66,7 @@ impl Scene {
         Ok(found.iter().filter(|found| found.leaving & UNDECIDED != 0).count())
     }
 
-    /// Counts for rays that are where the mesh is, as many as fit the device.
+    /// Counts for rays as the mesh's positions are, as many as fit the device.
     pub(super) fn count_local(
         &self,
         device: &Device,

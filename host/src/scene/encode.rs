@@ -21,7 +21,7 @@ use raykd_shared::{Crossings, Hit, Ray};
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub enum RayCount<'a> {
-    /// So many.
+    /// This number.
     Rays(u32),
     /// As many as a `u32` at the start of this part of a buffer says when the commands run, but no more than the
     /// buffers of rays and hits have room for.
@@ -75,7 +75,7 @@ pub struct Encoded {
 }
 
 impl Encoded {
-    /// Waits for the device, and says how many rays were none: see [`Traced::invalid`](crate::Traced::invalid).
+    /// Waits for the device, and says how many rays were invalid: see [`Traced::invalid`](crate::Traced::invalid).
     ///
     /// # Errors
     /// The kernel stopped, or the device failed.
@@ -200,7 +200,7 @@ impl Scene {
     /// # let (rays, crossings, queue): (raykd::wgpu::Buffer, raykd::wgpu::Buffer, raykd::wgpu::Queue) = todo!();
     /// let encoded = scene.encode_crossings(&mut encoder, rays.slice(..), crossings.slice(..), 1000)?;
     /// queue.submit([encoder.finish()]);
-    /// println!("{} of the rays are none", encoded.invalid()?);
+    /// println!("{} rays are invalid", encoded.invalid()?);
     /// # Ok(())
     /// # }
     /// ```

@@ -39,17 +39,17 @@ pub struct RaySteps {
     pub turns: u32,
 }
 
-/// What a batch of rays took. On a GPU the host moves some rays while others are traced, so that the sum may be more
-/// than the clock on the wall says.
+/// What a batch of rays took. On a GPU the host moves some rays while others are traced, so the sum may be more than
+/// the time that passed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct TraceTimes {
-    /// Until rays were on their way to the device.
+    /// Until the rays were submitted to the device, by the host's clock.
     pub upload: Duration,
-    /// The kernel, on the device's clock.
+    /// The kernels, by the device's clock.
     pub trace: Duration,
-    /// Until answers were on the host, without the kernel. When a kernel runs for the first time on a GPU, the driver
-    /// may compile it first, which may take seconds and counts here.
+    /// From there until the answers were on the host, less `trace`. A driver may compile a kernel before its first run,
+    /// which may take seconds and counts here.
     pub download: Duration,
 }
 
@@ -65,13 +65,13 @@ impl AddAssign for TraceTimes {
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct Stepped {
-    /// One hit a ray.
+    /// One hit a ray, in the order of the rays.
     pub hits: Vec<Hit>,
     /// What each ray cost.
     pub steps: Vec<RaySteps>,
     /// What it took. Counting takes time too.
     pub times: TraceTimes,
-    /// Rays that were none, see [`Traced::invalid`].
+    /// Invalid rays, see [`Traced::invalid`].
     pub invalid: u64,
 }
 
@@ -81,13 +81,13 @@ pub struct Stepped {
 pub struct AllHits {
     /// The hits of one ray after those of the other, each ray's by rising (`t`, triangle).
     pub hits: Vec<Hit>,
-    /// Where the hits of each ray begin, and where those of the last one end.
+    /// Where in `hits` those of each ray begin; one more number says where the last end.
     pub begins: Vec<usize>,
     /// How many hits every ray has, also beyond the limit.
     pub totals: Vec<u32>,
     /// What it took.
     pub times: TraceTimes,
-    /// Rays that were none, see [`Traced::invalid`].
+    /// Invalid rays, see [`Traced::invalid`].
     pub invalid: u64,
 }
 
@@ -101,15 +101,16 @@ impl AllHits {
     }
 }
 
-/// Hits and what they took.
+/// Hits and what they took: see [`Scene::trace`].
 #[derive(Clone, Debug, Default)]
 #[non_exhaustive]
 pub struct Traced {
-    /// One hit a ray.
+    /// One hit a ray, in the order of the rays.
     pub hits: Vec<Hit>,
     /// What it took.
     pub times: TraceTimes,
-    /// Rays that were none (NaN, infinite, zero direction, origin out of range); they hit nothing.
+    /// Invalid rays: with NaN, an infinite origin or direction, a zero direction, or an origin out of range. They hit
+    /// nothing.
     pub invalid: u64,
 }
 
@@ -443,7 +444,7 @@ impl Scene {
         Ok(Stepped { hits, steps, times, invalid })
     }
 
-    /// Traces a batch once, and fetches hits: how long the kernels took, and how many rays were none.
+    /// Traces a batch once, and fetches hits: how long the kernels took, and how many rays were invalid.
     pub(super) fn run(
         &self,
         batch: &Batch,

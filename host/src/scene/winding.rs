@@ -54,7 +54,7 @@ impl Scene {
         self.winding_of_parts(points.len(), &fill)
     }
 
-    /// [`Self::winding`] of so many points, of which `fill` makes a part what the mesh's positions are.
+    /// [`Self::winding`] of so many points, of which `fill` gives a range as the mesh's positions are.
     fn winding_of_parts(&self, number: usize, fill: Fill<'_>) -> Result<Counted<i32>, Error> {
         let start = Instant::now();
         let regions = self.regions(number)?;
@@ -99,7 +99,7 @@ impl Scene {
         Ok(counted)
     }
 
-    /// Adds the numbers of points that are where the mesh is, as many as fit the device, if their leaves are empty.
+    /// Adds the numbers of points in empty leaves; the points are as the mesh's positions are, and fit the device.
     fn locate(
         &self,
         device: &Device,
@@ -205,7 +205,7 @@ const WAYS: [[f32; 3]; 6] = {
     [[-1.0, y, z], [1.0, y, z], [z, -1.0, y], [z, 1.0, y], [y, z, -1.0], [y, z, 1.0]]
 };
 
-/// Makes a part of some points what a mesh's positions are.
+/// Gives a range of some points, as the mesh's positions are.
 pub(super) type Fill<'a> = &'a (dyn Fn(Range<usize>, &mut Vec<[f32; 3]>) + Sync);
 
 /// Cells of a box, of each direction `8^bits` in the order of Morton 1966: rays of a cell start near each other, and

@@ -79,10 +79,10 @@ impl WorldHit {
 #[derive(Clone, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct WorldTraced {
-    /// One hit a ray.
+    /// One hit a ray, in the order of the rays.
     pub hits: Vec<WorldHit>,
-    /// Rays that were none, as in [`Traced::invalid`](super::Traced::invalid), in the world or in an instance that was
-    /// asked for them, where they hit nothing. Each counts once.
+    /// Invalid rays, as in [`Traced::invalid`](super::Traced::invalid): in the world, or in an instance that was asked
+    /// for them, where they hit nothing. Each counts once.
     pub invalid: u64,
 }
 
@@ -140,8 +140,8 @@ impl World {
         Ok(self.trace(Query::Any, rays)?.hits)
     }
 
-    /// The closest or any hit of every ray, and how many rays were none. An instance is not asked for any hit of a ray
-    /// that has one.
+    /// The closest or any hit of every ray, and how many rays were invalid. An instance is not asked for any hit of a
+    /// ray that has one.
     ///
     /// # Errors
     /// A device failed.
@@ -188,7 +188,7 @@ struct Instance {
 
 /// What an instance makes of a ray.
 enum Part {
-    /// In the space of the mesh it is none.
+    /// It is invalid in the space of the mesh.
     None,
     /// It does not meet the box of the mesh.
     Beside,
@@ -220,7 +220,7 @@ impl Instance {
     }
 }
 
-/// Whether a ray is none wherever instances are.
+/// Whether a ray is invalid wherever instances are.
 fn is_none(ray: &Ray64) -> bool {
     let numbers = ray.origin.iter().chain(&ray.direction).all(|x| x.is_finite());
     !numbers || ray.direction == [0.0; 3] || ray.t_min.is_nan() || ray.t_max.is_nan()

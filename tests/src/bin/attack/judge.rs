@@ -107,7 +107,9 @@ pub(crate) fn judge(
     let reach = oracle.reach(ray.origin);
     if !is_ray(&ray) || reach * f64::from(scale) >= f64::from(1 << 30) {
         let near = reach * f64::from(scale) < f64::from(1u32 << 31);
-        return holds(!hit.is_hit() || (is_ray(&ray) && near), || format!("{ray:?} is none and hit {hit:?}"));
+        return holds(!hit.is_hit() || (is_ray(&ray) && near), || {
+            format!("{ray:?} is invalid and hit {hit:?}")
+        });
     }
     let known = !hit.is_hit() || (hit.triangle as usize) < triangles;
     holds(known, || format!("{hit:?} of {triangles} triangles"))?;
