@@ -27,7 +27,7 @@
 //! * [`World`]: several scenes, or one several times, each moved, turned and scaled.
 //! * [`Scene::crossings`] and [`Scene::winding`]: how often rays cross the mesh, and which points are inside;
 //!   [`Mesh::edges`] tells whether it is closed, [`Scene::contacts`] where it meets itself.
-//! * [`Traversal`] and [`Intersector`]: ways through the tree, and triangle tests.
+//! * [`Traversal`] and [`Intersector`]: traversals of the tree, and triangle tests.
 //! * [`KdTree`]: the tree as data, to save and to load. [`single`] walks through one on any CPU, or in a shader by
 //!   rust-gpu.
 //! * [`Scene::save`], [`Scene::open`] and [`Scene::open_mapped`]: a whole scene in a file, which processes may share.

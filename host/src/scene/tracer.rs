@@ -6,8 +6,8 @@ use raykd_kernels::trace::single::Tree;
 use raykd_shared::{Crossings, Hit, Ray, TreeHeader};
 use std::{ops::ControlFlow, sync::Arc};
 
-/// Traces single rays on the CPU, with no memory, thread or system call for any of them. The hits are the same bytes as
-/// a [`Scene`]'s. Clones share all memory, and may be used by any number of threads.
+/// Traces single rays on the CPU, without allocation, threads or system calls. The hits are the same bytes as a
+/// [`Scene`]'s. Clones share all memory, and may be used by any number of threads.
 ///
 /// ```
 /// use raykd::{BuildOptions, Device, Mesh, Ray, Scene};
