@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import operator
+import os
 import warnings
 from typing import Any, NamedTuple
 
@@ -12,8 +14,10 @@ from . import _raykd
 
 def on_host(array: Any) -> np.ndarray:
     """The array in this machine's memory; one on a GPU is copied, with a warning."""
-    if isinstance(array, np.ndarray):
+    if type(array) is np.ndarray:
         return array
+    if np.ma.is_masked(array):
+        raise ValueError("an array has masked elements; fill them first, by filled(), or leave them out")
     where = getattr(array, "__dlpack_device__", None)
     # 1 is the CPU, 3 memory of the host that a GPU sees, too.
     on_gpu = hasattr(array, "__cuda_array_interface__") or (where is not None and where()[0] not in (1, 3))
@@ -46,8 +50,24 @@ def points(array: Any, name: str = "points") -> tuple[np.ndarray, tuple[int, ...
 
 def rows(array: np.ndarray, shape: tuple[int, ...], width: int) -> np.ndarray:
     """The array broadcast, in rows of so many numbers, without a copy where it can be."""
-    wide = np.broadcast_to(array, (*shape, width))
-    return np.ascontiguousarray(wide).reshape(-1, width)
+    return plain(np.broadcast_to(array, (*shape, width))).reshape(-1, width)
+
+
+def plain(array: np.ndarray) -> np.ndarray:
+    """The array as compiled code can read it: in order, and aligned, which those from a file's bytes may not be."""
+    array = np.ascontiguousarray(array)
+    return array if array.flags.aligned else array.copy()
+
+
+def whole(number: Any, name: str, least: int, most: int) -> int:
+    """The whole number, if it is in range."""
+    try:
+        taken: int = operator.index(number)
+    except TypeError:
+        raise TypeError(f"{name} must be a whole number, but is {number!r}") from None
+    if not least <= taken <= most:
+        raise ValueError(f"{name} must be from {least} to {most}, but is {taken}")
+    return taken
 
 
 class Rays(NamedTuple):
@@ -86,15 +106,22 @@ def rays(origins: Any, directions: Any, t_min: Any, t_max: Any) -> tuple[Rays, t
     return Rays(o, d, each[0], each[1]), shape
 
 
+def file_name(path: Any) -> str:
+    """The path as text, from which the compiled module makes the same bytes again."""
+    return os.fsdecode(os.fsencode(path))
+
+
 def triangles(array: Any, shape: tuple[int, ...]) -> np.ndarray:
     """Triangle numbers, one a ray."""
     array = on_host(array)
-    if array.dtype.kind not in "iu" or (array.size and array.min() < 0):
+    # A list of none is float64.
+    if array.size and (array.dtype.kind not in "iu" or array.min() < 0 or array.max() > _raykd.MISS):
         raise ValueError("exclude must be triangle numbers, raykd.MISS for none")
-    wide = np.broadcast_to(array, shape)
-    if wide.size and wide.max() > _raykd.MISS:
-        raise ValueError("exclude must be triangle numbers, raykd.MISS for none")
-    return np.ascontiguousarray(wide, dtype=np.uint32).reshape(-1)
+    try:
+        wide = np.broadcast_to(array, shape)
+    except ValueError:
+        raise ValueError(f"exclude and the rays do not go together: they are of {[array.shape, shape]}") from None
+    return plain(wide.astype(np.uint32, copy=False)).reshape(-1)
 
 
 class Hits:
@@ -145,7 +172,7 @@ class Hits:
 
     def digest(self) -> str:
         """SHA-256 of the hits, the same on every machine, as the program ``raykd`` prints it."""
-        return _raykd.digest(np.ascontiguousarray(self.records).reshape(-1).view(np.uint32))
+        return _raykd.digest(plain(np.ascontiguousarray(self.records).reshape(-1).view(np.uint32)))
 
     def __len__(self) -> int:
         return len(self.records)

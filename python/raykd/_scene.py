@@ -11,7 +11,7 @@ import numpy as np
 
 from . import _raykd
 from . import _arrays
-from ._arrays import AllHits, Crossings, Hits, Steps, on_host, rays, triangles
+from ._arrays import AllHits, Crossings, Hits, Steps, file_name, on_host, plain, rays, triangles, whole
 
 _Device = Tuple[str, Optional[int]]
 
@@ -37,7 +37,7 @@ class Mesh:
             raise ValueError(f"faces must be integers, but are {faces.dtype}")
         if faces.size and (faces.min() < 0 or faces.max() >= len(vertices)):
             raise ValueError(f"faces name vertices from {faces.min()} to {faces.max()}, but there are {len(vertices)}")
-        self._become(_raykd.Mesh(vertices, np.ascontiguousarray(faces, dtype=np.uint32)))
+        self._become(_raykd.Mesh(vertices, plain(faces.astype(np.uint32, copy=False))))
 
     def _become(self, mesh: _raykd.Mesh) -> Mesh:
         self._mesh = mesh

@@ -95,6 +95,44 @@ def test_every_layout_of_arrays_gives_the_same(teapot):
     assert picture.t.shape == (20, 30) and picture.digest() == expected
 
 
+def from_bytes(array):
+    """The array as it lies in the middle of other bytes, at an odd address."""
+    array = np.ascontiguousarray(array)
+    return np.frombuffer(b"x" + array.tobytes(), np.uint8)[1:].view(array.dtype).reshape(array.shape)
+
+
+def test_arrays_at_odd_addresses_are_taken(teapot):
+    mesh = raykd.Mesh(from_bytes(teapot.vertices), from_bytes(teapot.faces))
+    assert (mesh.vertices == teapot.vertices).all() and (mesh.faces == teapot.faces).all()
+    scene = raykd.Scene(teapot, device="cpu")
+    for dtype in (np.float32, np.float64):
+        rays = some_rays(100, dtype=dtype)
+        limits, exclude = np.linspace(0, 1, 100).astype(dtype), np.arange(100, dtype=np.uint32)
+        hits = scene.closest(*map(from_bytes, rays), from_bytes(limits), exclude=from_bytes(exclude))
+        assert hits.digest() == scene.closest(*rays, limits, exclude=exclude).digest()
+        assert raykd.Hits(from_bytes(hits.records)).digest() == hits.digest()
+        assert (scene.winding(from_bytes(rays[0])) == scene.winding(rays[0])).all()
+
+
+def test_arrays_of_subclasses_are_plain_numbers(teapot):
+    scene = raykd.Scene(teapot, device="cpu")
+    origins, directions = some_rays(50)
+    masked = np.ma.array(origins)
+    assert scene.closest(masked, directions).digest() == scene.closest(origins, directions).digest()
+    masked[7, 1] = np.ma.masked
+    faces = np.ma.array(teapot.faces.astype(np.int64))
+    faces[0, 0] = np.ma.masked
+    exclude = np.ma.array(np.zeros(50, int), mask=np.arange(50) == 3)
+    for call in (
+        lambda: scene.closest(masked, directions),
+        lambda: scene.winding(masked),
+        lambda: scene.closest(origins, directions, exclude=exclude),
+        lambda: raykd.Mesh(teapot.vertices, faces),
+    ):
+        with pytest.raises(ValueError, match="masked"):
+            call()
+
+
 def test_rays_are_broadcast(teapot):
     scene = raykd.Scene(teapot, device="cpu")
     _, directions = some_rays(50)
@@ -104,6 +142,7 @@ def test_rays_are_broadcast(teapot):
     near = scene.closest([0, 0, 40], directions, t_max=np.linspace(0, 2, 50))
     assert (near.t[near.is_hit] <= np.linspace(0, 2, 50)[near.is_hit]).all()
     assert scene.closest(np.zeros((0, 3)), [0, 0, 1]).t.shape == (0,)
+    assert scene.closest(np.zeros((0, 3)), [0, 0, 1], exclude=[]).t.shape == (0,)
 
 
 def test_doubles_lose_nothing_far_from_zero(teapot):
@@ -245,6 +284,7 @@ def write_costs(path, device):
     device = {"version": raykd.__version__, "device": device["kind"], "name": device["name"]}
     path.write_text(json.dumps({**device, "looks": looks, "costs": costs}))
 
+        (lambda s: s.closest([[0, 0, 0]] * 2, [0, 0, 1], exclude=[0, 1, 2]), "exclude and the rays do not go"),
 
 @pytest.fixture
 def costs(tmp_path):
