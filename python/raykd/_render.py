@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
 from . import _raykd
+from ._arrays import whole
 from ._scene import Scene
 
 
@@ -47,13 +49,25 @@ def render(
     >>> render(Scene(Mesh.teapot(4), device="cpu"), 32, 24).shape
     (24, 32, 3)
     """
+    if samples is not None:
+        samples = whole(samples, "samples", 1, 8)
     return _raykd.render(scene._scene, _view(width, height, **camera), shading, samples)
 
 
 def _view(
     width: int, height: int, eye: Any = None, target: Any = None, up: Any = (0.0, 1.0, 0.0), fov: float = 40.0
 ) -> tuple[Any, ...]:
-    def point(of: Any) -> list[float] | None:
-        return None if of is None else [float(x) for x in of]
+    def point(of: Any, name: str) -> list[float]:
+        numbers = [float(x) for x in of]
+        if len(numbers) != 3 or not all(math.isfinite(x) for x in numbers):
+            raise ValueError(f"{name} must be three finite numbers, but is {of}")
+        return numbers
 
-    return width, height, point(eye), point(target), point(up), float(fov)
+    size = [whole(pixels, "width and height", 1, 16384) for pixels in (width, height)]
+    if target is not None and eye is None:
+        raise ValueError("target needs eye: without eye the camera sees the whole scene")
+    ends = [None if end is None else point(end, name) for end, name in ((eye, "eye"), (target, "target"))]
+    upwards = point(up, "up")
+    if not any(upwards):
+        raise ValueError("up must not be zero")
+    return (*size, *ends, upwards, float(fov))

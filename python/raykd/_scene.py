@@ -61,7 +61,7 @@ class Mesh:
     @classmethod
     def teapot(cls, level: int = 8) -> Mesh:
         """The Utah teapot, each of its 32 patches cut into ``level`` by ``level`` quads (1 to 1000)."""
-        return cls.scene(f"teapot:{level}")
+        return cls.scene(f"teapot:{whole(level, 'level', 1, 1000)}")
 
     @property
     def vertices(self) -> np.ndarray:
@@ -226,6 +226,8 @@ class Scene:
         begin = begin.astype(np.int64)
         ray = np.repeat(np.arange(len(begin) - 1), np.diff(begin))
         return AllHits(ray, Hits._of(words, (-1,), invalid), begin)
+        if limit is not None:
+            limit = whole(limit, "limit", 0, 2**32 - 1)
 
     def count(self, origins: Any, directions: Any, t_min: Any = 0.0, t_max: Any = np.inf) -> np.ndarray:
         """How many triangles each ray hits. At an edge it may be two: ``crossings`` counts a surface once."""

@@ -9,7 +9,7 @@ use crate::{
 };
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::{
-    exceptions::PyValueError,
+    exceptions::{PyOverflowError, PyValueError},
     prelude::*,
     types::{PyBytes, PyDict},
 };
@@ -327,15 +327,25 @@ fn build_options(given: &Bound<'_, PyDict>) -> PyResult<BuildOptions> {
             "cost_step" => options.cost_step = value.extract()?,
             "cost_test" => options.cost_test = value.extract()?,
             "price" => options.price = value.extract()?,
-            "long" => options.long = value.extract()?,
+            "long" => options.long = whole(&value, "long")?,
             "budget" => options.budget = value.extract()?,
             "empty" => options.empty = value.extract()?,
-            "max_depth" => options.max_depth = value.extract()?,
+            "max_depth" => options.max_depth = whole(&value, "max_depth")?,
             "clip" => options.clip = value.extract()?,
             _ => return Err(PyValueError::new_err(format!("there is no build option {key:?}"))),
         }
     }
     Ok(options)
+}
+
+/// A whole number of 32 bits; one that is out of range is bad input like any other.
+fn whole(value: &Bound<'_, PyAny>, name: &str) -> PyResult<u32> {
+    value.extract().map_err(|error: PyErr| {
+        if !error.is_instance_of::<PyOverflowError>(value.py()) {
+            return error;
+        }
+        PyValueError::new_err(format!("{name} must be from 0 to {}, but is {value}", u32::MAX))
+    })
 }
 
 /// SHA-256 of hits, as the program `raykd` prints it.

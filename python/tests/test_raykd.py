@@ -256,22 +256,35 @@ def test_rays_that_are_none_miss_and_are_counted(teapot):
         (lambda s: raykd.render(s, eye=[1, 1, 1], target=[1, 1, 1]), "same point"),
         (lambda s: s.closest([0, 0], [0, 0, 1]), "origins"),
         (lambda s: s.closest(["a", "b", "c"], [0, 0, 1]), "numbers"),
+        (lambda s: raykd.Scene(s.mesh, device="cpu", max_depth=-1), "max_depth must be from 0"),
+        (lambda s: raykd.Scene(s.mesh, device="cpu", long=1 << 32), "long must be from 0"),
         (lambda s: s.closest(np.zeros((2, 3)), np.zeros((3, 3))), "go together"),
         (lambda s: s.closest([0, 0, 0], [0, 0, 1], t_max=None), "t_max must be numbers"),
         (lambda s: s.any([0, 0, 0], [0, 0, 1], t_min=1j), "t_min must be numbers"),
         (lambda s: s.closest([0, 0, 0], [0, 0, 1], exclude=-1), "exclude"),
         (lambda s: s.using(test="moeller").count([0, 0, 0], [0, 0, 1]), "exact"),
         (lambda s: raykd._raykd.Scene(s.mesh._mesh, ("cpu", None), ("stack", "strict"), b"no tree", {}), "tree"),
+        (lambda s: raykd.render(s, -1, 5), "width and height"),
+        (lambda s: raykd.camera_rays(s, 5, 1 << 32), "width and height"),
     ],
 )
+        (lambda s: raykd.render(s, samples=-1), "samples"),
 def test_bad_input_is_refused_in_words(teapot, call, message):
     with pytest.raises(ValueError, match=message):
+        (lambda s: raykd.render(s, eye=[1, 1]), "eye must be three"),
+        (lambda s: raykd.render(s, eye=[1, 1, np.nan]), "eye must be three"),
+        (lambda s: raykd.render(s, eye=[1, 1, 1], target=[np.inf, 1, 1]), "target must be three"),
+        (lambda s: raykd.render(s, target=[1, 1, 1]), "target needs eye"),
+        (lambda s: raykd.camera_rays(s, up=[0, 0, 0]), "up must not be zero"),
+        (lambda s: s.all([0, 0, 0], [0, 0, 1], limit=-1), "limit must be from 0"),
+        (lambda s: s.all([0, 0, 0], [0, 0, 1], limit=1 << 32), "limit must be from 0"),
         call(raykd.Scene(teapot, device="cpu"))
 
 
 def write_costs(path, device):
     """Costs of a device in the form that `raykd calibrate` writes: a better tree takes longer."""
     names = "none shallow halfway median zhou binned binned-small exact exact-small".split()
+        (lambda s: s.closest([[0, 0, 0]] * 2, [0, 0, 1], exclude=[0, 1, 2]), "exclude and the rays do not go"),
     costs = []
     for quality, name in enumerate(names):
         for triangles in (100, 100_000):
@@ -284,7 +297,6 @@ def write_costs(path, device):
     device = {"version": raykd.__version__, "device": device["kind"], "name": device["name"]}
     path.write_text(json.dumps({**device, "looks": looks, "costs": costs}))
 
-        (lambda s: s.closest([[0, 0, 0]] * 2, [0, 0, 1], exclude=[0, 1, 2]), "exclude and the rays do not go"),
 
 @pytest.fixture
 def costs(tmp_path):
