@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 import os
 import warnings
 from typing import Any, Optional, Tuple, Union
@@ -91,7 +90,7 @@ class Mesh:
         return self._closed
 
     def __len__(self) -> int:
-        return len(self.faces)
+        return len(self._mesh)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Not the vertices: where rounding took the last digits, a mesh of them might be moved elsewhere, or not at all.
@@ -124,7 +123,7 @@ class Scene:
     [1.0, inf]
     """
 
-    __slots__ = ("_device", "_file", "_scene")
+    __slots__ = ("_device", "_file", "_mesh", "_scene")
 
     def __init__(
         self,
@@ -145,9 +144,15 @@ class Scene:
             mesh = Mesh(vertices, faces)
         elif isinstance(vertices, Mesh):
             mesh = vertices
-        else:
+        elif hasattr(vertices, "vertices") and hasattr(vertices, "faces"):
             mesh = Mesh(vertices.vertices, vertices.faces)
-        self._device = (device, threads)
+        else:
+            raise TypeError(
+                f"a scene is of vertices and faces, or of what has both, but {type(vertices).__name__} alone is given;"
+                " files are read by raykd.Mesh.load, and by raykd.load if Scene.save wrote them"
+            )
+        self._device = _on(device, threads)
+        self._mesh: Mesh | None = mesh
         self._file: str | None = None
         given = build if builder is None else {"builder": builder, **build}
         if quality == "usual":
@@ -158,10 +163,8 @@ class Scene:
         elif quality == "auto":
             if given or traversal is not None:
                 raise ValueError('quality="auto" chooses builder, traversal and build options: leave them out')
-            count = 1_000_000 if rays is None else operator.index(rays)
-            if not 0 < count < 1 << 64:
-                raise ValueError(f"rays must be from 1 to 2**64 - 1, but are {count}")
-            file = None if costs is None else os.fspath(costs)
+            count = whole(1_000_000 if rays is None else rays, "rays", 1, 2**64 - 1)
+            file = None if costs is None else file_name(costs)
             self._scene = _raykd.Scene.planned(mesh._mesh, self._device, test, count, file)
             if self._scene.device[0] == "cpu":
                 # What is unpickled stays there.
@@ -170,9 +173,9 @@ class Scene:
             raise ValueError(f"quality {quality!r} is none of usual, auto")
 
     @classmethod
-    def _of(cls, scene: _raykd.Scene, device: _Device, file: str | None = None) -> Scene:
+    def _of(cls, scene: _raykd.Scene, device: _Device, file: str | None = None, mesh: Mesh | None = None) -> Scene:
         made = cls.__new__(cls)
-        made._scene, made._device, made._file = scene, device, file
+        made._scene, made._device, made._file, made._mesh = scene, device, file, mesh
         return made
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -188,7 +191,7 @@ class Scene:
     def using(self, *, traversal: str | None = None, test: str | None = None) -> Scene:
         """The same scene with another traversal or triangle test; both share all memory."""
         ways = (traversal or self._scene.traversal, test or self._scene.test)
-        return Scene._of(self._scene.using(*ways), self._device, self._file)
+        return Scene._of(self._scene.using(*ways), self._device, self._file, self._mesh)
 
     def closest(
         self, origins: Any, directions: Any, t_min: Any = 0.0, t_max: Any = np.inf, *, exclude: Any = None
@@ -223,11 +226,11 @@ class Scene:
         """
         some, _ = rays(origins, directions, t_min, t_max)
         begin, words, invalid = self._scene.all(some, limit)
+        if limit is not None:
+            limit = whole(limit, "limit", 0, 2**32 - 1)
         begin = begin.astype(np.int64)
         ray = np.repeat(np.arange(len(begin) - 1), np.diff(begin))
         return AllHits(ray, Hits._of(words, (-1,), invalid), begin)
-        if limit is not None:
-            limit = whole(limit, "limit", 0, 2**32 - 1)
 
     def count(self, origins: Any, directions: Any, t_min: Any = 0.0, t_max: Any = np.inf) -> np.ndarray:
         """How many triangles each ray hits. At an edge it may be two: ``crossings`` counts a surface once."""
@@ -268,7 +271,10 @@ class Scene:
     @property
     def mesh(self) -> Mesh:
         """The mesh of which the scene was built."""
-        return Mesh._of(self._scene.mesh)
+        # Kept, as it knows whether it is closed once it has been asked.
+        if self._mesh is None:
+            self._mesh = Mesh._of(self._scene.mesh)
+        return self._mesh
 
     @property
     def device(self) -> str:
@@ -301,8 +307,14 @@ def load(path: str | os.PathLike[str], *, device: str = "auto", threads: int | N
     >>> bool(load(path, device="cpu").any([0, 0, 50], [0, 0, -1]))
     True
     """
-    file = os.path.abspath(os.fspath(path))
-    return Scene._of(_raykd.Scene.load(file, (device, threads)), (device, threads), file)
+    file, on = os.path.abspath(file_name(path)), _on(device, threads)
+    return Scene._of(_raykd.Scene.load(file, on), on, file)
+
+
+def _on(device: str, threads: int | None) -> _Device:
+    """The device, with as many threads as the program takes, too: of more most only look for work."""
+    most = min(64 * (os.cpu_count() or 1), 4096)
+    return device, None if threads is None else whole(threads, "threads", 1, most)
 
 
 def _moved(positions: np.ndarray, faces: np.ndarray, translation: list[float]) -> Mesh:
@@ -317,4 +329,4 @@ def _from_file(file: str, device: _Device, ways: tuple[str, str]) -> Scene:
 
 def _with_tree(mesh: Mesh, tree: bytes, device: _Device, ways: tuple[str, str]) -> Scene:
     """A pickled scene, whose tree is not built again."""
-    return Scene._of(_raykd.Scene(mesh._mesh, device, ways, tree, {}), device)
+    return Scene._of(_raykd.Scene(mesh._mesh, device, ways, tree, {}), device, None, mesh)

@@ -65,6 +65,10 @@ impl Mesh {
         Self::of(py.detach(|| name.parse::<MeshSource>()?.load()))
     }
 
+    fn __len__(&self) -> usize {
+        self.0.triangles().len()
+    }
+
     fn vertices<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let count = self.0.positions().len() as u32;
         let vertices: Vec<f64> = (0..count).flat_map(|i| self.0.vertex(i)).collect();

@@ -222,6 +222,14 @@ def test_what_is_inside_of_a_box(device):
     assert (crossed.leaving.tolist(), crossed.entering.tolist()) == ([1, 1, 0], [0, 1, 1])
 
 
+def test_a_scene_remembers_whether_it_is_closed(teapot, tmp_path):
+    scene = raykd.Scene(teapot, device="cpu")
+    scene.save(tmp_path / "scene")
+    for one in (scene, raykd.load(tmp_path / "scene", device="cpu"), pickle.loads(pickle.dumps(scene))):
+        assert one.mesh is one.mesh and one.using(test="exact").mesh is one.mesh
+        assert len(one.mesh) == len(one.mesh.faces) == len(teapot)
+
+
 def test_inside_of_an_open_mesh_warns(teapot):
     with pytest.warns(UserWarning, match="not closed"):
         raykd.Scene(teapot, device="cpu").inside([[0, 0, 0]])
@@ -248,29 +256,21 @@ def test_rays_that_are_none_miss_and_are_counted(teapot):
         (lambda s: raykd.Scene(s.mesh, device="cpu", traversal="best"), "traversal"),
         (lambda s: raykd.Scene(s.mesh, device="cpu", price=-1.0), "price"),
         (lambda s: raykd.Scene(s.mesh, device="cpu", speed=1.0), "speed"),
-        (lambda s: raykd.Scene(s.mesh, device="gpu", threads=2), "threads"),
-        (lambda s: raykd.render(s, 0, 5), "width and height"),
-        (lambda s: raykd.render(s, shading="best"), "shading"),
-        (lambda s: raykd.render(s, samples=9), "samples"),
-        (lambda s: raykd.render(s, fov=float("nan")), "fov"),
-        (lambda s: raykd.render(s, eye=[1, 1, 1], target=[1, 1, 1]), "same point"),
-        (lambda s: s.closest([0, 0], [0, 0, 1]), "origins"),
-        (lambda s: s.closest(["a", "b", "c"], [0, 0, 1]), "numbers"),
         (lambda s: raykd.Scene(s.mesh, device="cpu", max_depth=-1), "max_depth must be from 0"),
         (lambda s: raykd.Scene(s.mesh, device="cpu", long=1 << 32), "long must be from 0"),
-        (lambda s: s.closest(np.zeros((2, 3)), np.zeros((3, 3))), "go together"),
-        (lambda s: s.closest([0, 0, 0], [0, 0, 1], t_max=None), "t_max must be numbers"),
-        (lambda s: s.any([0, 0, 0], [0, 0, 1], t_min=1j), "t_min must be numbers"),
-        (lambda s: s.closest([0, 0, 0], [0, 0, 1], exclude=-1), "exclude"),
-        (lambda s: s.using(test="moeller").count([0, 0, 0], [0, 0, 1]), "exact"),
-        (lambda s: raykd._raykd.Scene(s.mesh._mesh, ("cpu", None), ("stack", "strict"), b"no tree", {}), "tree"),
+        (lambda s: raykd.Scene(s.mesh, device="gpu", threads=2), "threads"),
+        (lambda s: raykd.Scene(s.mesh, device="cpu", threads=-1), "threads must be from 1"),
+        (lambda s: raykd.Scene(s.mesh, device="cpu", threads=0), "threads must be from 1"),
+        (lambda s: raykd.load("scene", device="cpu", threads=1 << 64), "threads must be from 1"),
+        (lambda s: raykd.Mesh.teapot(0), "level must be from 1"),
+        (lambda s: raykd.render(s, 0, 5), "width and height"),
         (lambda s: raykd.render(s, -1, 5), "width and height"),
         (lambda s: raykd.camera_rays(s, 5, 1 << 32), "width and height"),
-    ],
-)
+        (lambda s: raykd.render(s, shading="best"), "shading"),
+        (lambda s: raykd.render(s, samples=9), "samples"),
         (lambda s: raykd.render(s, samples=-1), "samples"),
-def test_bad_input_is_refused_in_words(teapot, call, message):
-    with pytest.raises(ValueError, match=message):
+        (lambda s: raykd.render(s, fov=float("nan")), "fov"),
+        (lambda s: raykd.render(s, eye=[1, 1, 1], target=[1, 1, 1]), "same point"),
         (lambda s: raykd.render(s, eye=[1, 1]), "eye must be three"),
         (lambda s: raykd.render(s, eye=[1, 1, np.nan]), "eye must be three"),
         (lambda s: raykd.render(s, eye=[1, 1, 1], target=[np.inf, 1, 1]), "target must be three"),
@@ -278,13 +278,36 @@ def test_bad_input_is_refused_in_words(teapot, call, message):
         (lambda s: raykd.camera_rays(s, up=[0, 0, 0]), "up must not be zero"),
         (lambda s: s.all([0, 0, 0], [0, 0, 1], limit=-1), "limit must be from 0"),
         (lambda s: s.all([0, 0, 0], [0, 0, 1], limit=1 << 32), "limit must be from 0"),
+        (lambda s: s.closest([0, 0], [0, 0, 1]), "origins"),
+        (lambda s: s.closest(["a", "b", "c"], [0, 0, 1]), "numbers"),
+        (lambda s: s.closest(np.zeros((2, 3)), np.zeros((3, 3))), "go together"),
+        (lambda s: s.closest([0, 0, 0], [0, 0, 1], t_max=None), "t_max must be numbers"),
+        (lambda s: s.any([0, 0, 0], [0, 0, 1], t_min=1j), "t_min must be numbers"),
+        (lambda s: s.closest([0, 0, 0], [0, 0, 1], exclude=-1), "exclude"),
+        (lambda s: s.closest([[0, 0, 0]] * 2, [0, 0, 1], exclude=[0, 1, 2]), "exclude and the rays do not go"),
+        (lambda s: s.using(test="moeller").count([0, 0, 0], [0, 0, 1]), "exact"),
+        (lambda s: raykd._raykd.Scene(s.mesh._mesh, ("cpu", None), ("stack", "strict"), b"no tree", {}), "tree"),
+    ],
+)
+def test_bad_input_is_refused_in_words(teapot, call, message):
+    with pytest.raises(ValueError, match=message):
         call(raykd.Scene(teapot, device="cpu"))
+
+
+def test_what_is_not_a_mesh_is_refused_in_words(teapot):
+    for given in ("mesh.ply", teapot.vertices, None):
+        with pytest.raises(TypeError, match="vertices and faces"):
+            raykd.Scene(given, device="cpu")
+    scene = raykd.Scene(teapot, device="cpu")
+    with pytest.raises(TypeError, match="width and height must be a whole number"):
+        raykd.render(scene, 64.0, 64)
+    with pytest.raises(TypeError, match="level must be a whole number"):
+        raykd.Mesh.teapot(1.5)
 
 
 def write_costs(path, device):
     """Costs of a device in the form that `raykd calibrate` writes: a better tree takes longer."""
     names = "none shallow halfway median zhou binned binned-small exact exact-small".split()
-        (lambda s: s.closest([[0, 0, 0]] * 2, [0, 0, 1], exclude=[0, 1, 2]), "exclude and the rays do not go"),
     costs = []
     for quality, name in enumerate(names):
         for triangles in (100, 100_000):
