@@ -13,6 +13,7 @@ from . import _arrays
 from ._arrays import AllHits, Crossings, Hits, Steps, file_name, on_host, plain, rays, triangles, whole
 
 _Device = Tuple[str, Optional[int]]
+_Path = Union[str, bytes, "os.PathLike[str]", "os.PathLike[bytes]"]
 
 
 class Mesh:
@@ -48,9 +49,9 @@ class Mesh:
         return cls.__new__(cls)._become(mesh)
 
     @classmethod
-    def load(cls, path: Union[str, os.PathLike[str]]) -> Mesh:
+    def load(cls, path: _Path) -> Mesh:
         """Reads an OBJ, PLY, STL or glTF file, each of them also gzipped."""
-        return cls._of(_raykd.Mesh.load(os.fspath(path)))
+        return cls._of(_raykd.Mesh.load(file_name(path)))
 
     @classmethod
     def scene(cls, name: str) -> Mesh:
@@ -137,7 +138,7 @@ class Scene:
         test: str = "strict",
         quality: str = "usual",
         rays: int | None = None,
-        costs: str | os.PathLike[str] | None = None,
+        costs: _Path | None = None,
         **build: float | bool,
     ) -> None:
         if faces is not None:
@@ -184,9 +185,9 @@ class Scene:
             return _from_file, (self._file, self._device, ways)
         return _with_tree, (self.mesh, self._scene.tree(), self._device, ways)
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: _Path) -> None:
         """Writes mesh and tree to one file, for ``raykd.load``. It appears whole or not at all."""
-        self._scene.save(os.fspath(path))
+        self._scene.save(file_name(path))
 
     def using(self, *, traversal: str | None = None, test: str | None = None) -> Scene:
         """The same scene with another traversal or triangle test; both share all memory."""
@@ -225,9 +226,9 @@ class Scene:
         (True, True)
         """
         some, _ = rays(origins, directions, t_min, t_max)
-        begin, words, invalid = self._scene.all(some, limit)
         if limit is not None:
             limit = whole(limit, "limit", 0, 2**32 - 1)
+        begin, words, invalid = self._scene.all(some, limit)
         begin = begin.astype(np.int64)
         ray = np.repeat(np.arange(len(begin) - 1), np.diff(begin))
         return AllHits(ray, Hits._of(words, (-1,), invalid), begin)
@@ -295,7 +296,7 @@ class Scene:
         return f"Scene({self.mesh!r}, {self.device!r})"
 
 
-def load(path: str | os.PathLike[str], *, device: str = "auto", threads: int | None = None) -> Scene:
+def load(path: _Path, *, device: str = "auto", threads: int | None = None) -> Scene:
     """A scene that ``Scene.save`` wrote. Nothing is built again.
 
     On the CPU the file is mapped into memory: processes that load it share that memory. Do not change the file while

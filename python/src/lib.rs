@@ -17,6 +17,7 @@ use pyo3::{
     prelude::*,
 };
 use raykd::{Error, mesh::MeshError};
+use std::io;
 
 /// What Python calls such an error, with raykd's own sentence.
 fn error(error: Error) -> PyErr {
@@ -30,7 +31,7 @@ fn error(error: Error) -> PyErr {
             // By its number Python chooses the kind, such as `FileNotFoundError`.
             match source.raw_os_error() {
                 Some(number) => PyOSError::new_err((number, text)),
-                None => PyOSError::new_err(text),
+                None => io::Error::new(source.kind(), text).into(),
             }
         }
         Error::OutOfMemory { .. } | Error::TooLarge { .. } => PyMemoryError::new_err(text),

@@ -390,6 +390,32 @@ def test_files_that_are_not_there():
             raykd.Scene(raykd.Mesh.teapot(1), device=device)
 
 
+def test_folders_that_are_not_there(teapot, tmp_path):
+    with pytest.raises(FileNotFoundError, match="no such folder"):
+        raykd.Scene(teapot, device="cpu").save(tmp_path / "no" / "scene")
+
+
+def test_paths_are_what_python_takes_for_paths(teapot, tmp_path):
+    scene = raykd.Scene(teapot, device="cpu")
+    names = [tmp_path / "path", str(tmp_path / "text"), os.fsencode(tmp_path / "bytes")]
+    if sys.platform == "linux":
+        names.append(os.path.join(os.fsencode(tmp_path), b"\xff no UTF-8"))
+    for name in names:
+        scene.save(name)
+        loaded = pickle.loads(pickle.dumps(raykd.load(name, device="cpu")))
+        assert loaded.tree["digest"] == scene.tree["digest"]
+    triangle = os.fsencode(tmp_path / "triangle.obj")
+    with open(triangle, "w") as file:
+        file.write("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    assert len(raykd.Mesh.load(triangle)) == 1
+    # Not text of any file system; and what is no path at all.
+    for call in (raykd.Mesh.load, raykd.load, scene.save):
+        with pytest.raises(ValueError, match="surrogates"):
+            call("\ud800.ply")
+        with pytest.raises(TypeError, match="os.PathLike"):
+            call(1)
+
+
 class Elsewhere:
     """As much of an array on a GPU as is looked at: it tells where it is, and has a way to the host."""
 
