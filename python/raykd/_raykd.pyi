@@ -2,11 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+__all__ = [
+    "BUILDERS",
+    "MISS",
+    "SHADINGS",
+    "TESTS",
+    "TRAVERSALS",
+    "Mesh",
+    "Scene",
+    "__version__",
+    "camera_rays",
+    "devices",
+    "digest",
+    "render",
+]
 __version__: str
 MISS: int
 BUILDERS: list[str]
@@ -23,8 +37,9 @@ def digest(words: _Words) -> str: ...
 def camera_rays(scene: Scene, view: _View) -> tuple[list[float], NDArray[np.float32]]: ...
 def render(scene: Scene, view: _View, shading: str, samples: int | None) -> NDArray[np.uint8]: ...
 
+@final
 class Mesh:
-    def __init__(self, vertices: NDArray[Any], faces: _Words) -> None: ...
+    def __new__(cls, vertices: NDArray[Any], faces: _Words) -> Mesh: ...
     @staticmethod
     def moved(positions: NDArray[np.float32], faces: _Words, translation: list[float]) -> Mesh: ...
     @staticmethod
@@ -38,22 +53,23 @@ class Mesh:
     def translation(self) -> list[float]: ...
     @property
     def bounds(self) -> list[list[float]]: ...
+    def __len__(self) -> int: ...
     def is_closed(self) -> bool: ...
     def repairs(self) -> dict[str, float]: ...
 
+@final
 class Scene:
-    def __init__(
-        self,
+    def __new__(
+        cls,
         mesh: Mesh,
         device: tuple[str, int | None],
         ways: tuple[str, str],
         tree: bytes | None,
         options: dict[str, Any],
-    ) -> None: ...
+    ) -> Scene: ...
     @staticmethod
     def planned(
         mesh: Mesh, device: tuple[str, int | None], test: str, rays: int, costs: str | None
-    def __len__(self) -> int: ...
     ) -> Scene: ...
     @staticmethod
     def load(path: str, device: tuple[str, int | None]) -> Scene: ...
