@@ -128,7 +128,8 @@ pub mod internals {
     /// Pictures of scenes.
     pub mod picture {
         pub use crate::picture::{
-            Picture, Rgb, Shading, camera, encode, full_scale, heat, rays_of, render, rows, samples_of,
+            Picture, Rgb, Shading, camera, encode, full_scale, heat, rays_of, render, render_while, rows,
+            samples_of,
         };
     }
     /// Files that appear whole or not at all.

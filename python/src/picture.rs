@@ -4,7 +4,7 @@ use crate::{device::same_process, error, scene::Scene};
 use numpy::{PyArray1, PyArray3, PyArrayMethods as _};
 use pyo3::{exceptions::PyValueError, prelude::*};
 use raykd::{
-    Mesh,
+    Error, Mesh,
     internals::picture::{self, Shading},
     rays::Camera,
 };
@@ -31,6 +31,19 @@ impl View {
             return Err(PyValueError::new_err("eye and target are the same point; move one of them"));
         }
         Ok(camera)
+    }
+}
+
+/// Why a picture was not finished.
+enum Ended {
+    Failed(Error),
+    /// What Python's handler raised, as on Ctrl-C.
+    Signal(PyErr),
+}
+
+impl From<Error> for Ended {
+    fn from(error: Error) -> Self {
+        Self::Failed(error)
     }
 }
 
@@ -75,7 +88,12 @@ pub(crate) fn render<'py>(
     let (local, size) = (mesh.local(), [view.0, view.1]);
     let camera = view.camera(mesh.translation(), &local)?;
     let scene = scene.scene.clone().into_local();
-    let drawn =
-        py.detach(|| picture::render(&scene, &local, &camera, size, samples, shading)).map_err(error)?;
+    let signals = || Python::attach(|py| py.check_signals()).map_err(Ended::Signal);
+    let drawn = py
+        .detach(|| picture::render_while(&scene, &local, &camera, size, samples, shading, signals))
+        .map_err(|ended| match ended {
+            Ended::Failed(failed) => error(failed),
+            Ended::Signal(signal) => signal,
+        })?;
     PyArray1::from_vec(py, drawn.rgb).reshape([size[1] as usize, size[0] as usize, 3])
 }

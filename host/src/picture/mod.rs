@@ -60,6 +60,19 @@ pub fn render(
     samples: u32,
     shading: Shading,
 ) -> Result<Picture, Error> {
+    render_while(scene, mesh, camera, size, samples, shading, || Ok(()))
+}
+
+/// Like [`render`], but whoever waits may end it between its parts, by an error of `go_on`.
+pub fn render_while<E: From<Error>>(
+    scene: &Scene,
+    mesh: &Mesh,
+    camera: &Camera,
+    size: [u32; 2],
+    samples: u32,
+    shading: Shading,
+    mut go_on: impl FnMut() -> Result<(), E>,
+) -> Result<Picture, E> {
     let [width, height] = size;
     let band = (BAND_RAYS / u64::from(width * samples * samples)).clamp(1, height.into()) as u32;
     let (mut hits, mut invalid, mut times) = (0, 0, TraceTimes::default());
@@ -71,6 +84,7 @@ pub fn render(
         hits += hit;
         invalid += none;
         times += took;
+        go_on()?;
     }
     let rgb = if shading == Shading::Heat {
         let full = full_scale(pixels.iter().map(|pixel| pixel[0]));
