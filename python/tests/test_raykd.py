@@ -449,7 +449,13 @@ def test_what_is_on_a_gpu_is_copied_with_a_warning(teapot, dlpack, way):
 def test_what_has_dlpack_alone_is_taken_without_a_warning(teapot):
     class Tensor:
         def __init__(self, array):
-            self.__dlpack__, self.__dlpack_device__ = array.__dlpack__, array.__dlpack_device__
+            self.array = array
+
+        def __dlpack__(self, **options):
+            return self.array.__dlpack__(**options)
+
+        def __dlpack_device__(self):
+            return self.array.__dlpack_device__()
 
     scene = raykd.Scene(teapot, device="cpu")
     origins, directions = some_rays(100)
