@@ -20,7 +20,8 @@ class RayMeshIntersector:
     """Answers what trimesh asks of rays, by the same arguments, in arrays of the same shapes and order.
 
     Hits are exact. So a ray through an edge or a vertex hits there once, and a ray that starts on the surface hits
-    where it starts. Of triangles hit at one place the one with the lowest number counts.
+    where it starts. Of triangles hit at one ``t`` the one with the lowest number counts. As ``t`` is ``float32``, one
+    of two layers is left out where they are nearer to each other than it can tell.
 
     ``scale_to_box`` is taken for the sake of trimesh; there is nothing to scale. ``options`` are those of
     ``raykd.Scene``.
