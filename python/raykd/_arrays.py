@@ -98,9 +98,11 @@ def rays(origins: Any, directions: Any, t_min: Any, t_max: Any) -> tuple[Rays, t
     except ValueError:
         shapes = [o.shape[:-1], d.shape[:-1], *(limit.shape for limit in limits)]
         raise ValueError(f"origins, directions, t_min and t_max do not go together: they are of {shapes}") from None
+    # A limit beyond what float32 has, such as the largest float64, is none.
+    with np.errstate(over="ignore", under="ignore"):
+        limits = [limit.astype(kind) for limit in limits]
     each = [
-        limit.astype(kind).reshape(1) if limit.ndim == 0 else rows(limit.astype(kind)[..., None], shape, 1).reshape(-1)
-        for limit in limits
+        limit.reshape(1) if limit.ndim == 0 else rows(limit[..., None], shape, 1).reshape(-1) for limit in limits
     ]
     o, d = (rows(array.astype(kind, copy=False), shape, 3) for array in (o, d))
     return Rays(o, d, each[0], each[1]), shape

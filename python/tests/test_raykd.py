@@ -145,6 +145,14 @@ def test_rays_are_broadcast(teapot):
     assert scene.closest(np.zeros((0, 3)), [0, 0, 1], exclude=[]).t.shape == (0,)
 
 
+def test_limits_beyond_float32_are_none(teapot):
+    scene = raykd.Scene(teapot, device="cpu")
+    rays = some_rays(50)
+    with np.errstate(all="raise"):
+        hits = scene.closest(*rays, t_min=1e-300, t_max=np.finfo(float).max)
+    assert hits.digest() == scene.closest(*rays).digest()
+
+
 def test_doubles_lose_nothing_far_from_zero(teapot):
     far = np.array([1e7, -3e6, 2.5e7])
     moved = raykd.Scene(teapot.vertices + far, teapot.faces, device="cpu")
