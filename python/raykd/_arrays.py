@@ -132,7 +132,7 @@ class Hits:
     ``records`` is a structured array, of type ``RECORD``: ``triangle``, ``t``, ``u`` and ``v``, which are also
     attributes. Of a miss the triangle is ``raykd.MISS``, which no array of triangles has a place for, and ``t`` is
     infinite. The point hit is ``(1 - u - v) * a + u * b + v * c`` for the triangle's corners. ``invalid`` counts
-    invalid rays.
+    invalid rays; of a part of hits, such as ``hits[:5]``, it is not known, and 0.
     """
 
     RECORD = np.dtype([("triangle", "<u4"), ("t", "<f4"), ("u", "<f4"), ("v", "<f4")])

@@ -65,7 +65,8 @@ class Mesh:
 
     @property
     def vertices(self) -> np.ndarray:
-        """Vertices as they are traced, in the mesh's own coordinates, as float64."""
+        """Vertices as they are traced, in the mesh's own coordinates, as float64; but what ``repairs`` counts as
+        ``flushed`` is traced as 0."""
         return self._mesh.vertices()
 
     @property
@@ -80,7 +81,10 @@ class Mesh:
 
     @property
     def repairs(self) -> dict[str, float]:
-        """How much was set aside or changed: triangles without area, duplicates, rounded coordinates."""
+        """How many triangles have no area (``zero_area``), so that no ray hits them, and how many of those lost it by
+        rounding (``collapsed``); how many are ``duplicates``, which are hit all the same; how many coordinates were
+        ``rounded``, and the ``largest_change``; how many coordinates are so small that they are traced as 0
+        (``flushed``). A mesh from a pickle or a scene's file has been rounded before."""
         return self._mesh.repairs()
 
     @property
@@ -248,6 +252,7 @@ class Scene:
     def winding(self, points: Any) -> np.ndarray:
         """How often the surface goes round each point: 0 outside, 1 inside, if triangles are counterclockwise seen from
         outside. Points on the surface are on one side of it, always the same. Only of closed meshes is this certain.
+        Points with NaN or an infinite number are outside.
         """
         where, shape = _arrays.points(points)
         return self._scene.winding(where)[0].reshape(shape)
