@@ -1,9 +1,10 @@
 //! Arrays of numpy as meshes, rays and points, and hits as arrays.
 
+use crate::error;
 use bytemuck::{Pod, allocation::cast_vec};
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods as _};
 use pyo3::{exceptions::PyValueError, prelude::*};
-use raykd::{Error, Hit, Query, Ray, Ray64, Scene, rays::AnyRay};
+use raykd::{Error, Hit, Query, Ray, Ray64, Scene, internals::reserve, rays::AnyRay};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -43,6 +44,17 @@ pub(crate) fn rows<'a, T: numpy::Element + Pod>(
         return Err(PyValueError::new_err("rows must have 3 numbers"));
     }
     Ok(bytemuck::cast_slice(numbers))
+}
+
+/// A copy of the rows of a C-contiguous array. That there is no room for it is an error, not the end of the process.
+pub(crate) fn copied<T: numpy::Element + Pod>(
+    array: &PyReadonlyArray2<'_, T>,
+    name: &'static str,
+) -> PyResult<Vec<[T; 3]>> {
+    let (rows, mut copy) = (rows(array)?, Vec::new());
+    reserve(&mut copy, name, rows.len() as u64).map_err(error)?;
+    copy.extend_from_slice(rows);
+    Ok(copy)
 }
 
 /// A number of row `i`.

@@ -1,7 +1,7 @@
 //! Meshes.
 
 use crate::{
-    arrays::{Threes, rows},
+    arrays::{Threes, copied},
     device::same_process,
     error,
 };
@@ -27,14 +27,14 @@ impl Mesh {
     fn new(py: Python<'_>, vertices: &Bound<'_, PyAny>, faces: PyReadonlyArray2<'_, u32>) -> PyResult<Self> {
         same_process()?;
         let vertices: Threes<'_> = vertices.extract()?;
-        let faces = rows(&faces)?.to_vec();
+        let faces = copied(&faces, "faces")?;
         match vertices {
             Threes::Narrow(vertices) => {
-                let vertices = rows(&vertices)?.to_vec();
+                let vertices = copied(&vertices, "vertices")?;
                 Self::of(py.detach(|| raykd::Mesh::new(vertices, faces)))
             }
             Threes::Wide(vertices) => {
-                let vertices = rows(&vertices)?.to_vec();
+                let vertices = copied(&vertices, "vertices")?;
                 Self::of(py.detach(|| raykd::Mesh::from_f64(vertices, faces)))
             }
         }
@@ -49,7 +49,7 @@ impl Mesh {
         translation: [f64; 3],
     ) -> PyResult<Self> {
         same_process()?;
-        let (positions, faces) = (rows(&positions)?.to_vec(), rows(&faces)?.to_vec());
+        let (positions, faces) = (copied(&positions, "positions")?, copied(&faces, "faces")?);
         Self::of(py.detach(|| Ok(raykd::Mesh::new(positions, faces)?.moved(translation))))
     }
 

@@ -13,7 +13,9 @@ use pyo3::{
     prelude::*,
     types::{PyBytes, PyDict},
 };
-use raykd::{BuildOptions, DeviceKind, Error, Intersector, KdTree, Query, Traversal, plan::Plan};
+use raykd::{
+    BuildOptions, DeviceKind, Error, Intersector, KdTree, Query, Traversal, internals::reserve, plan::Plan,
+};
 use std::{
     ops::Range,
     path::PathBuf,
@@ -134,7 +136,8 @@ impl Scene {
             if found.is_empty() {
                 found = hits;
             } else {
-                found.reserve_exact(rays.len() - found.len());
+                let more = rays.len() - found.len();
+                reserve(&mut found, "hits", more as u64).map_err(error)?;
                 found.extend_from_slice(&hits);
             }
             py.check_signals()?;
@@ -151,8 +154,14 @@ impl Scene {
     ) -> PyResult<(Bound<'py, PyArray1<u64>>, Words<'py>, u64)> {
         let rays = Rays::new(&rays)?;
         let (mut begins, mut found, mut invalid) = (vec![0], Vec::new(), 0);
+        reserve(&mut begins, "begin", rays.len() as u64).map_err(error)?;
         self.in_parts(py, &rays, |_, part| {
             let all = with_rays!(part, rays => self.scene.all(&rays, limit.unwrap_or(u32::MAX))?);
+            // Room for as many again, so that few parts move what there is.
+            if found.capacity() - found.len() < all.hits.len() {
+                let more = all.hits.len().max(found.len());
+                reserve(&mut found, "hits", more as u64)?;
+            }
             begins.extend(all.begins[1..].iter().map(|&begin| (found.len() + begin) as u64));
             found.extend(all.hits);
             invalid += all.invalid;
@@ -164,7 +173,8 @@ impl Scene {
     /// How many hits each ray has, and how many rays were invalid.
     fn count<'py>(&self, py: Python<'py>, rays: Arrays<'_>) -> PyResult<(Words<'py>, u64)> {
         let rays = Rays::new(&rays)?;
-        let (mut counts, mut invalid) = (Vec::with_capacity(rays.len()), 0);
+        let (mut counts, mut invalid) = (Vec::new(), 0);
+        reserve(&mut counts, "counts", rays.len() as u64).map_err(error)?;
         self.in_parts(py, &rays, |_, part| {
             let all = with_rays!(part, rays => self.scene.all(&rays, 0)?);
             invalid += all.invalid;
@@ -178,6 +188,9 @@ impl Scene {
     fn crossings<'py>(&self, py: Python<'py>, rays: Arrays<'_>) -> PyResult<(Words<'py>, Words<'py>, u64)> {
         let rays = Rays::new(&rays)?;
         let (mut leaving, mut entering, mut invalid) = (Vec::new(), Vec::new(), 0);
+        for counts in [&mut leaving, &mut entering] {
+            reserve(counts, "crossings", rays.len() as u64).map_err(error)?;
+        }
         self.in_parts(py, &rays, |_, part| {
             let counted = with_rays!(part, rays => self.scene.crossings(&rays)?);
             invalid += counted.invalid;
@@ -194,7 +207,8 @@ impl Scene {
         py: Python<'py>,
         points: Threes<'_>,
     ) -> PyResult<(Bound<'py, PyArray1<i32>>, u64)> {
-        let (mut windings, mut invalid) = (Vec::with_capacity(points.len()), 0);
+        let (mut windings, mut invalid) = (Vec::new(), 0);
+        reserve(&mut windings, "windings", points.len() as u64).map_err(error)?;
         for range in self.ranges(points.len())? {
             // Copied while the interpreter's lock is held.
             let counted = match &points {
@@ -219,6 +233,9 @@ impl Scene {
     fn steps<'py>(&self, py: Python<'py>, rays: Arrays<'_>) -> PyResult<[Words<'py>; 3]> {
         let rays = Rays::new(&rays)?;
         let mut counts = [const { Vec::new() }; 3];
+        for counts in &mut counts {
+            reserve(counts, "steps", rays.len() as u64).map_err(error)?;
+        }
         self.in_parts(py, &rays, |_, part| {
             let stepped = with_rays!(part, rays => self.scene.steps(&rays)?);
             for step in stepped.steps {

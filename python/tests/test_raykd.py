@@ -213,6 +213,30 @@ def test_a_ray_with_many_hits_takes_no_room_for_others():
     assert int(done.stdout) < 200
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere memory is told in other units")
+def test_memory_that_is_not_there_is_an_error():
+    # Memory is limited to what arrays take already and 100 MB; answers for so many rays take more.
+    program = """
+        import resource, numpy as np, raykd
+        scene = raykd.Scene([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], device="cpu", threads=1, test="exact")
+        rays = np.zeros((20_000_000, 3), np.float32), np.ones((20_000_000, 3), np.float32)
+        faces = np.zeros((1, 3), np.uint32)
+        # All threads that will be needed start.
+        scene.crossings(rays[0][:500_000], rays[1][:500_000])
+        with open("/proc/self/statm") as pages:
+            taken = int(pages.read().split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (taken + 100_000_000,) * 2)
+        asks = [getattr(scene, name) for name in ("closest", "any", "all", "crossings", "steps")]
+        for ask in [*asks, lambda vertices, _: raykd.Mesh(vertices, faces)]:
+            try:
+                ask(*rays)
+            except MemoryError as error:
+                print("no room" in str(error))
+    """
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True, timeout=60)
+    assert done.stdout == 6 * "True\n", done.stderr
+
+
 @pytest.mark.parametrize("device", DEVICES)
 def test_what_is_inside_of_a_box(device):
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
