@@ -240,3 +240,29 @@ fn a_page_and_its_figures() {
         assert!(footer.contains(part), "{part}: {footer}");
     }
 }
+
+/// Names that no file of a figure could have, or that two scenes would share, and a folder's that is not Unicode.
+#[cfg(unix)]
+#[test]
+fn scenes_and_folders_of_any_name_are_charted() {
+    use std::os::unix::ffi::OsStrExt as _;
+    let folder = tempfile::tempdir().unwrap();
+    let long = folder.path().join("d".repeat(150)).join("e".repeat(150));
+    fs::create_dir_all(&long).unwrap();
+    let scenes = ["\u{e4}.obj", "\u{f6}.obj", "\u{1}.obj"].map(|name| long.join(name));
+    for scene in &scenes {
+        fs::write(scene, "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    }
+    into_cache(folder.path(), 1);
+    let out = folder.path().join(std::ffi::OsStr::from_bytes(b"out\xff"));
+    let line = ["chart", "--quick", "--rays", "256", "--device", "cpu", "--threads", "1", "-o"];
+    let output = command(&line).arg(&out).args(&scenes).env("RAYKD_CACHE", folder.path()).output().unwrap();
+    assert!(output.status.success(), "{}", told(&output));
+    let mut pictures: Vec<String> =
+        fs::read_dir(&out).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    pictures.retain(|name| name.starts_with("3-total-") && name.ends_with(".svg"));
+    assert_eq!(pictures.len(), scenes.len(), "{pictures:?}");
+    for name in pictures {
+        roxmltree::Document::parse(&fs::read_to_string(out.join(name)).unwrap()).unwrap();
+    }
+}

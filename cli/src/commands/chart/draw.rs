@@ -1,7 +1,7 @@
 //! Drawing a figure, as SVG or as pixels.
 
 use super::{
-    figure::{Figure, Look, Series},
+    figure::{Figure, Look, Series, plain},
     scale::Ruler,
 };
 use crate::png_file;
@@ -57,7 +57,7 @@ pub(super) fn svg(figure: &Figure) -> anyhow::Result<String> {
         draw(&area, figure, 1)?;
     }
     // The backend's own title, for those who hear the page; figures never hold markup.
-    Ok(text.replacen("<svg ", "<svg role=\"img\" ", 1))
+    Ok(plain(&text).replacen("<svg ", "<svg role=\"img\" ", 1))
 }
 
 /// The figure as a PNG file's bytes.
@@ -101,13 +101,13 @@ fn font() -> anyhow::Result<()> {
 }
 
 /// What plotters reports; its errors borrow from the picture.
-fn plain(error: impl std::fmt::Display) -> anyhow::Error {
+fn undrawn(error: impl std::fmt::Display) -> anyhow::Error {
     anyhow!("cannot draw: {error}")
 }
 
 fn draw<DB: DrawingBackend>(root: &Area<DB>, figure: &Figure, k: i32) -> anyhow::Result<()> {
     font()?;
-    root.fill(&WHITE).map_err(plain)?;
+    root.fill(&WHITE).map_err(undrawn)?;
     let (above, below) = root.split_vertically(SIZE[1] as i32 * k);
     let numbers =
         |of: fn(&super::figure::Mark) -> f64| figure.series.iter().flat_map(|series| &series.marks).map(of);
@@ -121,7 +121,7 @@ fn draw<DB: DrawingBackend>(root: &Area<DB>, figure: &Figure, k: i32) -> anyhow:
         .x_label_area_size(48 * k)
         .y_label_area_size(if names { 190 } else { 74 } * k)
         .build_cartesian_2d(x.clone(), y.clone())
-        .map_err(plain)?;
+        .map_err(undrawn)?;
     chart
         .configure_mesh()
         .x_desc(&figure.x.label)
@@ -133,13 +133,13 @@ fn draw<DB: DrawingBackend>(root: &Area<DB>, figure: &Figure, k: i32) -> anyhow:
         .bold_line_style(RGBColor(215, 215, 215))
         .light_line_style(TRANSPARENT)
         .draw()
-        .map_err(plain)?;
+        .map_err(undrawn)?;
     let plot = chart.plotting_area();
     let at = |x: f64, y: f64| plot.map_coordinate(&(x, y));
     if let Some(zero) = x.zero() {
         let ends = [y.range().start, y.range().end].map(|y| at(zero, y));
         let dots = DashedPathElement::new(ends, 2 * k, 3 * k, BLACK.stroke_width(k as u32));
-        above.draw(&dots).map_err(plain)?;
+        above.draw(&dots).map_err(undrawn)?;
     }
     let mut written = Vec::new();
     for series in &figure.series {
@@ -151,7 +151,7 @@ fn draw<DB: DrawingBackend>(root: &Area<DB>, figure: &Figure, k: i32) -> anyhow:
                 let half = 13 * k;
                 let bar = [(left, point.1 - half), (point.0, point.1 + half)];
                 let style = colour(series).filled();
-                above.draw(&Rectangle::new(bar, style)).map_err(plain)?;
+                above.draw(&Rectangle::new(bar, style)).map_err(undrawn)?;
             } else {
                 shape(&above, series, point, k)?;
             }
@@ -167,10 +167,10 @@ fn draw<DB: DrawingBackend>(root: &Area<DB>, figure: &Figure, k: i32) -> anyhow:
             shape(&below, series, (left, middle), k)?;
             let style =
                 ("sans-serif", 15 * k).into_font().color(&BLACK).pos(Pos::new(HPos::Left, VPos::Center));
-            below.draw(&Text::new(series.name.clone(), (left + 20 * k, middle), style)).map_err(plain)?;
+            below.draw(&Text::new(series.name.clone(), (left + 20 * k, middle), style)).map_err(undrawn)?;
         }
     }
-    root.present().map_err(plain)
+    root.present().map_err(undrawn)
 }
 
 fn colour(series: &Series) -> RGBColor {
@@ -199,7 +199,7 @@ fn line<DB: DrawingBackend>(
             area.draw(&DashedPathElement::new(points, 4 * k, 4 * k, style))
         }
     }
-    .map_err(plain)
+    .map_err(undrawn)
 }
 
 fn shape<DB: DrawingBackend>(
@@ -213,11 +213,11 @@ fn shape<DB: DrawingBackend>(
         Look::Dashed => return Ok(()),
         Look::Ring => {
             let ring = colour(series).stroke_width(2 * k as u32);
-            return area.draw(&Circle::new((x, y), 10 * k, ring)).map_err(plain);
+            return area.draw(&Circle::new((x, y), 10 * k, ring)).map_err(undrawn);
         }
         Look::Bars => {
             let square = [(x - 6 * k, y - 6 * k), (x + 6 * k, y + 6 * k)];
-            return area.draw(&Rectangle::new(square, style)).map_err(plain);
+            return area.draw(&Rectangle::new(square, style)).map_err(undrawn);
         }
         Look::Marks | Look::Line => {}
     }
@@ -232,7 +232,7 @@ fn shape<DB: DrawingBackend>(
                 area.draw(&Polygon::new(SHAPES[at].iter().map(place).collect::<Vec<_>>(), style))
             }
         }
-        .map_err(plain)?;
+        .map_err(undrawn)?;
     }
     Ok(())
 }
@@ -254,7 +254,7 @@ fn label<DB: DrawingBackend>(
     }
     let style = ("sans-serif", 13 * k).into_font();
     let (width, height) =
-        area.estimate_text_size(text, &style.clone().into_text_style(area)).map_err(plain)?;
+        area.estimate_text_size(text, &style.clone().into_text_style(area)).map_err(undrawn)?;
     let (width, height) = (width as i32, height as i32);
     let place = |left: i32, middle: i32| [left, middle - height / 2, left + width, middle + height / 2];
     let beside = [x + 9 * k, x - 9 * k - width].map(|left| place(left, y));
@@ -266,7 +266,7 @@ fn label<DB: DrawingBackend>(
     written.push(at);
     let colour = if at[0] < x && inside { WHITE } else { BLACK };
     let style = style.color(&colour).pos(Pos::new(HPos::Left, VPos::Center));
-    area.draw(&Text::new(text.to_owned(), (at[0], (at[1] + at[3]) / 2), style)).map_err(plain)
+    area.draw(&Text::new(text.to_owned(), (at[0], (at[1] + at[3]) / 2), style)).map_err(undrawn)
 }
 
 /// Whether two places overlap.
@@ -339,6 +339,14 @@ mod tests {
         for expected in [COLOURS[0], COLOURS[1], COLOURS[2], WHITE] {
             assert!(rgb.chunks(3).any(|p| p == [expected.0, expected.1, expected.2]), "{expected:?}");
         }
+    }
+
+    #[test]
+    fn names_of_any_file_are_drawn() {
+        let title = "a\u{1}\u{1b}[2J\u{ffff}.ply".to_owned();
+        let svg = svg(&Figure { title, ..figure() }).unwrap();
+        roxmltree::Document::parse(&svg).unwrap();
+        assert!(svg.contains("a\u{fffd}\u{fffd}[2J\u{fffd}.ply"), "{svg}");
     }
 
     #[test]

@@ -112,9 +112,19 @@ pub(super) struct Figure {
     pub grid: Grid,
 }
 
-/// A scene's name in the names of files.
+/// Most letters of a scene's name in the names of files, which have 255 bytes at most.
+const SLUG: usize = 100;
+
+/// A scene's name in the names of files; of a long path its end.
 pub(super) fn slug(scene: &str) -> String {
-    scene.replace(|c: char| !c.is_ascii_alphanumeric(), "-")
+    let slug = scene.replace(|c: char| !c.is_ascii_alphanumeric(), "-");
+    slug[slug.len().saturating_sub(SLUG)..].to_owned()
+}
+
+/// Text without characters that XML has no place for, or that move a terminal's cursor: names of files may hold them.
+pub(super) fn plain(text: &str) -> String {
+    let is_strange = |c: char| c.is_control() && c != '\n' || matches!(c, '\u{fffe}' | '\u{ffff}');
+    text.replace(is_strange, "\u{fffd}")
 }
 
 /// The points that no other beats in both, by rising x: small x and large y are good.
@@ -140,6 +150,12 @@ mod tests {
         let points = [mark(3.0, 5.0), mark(1.0, 2.0), mark(2.0, 1.0), mark(3.0, 4.0), mark(1.0, 1.0)];
         assert_eq!(front(points.into_iter()), [mark(1.0, 2.0), mark(3.0, 5.0)]);
         assert!(front(std::iter::empty()).is_empty());
+    }
+
+    #[test]
+    fn names_of_files_are_short() {
+        assert_eq!(slug("teapot:2"), "teapot-2");
+        assert_eq!(slug(&format!("/{}/\u{e4}.ply", "d".repeat(300))), format!("{}---ply", "d".repeat(94)));
     }
 
     #[test]

@@ -24,13 +24,13 @@ use crate::{
 };
 use clap::Parser;
 use data::{Data, Effort};
-use figure::Figure;
+use figure::{Figure, plain};
 use raykd::{
     Mesh,
     internals::{output, quoted},
 };
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, HashSet},
     fs,
     io::{self, StdoutLock, Write as _},
     path::{Path, PathBuf},
@@ -122,7 +122,7 @@ impl Task for ChartArgs {
         output::write_folder(folder, &files)?;
         notes.clear();
         for (figure, _) in &drawn {
-            writeln!(out, "{}: {}\n", figure.title, figure.say)?;
+            writeln!(out, "{}: {}\n", plain(&figure.title), plain(&figure.say))?;
         }
         let took = start.elapsed().as_secs();
         writeln!(
@@ -166,7 +166,21 @@ fn figures(data: &Data, inputs: &[Input], peers: &[peers::Peer]) -> Vec<Figure> 
     all.extend(peers::figures(peers));
     all.extend(verdict::auto(&verdict::verdicts(data, &meshes(inputs))));
     all.sort_by_key(|figure| figure.file.as_bytes()[0]);
+    name_apart(&mut all);
     all
+}
+
+/// Numbers files of the same name: scenes may differ in what [`figure::slug`] leaves out alone.
+fn name_apart(figures: &mut [Figure]) {
+    let mut taken: HashSet<String> = HashSet::new();
+    for figure in figures {
+        let name = figure.file.clone();
+        let mut number = 2;
+        while !taken.insert(figure.file.clone()) {
+            figure.file = format!("{name}-{number}");
+            number += 1;
+        }
+    }
 }
 
 fn meshes(inputs: &[Input]) -> Vec<(&str, &Mesh)> {
@@ -228,7 +242,9 @@ fn made(machines: &Machines) -> Vec<String> {
     let commit = commit.map_or_else(String::new, |commit| format!(", commit {commit}"));
     let debug = if cfg!(debug_assertions) { ", with debug checks" } else { "" };
     made.push(format!("raykd {}{commit}{debug}, {now}", env!("CARGO_PKG_VERSION")));
-    let command: Vec<String> = std::env::args().skip(1).collect();
+    // A folder's name need not be Unicode.
+    let command: Vec<String> =
+        std::env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
     made.push(format!("raykd {}", command.join(" ")));
     made
 }

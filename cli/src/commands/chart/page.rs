@@ -1,6 +1,6 @@
 //! The page: all figures in one file that needs no other.
 
-use super::figure::{Figure, Grid};
+use super::figure::{Figure, Grid, plain};
 use std::fmt::Write as _;
 
 const STYLE: &str = "\
@@ -12,7 +12,7 @@ footer{border-top:1px solid #888;margin-top:2rem;font-size:.85rem;overflow-wrap:
 
 /// Text as HTML.
 fn text(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+    plain(text).replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 fn table(grid: &Grid) -> String {
