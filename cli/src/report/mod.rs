@@ -11,7 +11,8 @@ use std::io::{StdoutLock, Write as _};
 pub(crate) const INVALID: &str =
     "(with NaN, infinite or zero directions, or origins out of range): they hit nothing";
 
-/// Three significant digits, thousands apart: `0.00123`, `1.23`, `12.3`, `123`, `1,230`.
+/// Three significant digits, thousands apart: `0.00123`, `1.23`, `12.3`, `123`, `1,230`. Very large and very small
+/// numbers have an exponent.
 pub(crate) fn three(x: f64) -> String {
     if x == 0.0 || !x.is_finite() {
         return format!("{x}");
@@ -21,7 +22,7 @@ pub(crate) fn three(x: f64) -> String {
     let (_, exponent) = text.split_once('e').expect("exponent form");
     let exponent: i32 = exponent.parse().expect("an exponent");
     match exponent {
-        ..-6 => text,
+        ..-6 | 15.. => text,
         -6..=1 => format!("{x:.*}", (2 - exponent) as usize),
         2 => format!("{x:.0}"),
         _ => {
@@ -79,6 +80,9 @@ mod tests {
             (8_714_140.0, "8,710,000"),
             (-1234.0, "-1,230"),
             (1.5e-9, "1.50e-9"),
+            (9.99e14, "999,000,000,000,000"),
+            (2e37, "2.00e37"),
+            (-2e37, "-2.00e37"),
         ];
         for (x, text) in cases {
             assert_eq!(three(x), text);
