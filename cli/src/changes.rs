@@ -7,7 +7,6 @@ use serde_json::Value;
 use std::{
     io::{StdoutLock, Write as _},
     path::Path,
-    process::ExitCode,
 };
 
 /// How often the newer version is measured.
@@ -27,6 +26,8 @@ const NUMBERS: [(&str, bool); 11] = [
     ("tree_bytes", false),
     ("sah_cost", false),
 ];
+/// What rows must have alike, or their speeds tell nothing.
+const OPTIONS: [&str; 3] = ["rays", "traversal", "intersector"];
 /// What must not change unless it was meant to.
 const DIGESTS: [&str; 2] = ["digest", "sets_digest"];
 
@@ -61,21 +62,57 @@ fn key(row: &Value) -> Option<(&str, &str)> {
     Some((row["scene"].as_str()?, row["device"].as_str()?))
 }
 
-/// Prints what changed; exit code 0 whatever it is.
-pub(super) fn tell(
-    before: &[Value],
-    after: &[impl serde::Serialize],
-    json: bool,
-    out: &mut StdoutLock<'_>,
-) -> anyhow::Result<ExitCode> {
-    let after: Vec<Value> = after.iter().map(serde_json::to_value).collect::<Result<_, _>>()?;
-    let changes = changes(before, &after);
-    if changes.is_empty() {
+/// A row as the file has it.
+pub(super) fn values(rows: &[impl serde::Serialize]) -> anyhow::Result<Vec<Value>> {
+    Ok(rows.iter().map(serde_json::to_value).collect::<Result<_, _>>()?)
+}
+
+/// Finds out whether there is anything to compare, measured with the same options.
+pub(super) fn check(before: &[Value], after: &[Value]) -> anyhow::Result<()> {
+    let pairs = || pairs(before, after);
+    if pairs().next().is_none() {
         bail!("the file has none of these scenes on these devices: nothing to compare");
     }
+    for (old, new) in pairs() {
+        for name in OPTIONS {
+            // An older version may not have written it, and auto chooses the traversal by itself.
+            let chosen = name == "traversal" && !new["auto"].is_null();
+            if chosen || old[name].is_null() || old[name] == new[name] {
+                continue;
+            }
+            bail!(
+                "{}: measured with --{name} {} before and {} now; give the same",
+                named(new),
+                quoted(&old[name]),
+                quoted(&new[name])
+            );
+        }
+    }
+    Ok(())
+}
+
+/// Rows of the same scene and device.
+fn pairs<'a>(before: &'a [Value], after: &'a [Value]) -> impl Iterator<Item = (&'a Value, &'a Value)> {
+    after.iter().flat_map(|new| before.iter().filter(|old| key(old) == key(new)).map(move |old| (old, new)))
+}
+
+/// Scene and device, as messages have them.
+fn named(row: &Value) -> String {
+    key(row).map_or_else(String::new, |(scene, device)| {
+        format!("{}, {}", quoted(scene), quoted(device.to_uppercase()))
+    })
+}
+
+/// Prints what changed.
+pub(super) fn tell(
+    before: &[Value],
+    after: &[Value],
+    json: bool,
+    out: &mut StdoutLock<'_>,
+) -> anyhow::Result<()> {
+    let changes = changes(before, after);
     if json {
-        write_json(out, &changes)?;
-        return Ok(ExitCode::SUCCESS);
+        return write_json(out, &changes);
     }
     let mut table = Table::new(["Scene", "device", "what", "before", "after", "change %", "noise %", ""]);
     for c in &changes {
@@ -91,10 +128,13 @@ pub(super) fn tell(
         ]);
     }
     writeln!(out, "{table}")?;
-    for (row, what) in other_bytes(before, &after) {
+    for (row, old, new) in other_machines(before, after) {
+        writeln!(out, "{row}: was measured on {old}, now on {new}")?;
+    }
+    for (row, what) in other_bytes(before, after) {
         writeln!(out, "{row}: other bytes of {what}")?;
     }
-    Ok(ExitCode::SUCCESS)
+    Ok(())
 }
 
 fn changes(before: &[Value], after: &[Value]) -> Vec<Change> {
@@ -137,16 +177,28 @@ fn middle(mut numbers: Vec<f64>) -> Option<(f64, f64)> {
     Some((middle, spread))
 }
 
+/// Rows of another processor, number of threads or adapter than before, with both names.
+fn other_machines(before: &[Value], after: &[Value]) -> Vec<(String, String, String)> {
+    let mut others = Vec::new();
+    for (old, new) in pairs(before, after) {
+        let [was, is] = [old, new].map(|row| row["adapter"].as_str().map(quoted));
+        if let (Some(was), Some(is)) = (was, is)
+            && was != is
+            && !others.contains(&(named(new), was.clone(), is.clone()))
+        {
+            others.push((named(new), was, is));
+        }
+    }
+    others
+}
+
 /// Rows whose trees or hits are not those of before.
 fn other_bytes(before: &[Value], after: &[Value]) -> Vec<(String, &'static str)> {
     let mut others = Vec::new();
     for row in after {
         let old = before.iter().find(|old| key(old) == key(row));
         for (digest, what) in DIGESTS.into_iter().zip(["the tree", "the hits"]) {
-            let name = key(row).map_or_else(String::new, |(scene, device)| {
-                format!("{}, {}", quoted(scene), quoted(device.to_uppercase()))
-            });
-            let other = (name, what);
+            let other = (named(row), what);
             if old.is_some_and(|old| old[digest] != row[digest]) && !others.contains(&other) {
                 others.push(other);
             }
@@ -198,6 +250,26 @@ mod tests {
     fn other_scenes_are_not_compared() {
         let mut other = row(10.0, 5.0);
         other["scene"] = json!("t");
-        assert!(changes(&[other], &[row(10.0, 5.0)]).is_empty());
+        assert!(changes(std::slice::from_ref(&other), &[row(10.0, 5.0)]).is_empty());
+        assert!(check(&[other], &[row(10.0, 5.0)]).unwrap_err().to_string().contains("none of these scenes"));
+    }
+
+    #[test]
+    fn other_options_are_not_compared() {
+        let [mut old, mut new] = [row(10.0, 5.0), row(10.0, 5.0)];
+        new["rays"] = json!(50_000);
+        check(&[old.clone()], &[new.clone()]).unwrap();
+        old["rays"] = json!(1_000_000);
+        let error = check(&[old], &[new]).unwrap_err().to_string();
+        assert_eq!(error, "s, CPU: measured with --rays 1000000 before and 50000 now; give the same");
+    }
+
+    #[test]
+    fn other_machines_are_told() {
+        let [mut old, mut new] = [row(10.0, 5.0), row(10.0, 5.0)];
+        (old["adapter"], new["adapter"]) = (json!("Z3, 1 threads"), json!("Z3, 2 threads"));
+        let told = other_machines(&[old], &[new.clone(), new.clone()]);
+        assert_eq!(told, [("s, CPU".to_owned(), "Z3, 1 threads".to_owned(), "Z3, 2 threads".to_owned())]);
+        assert!(other_machines(&[new.clone()], &[new]).is_empty());
     }
 }

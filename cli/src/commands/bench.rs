@@ -167,10 +167,18 @@ impl Task for BenchArgs {
         let notes = Notes::new(self.json);
         if let Some(path) = &self.compare_with {
             let before = changes::read(path)?;
-            let runs =
-                (0..changes::RUNS).map(|_| Ok(rows(self, &notes)?.0)).collect::<anyhow::Result<Vec<_>>>()?;
+            let mut runs = Vec::new();
+            for _ in 0..changes::RUNS {
+                runs.extend(rows(self, &notes)?.0);
+                // After the first, so that nobody waits for the others in vain.
+                changes::check(&before, &changes::values(&runs)?)?;
+            }
             notes.clear();
-            return changes::tell(&before, &runs.concat(), self.json, out);
+            if differ(&runs) {
+                notes.note("CPU and GPU differ: raykd bench without --compare-with tells where");
+            }
+            changes::tell(&before, &changes::values(&runs)?, self.json, out)?;
+            return Ok(exit_code(&runs));
         }
         let (rows, machines) = rows(self, &notes)?;
         notes.clear();
@@ -179,7 +187,7 @@ impl Task for BenchArgs {
         } else {
             print(&rows, &machines, out)?;
         }
-        Ok(if differ(&rows) { ExitCode::FAILURE } else { ExitCode::SUCCESS })
+        Ok(exit_code(&rows))
     }
 }
 
@@ -228,6 +236,10 @@ fn compare(rows: &mut [Row]) {
 /// Whether the devices disagree on any scene.
 fn differ(rows: &[Row]) -> bool {
     rows.iter().any(|row| row.identical == Some(false))
+}
+
+fn exit_code(rows: &[Row]) -> ExitCode {
+    if differ(rows) { ExitCode::FAILURE } else { ExitCode::SUCCESS }
 }
 
 /// One scene on one device.
