@@ -3,7 +3,7 @@
 use super::chart::Checked;
 use crate::{
     args::{Which, WhichArgs},
-    costs::measure,
+    costs::{measure, unkept},
     files::Files,
     machine::{Machines, wish},
     notes::Notes,
@@ -81,7 +81,11 @@ impl Task for CalibrateArgs {
         }
         let mut places = Vec::new();
         for device in machines.iter() {
-            places.push((device, self.output.clone().map_or_else(|| create_cache_file(device), Ok)?));
+            let place = match &self.output {
+                Some(file) => file.clone(),
+                None => create_cache_file(device).map_err(|error| anyhow::Error::msg(unkept(&error)))?,
+            };
+            places.push((device, place));
         }
         let mut all = Vec::new();
         for (device, path) in places {

@@ -511,7 +511,13 @@ fn costs_that_cannot_be_kept_are_measured_all_the_same() {
     // But whoever wants them kept hears it at once.
     let mut calibrate = raykd(&folder, "calibrate --device cpu");
     calibrate.env("RAYKD_CACHE", "/proc/nowhere");
-    assert!(refused(calibrate).contains("/proc/nowhere"));
+    let told = refused(calibrate);
+    assert!(told.contains("/proc/nowhere") && told.contains("RAYKD_CACHE"), "{told}");
+    let mut homeless = raykd(&folder, "calibrate --device cpu");
+    homeless.env_remove("RAYKD_CACHE").env_remove("XDG_CACHE_HOME").env_remove("HOME");
+    let told = refused(homeless);
+    assert!(told.contains("no folder to keep it in") && !told.contains("measures anew"), "{told}");
+    assert_eq!(told.matches("RAYKD_CACHE").count(), 1, "{told}");
 }
 
 #[test]

@@ -12,7 +12,7 @@ use crate::{
     quoted::quoted,
 };
 use std::{
-    io::{Read as _, Write as _},
+    io::{self, ErrorKind, Read as _, Write as _},
     path::{Path, PathBuf},
 };
 
@@ -270,9 +270,12 @@ pub fn cache_file(device: &Device) -> Result<PathBuf, Error> {
     let folder = named.or_else(|| of_user("XDG_CACHE_HOME", ".cache", "Library/Caches"));
     let letter = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '-' };
     let name: String = format!("{}-{}", device.kind(), device.name()).chars().map(letter).collect();
-    let missing = || Error::Calibration {
-        path: PathBuf::from(format!("{name}.json")),
-        what: "there is no folder to keep it in; name one by RAYKD_CACHE".to_owned(),
+    let missing = || {
+        let why = "there is no folder to keep it in; name one by RAYKD_CACHE";
+        Error::Io {
+            path: PathBuf::from(format!("{name}.json")),
+            source: io::Error::new(ErrorKind::NotFound, why),
+        }
     };
     Ok(folder.ok_or_else(missing)?.join(format!("{name}.json")))
 }
