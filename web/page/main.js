@@ -14,7 +14,10 @@ const THOUSAND = new Intl.NumberFormat("en");
 
 const picture = $("picture").getContext("2d");
 const overlay = $("overlay").getContext("2d");
-const pool = await Pool.of(Math.max(1, Math.min(navigator.hardwareConcurrency ?? 2, 8)));
+const pool = await Pool.of(Math.max(1, Math.min(navigator.hardwareConcurrency ?? 2, 8))).catch((error) => {
+  complain(new Error(`raykd cannot start here: ${error.message}`));
+  throw error;
+});
 
 let view, report, cells, ray, costs, full = 40;
 /** Counts what was chosen, so that answers to older choices are known. */
@@ -571,7 +574,7 @@ function ring(context) {
 }
 
 async function judge() {
-  const [scene, rays] = [$("stress").value, Number($("stress-rays").value)];
+  const [scene, rays] = [$("stress").value, Math.max(0, Math.floor($("stress-rays").value))];
   const body = $("failures").tBodies[0];
   tell(`${scene}: the exact answers of ${rays} rays`);
   await pool.ask("judge", scene, rays);
@@ -653,12 +656,18 @@ function hands() {
     event.preventDefault();
     frame.classList.remove("drop");
     const [file] = event.dataTransfer.files;
+    $("file").value = "";
     if (file) trying(() => open(file));
   });
+  // Beside the picture the browser would leave the page for the file.
+  for (const type of ["dragover", "drop"]) addEventListener(type, (event) => event.preventDefault());
 }
 
 async function open(file) {
-  await load({ bytes: new Uint8Array(await file.arrayBuffer()), name: file.name }, file.name);
+  const what = { bytes: new Uint8Array(await file.arrayBuffer()), name: file.name };
+  // Any scene may be chosen now, also the one that was there before.
+  $("scene").selectedIndex = -1;
+  await load(what, file.name);
 }
 
 function show() {
@@ -708,6 +717,8 @@ async function walk() {
 
 on("scene", "change", () => {
   const { value } = $("scene");
+  // The same file may be chosen again.
+  $("file").value = "";
   const known = meshes.find(([name]) => name === value);
   return known ? load(known[1], value) : load({ stress: value.slice("stress:".length) }, value);
 });

@@ -309,7 +309,26 @@ test("scenes by name, files, and files that are none", async () => {
   await page.setInputFiles("#file", { name: "bad.ply", mimeType: "text/plain", buffer: Buffer.from("nothing") });
   await page.waitForFunction(() => document.getElementById("error").textContent);
   assert.match(await page.textContent("#error"), /bad\.ply/);
+  // Then no scene is chosen, so that each can be; and after that the same file again.
+  assert.equal(await page.inputValue("#scene"), "");
   await choose("scene", "teapot:20");
+  assert.equal(await page.inputValue("#file"), "");
+  // A file that misses the picture is not opened in its place.
+  const stays = await page.evaluate(() => ["dragover", "drop"].map((type) =>
+    !document.body.dispatchEvent(new DragEvent(type, { bubbles: true, cancelable: true }))));
+  assert.deepEqual(stays, [true, true]);
+});
+
+test("a page that cannot start says so", async () => {
+  const other = await browser.newPage();
+  try {
+    await other.route("**/*.wasm", (route) => route.abort());
+    await other.goto(page.url());
+    await other.waitForFunction(() => document.getElementById("error").textContent);
+    assert.match(await other.textContent("#error"), /^raykd cannot start here: ./);
+  } finally {
+    await other.close();
+  }
 });
 
 test("on a phone nothing is cut off", async () => {
