@@ -95,7 +95,7 @@ impl Camera {
         }
         let shift = add(mul(right, broad * 0.5 * (r - l)), mul(up, tall * 0.5 * (u - d)));
         // Some distance even if all is one point.
-        let distance = (0.5 * (r + l)).max(0.5 * (u + d)).max(1.0e-3 * size.sqrt()).max(1.0e-30);
+        let distance = (0.5 * (r + l)).max(0.5 * (u + d)).max(1.0e-3 * size.sqrt()).max(1.0e-37);
         let target = add(centre, shift);
         Self { eye: sub(target, mul(forward, distance)), target, ..self }
     }
@@ -246,6 +246,7 @@ mod tests {
             ([-16.0, -8.0, -10.0], [16.0, 8.0, 10.0]),
             ([1.0, 2.0, 3.0], [1.5, 9.0, 3.1]),
             ([-1e18, -2e18, -1e15], [1e18, 1e16, 1e18]),
+            ([-1e-34, 0.0, -1e-35], [1e-34, 1e-35, 2e-34]),
             ([100.0; 3], [100.001; 3]),
         ];
         for bounds in boxes {
