@@ -212,6 +212,8 @@ pub struct Kernel {
     pub path: &'static str,
     /// Lanes per workgroup.
     pub threads: u32,
+    /// Neighbouring workgroups that a CPU with the usual instructions may run as one, which is as much wider.
+    pub span: u32,
     /// Map kernels run one invocation per index, group kernels one workgroup per group.
     pub slots: &'static [Slot],
     /// Runs one workgroup on the CPU. Returns the bytes it read and wrote in buffers, if compiled with the feature
@@ -351,7 +353,7 @@ pub(crate) const ONE_COPY: bool = cfg!(target_arch = "wasm32");
 /// Runs a workgroup, by one of two copies of the same code.
 #[cfg(not(target_arch = "spirv"))]
 macro_rules! run_twice {
-    ($n:tt, |$group:ident, $buffers:ident| $run:block) => {{
+    ($n:tt, $span:tt, |$group:ident, $buffers:ident| $run:block) => {{
         #[inline(always)]
         unsafe fn run($group: $crate::Group, $buffers: &[$crate::RawBuf]) -> u64 $run
         // A copy for the usual order, in which lanes are counted as in any loop. Each copy knows which it is.
@@ -361,7 +363,8 @@ macro_rules! run_twice {
             unsafe {
                 let usual = $crate::Usual::said(true);
                 let order = $crate::Order::Forward;
-                run($crate::Group { width: $n, order, usual, ..group }, buffers)
+                let width = if $span == 1 { $n } else { group.width };
+                run($crate::Group { width, order, usual, ..group }, buffers)
             }
         }
         // No closure: each crate that names the kernel would compile it again.
@@ -400,7 +403,8 @@ macro_rules! kernel {
         }
 
         kernel! {
-            @host $(#[$doc])* $name, threads $n, |group, { $($($hb $harg: $hmode $ht,)+)? $($b $arg: $mode $t,)* }| {
+            @host $(#[$doc])* $name, threads $n, span 1,
+            |group, { $($($hb $harg: $hmode $ht,)+)? $($b $arg: $mode $t,)* }| {
                 for lane in group.lanes() {
                     $body(group.id * $n + lane, $($(slot!(pass $hmode $harg),)+)? $(slot!(pass $mode $arg)),*);
                 }
@@ -408,7 +412,8 @@ macro_rules! kernel {
         }
         kernel!(@buffers $name, { $($head: $shared)? }, { $($arg: $mode $t,)* });
     };
-    ($(#[$doc:meta])* group $name:ident = $body:path, threads $n:tt, shared [$($sh:ident: $len:expr),*],
+    ($(#[$doc:meta])* group $name:ident = $body:path, threads $n:tt, $(span $span:tt,)?
+     shared [$($sh:ident: $len:expr),*],
      $($head:ident: $shared:ty { $($hb:tt $harg:ident: $hmode:ident $ht:ty),+ $(,)? },)?
      { $($b:tt $arg:ident: $mode:ident $t:ty),* $(,)? }) => {
         $(#[$doc])*
@@ -428,7 +433,8 @@ macro_rules! kernel {
         }
 
         kernel! {
-            @host $(#[$doc])* $name, threads $n, |group, { $($($hb $harg: $hmode $ht,)+)? $($b $arg: $mode $t,)* }| {
+            @host $(#[$doc])* $name, threads $n, span (kernel!(@span $($span)?)),
+            |group, { $($($hb $harg: $hmode $ht,)+)? $($b $arg: $mode $t,)* }| {
                 // Workgroup memory starts as garbage on a GPU, so it does here.
                 $(let mut $sh = [0xDEAD_BEEFu32; $len];)*
                 $body(group, $(&mut $sh,)* $($(slot!(pass $hmode $harg),)+)? $(slot!(pass $mode $arg)),*);
@@ -436,18 +442,21 @@ macro_rules! kernel {
         }
         kernel!(@buffers $name, { $($head: $shared)? }, { $($arg: $mode $t,)* });
     };
+    (@span) => { 1 };
+    (@span $span:tt) => { $span };
     // The kernel as the host dispatches it, and what runs a workgroup.
-    (@host $(#[$doc:meta])* $name:ident, threads $n:tt,
+    (@host $(#[$doc:meta])* $name:ident, threads $n:tt, span $span:tt,
      |$group:ident, { $($b:tt $arg:ident: $mode:ident $t:ty,)+ }| $run:block) => {
         $(#[$doc])*
         #[cfg(not(target_arch = "spirv"))]
         pub const $name: $crate::Kernel = $crate::Kernel {
             path: concat!(module_path!(), "::entry"),
             threads: $n,
+            span: $span,
             slots: &[$($crate::Slot {
                 name: stringify!($arg), access: slot!(access $mode), stride: size_of::<$t>(),
             }),+],
-            run: run_twice!($n, |$group, buffers| {
+            run: run_twice!($n, $span, |$group, buffers| {
                 $(
                     let raw = buffers[$b];
                     // SAFETY: the contract of `Kernel::run` is that of `Buf::new`.

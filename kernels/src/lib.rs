@@ -27,8 +27,9 @@
 //! declaration, so bindings cannot disagree.
 //!
 //! # Rules for results that must agree to the bit
-//! `+ - *`, comparisons and exact conversions on `f32` only; quotients by [`math::div`]; no `min`/`max`
-//! methods; no float reduction whose order a scheduler decides; no atomic append: count, scan, scatter.
+//! `+ - *`, comparisons and exact conversions on `f32` only; quotients by [`math::div`], or by [`math::ratio`] where a
+//! bound of its error is enough; rounding errors of products by [`math::two_product`]; no `min`/`max` methods; no float
+//! reduction whose order a scheduler decides; no atomic append: count, scan, scatter.
 //! The crate `raykd-spirv`, which compiles them, refuses SPIR-V that breaks the first two, and `min` and `max` if they
 //! become instructions of a GPU's.
 //!

@@ -41,7 +41,9 @@ impl<T> Buf<T> {
     }
 
     /// Bytes read and written through this view, if compiled to count them.
-    pub const fn moved(&self) -> u64 {
+    // `Cell::get` is const only since Rust 1.88.
+    #[allow(clippy::missing_const_for_fn)]
+    pub fn moved(&self) -> u64 {
         #[cfg(feature = "traffic")]
         return self.moved.get();
         #[cfg(not(feature = "traffic"))]

@@ -1,4 +1,4 @@
-//! Numbers as sums of two floats, about 48 digits (Dekker 1971; Knuth 1969).
+//! Numbers as sums of two floats, about 48 bits (Dekker 1971; Knuth 1969).
 
 use crate::math::{Digits, Number, exp2};
 

@@ -5,7 +5,7 @@ use bytemuck::{Pod, Zeroable};
 /// One ray: the points `origin + t * direction` for `t_min <= t <= t_max`.
 ///
 /// The direction need not have unit length; `t` counts in its lengths. What is compared with `t_min` and
-/// `t_max`, and what hits are ordered by, is `t` as it is returned, rounded to the 24 digits of an `f32`, but
+/// `t_max`, and what hits are ordered by, is `t` as it is returned, rounded to the 24 bits of an `f32`, but
 /// also where it is too small or too large for one. `t_max` may be infinite. Subnormal numbers count as 0. A
 /// ray with a NaN anywhere, an infinite origin or direction, or a zero direction hits nothing.
 #[repr(C)]

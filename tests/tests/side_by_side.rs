@@ -1,10 +1,10 @@
 //! Rays side by side on a CPU: the same bytes as one by one, whatever goes together.
 
-use std::ops::ControlFlow;
+use std::{ops::ControlFlow, sync::OnceLock};
 
 use proptest::prelude::*;
 use raykd::{
-    BuildOptions, Crossings, Hit, Intersector, Mesh, Query, Ray, Scene,
+    BuildOptions, Crossings, Device, Hit, Intersector, Mesh, Query, Ray, Scene,
     rays::{Camera, Random, bounces},
     stress::CASES,
 };
@@ -53,6 +53,12 @@ fn crowds(rays: &[Ray], extent: f32, seed: u64) -> Vec<Ray> {
         }
     }
     crowds
+}
+
+/// Rays of as many workgroups go side by side at once as may.
+fn one_thread() -> &'static Device {
+    static DEVICE: OnceLock<Device> = OnceLock::new();
+    DEVICE.get_or_init(|| Device::cpu_with_threads(1).expect("threads can be started"))
 }
 
 fn extent(mesh: &Mesh) -> f32 {
@@ -127,7 +133,7 @@ fn crossings_one_by_one(scene: &Scene, rays: &[Ray]) -> Result<(), Failure> {
 
 fn of_recipe(recipe: Recipe, seed: u64, count: usize) -> Result<(), Failure> {
     let mesh = recipe.mesh();
-    let mut scene = Scene::build(cpu(), &mesh, &BuildOptions::default())?;
+    let mut scene = Scene::build(one_thread(), &mesh, &BuildOptions::default())?;
     let bases = rays(&mesh, scene.tree()?.view(), count, seed);
     let crowds = crowds(&bases, extent(&mesh), seed);
     one_by_one(&mut scene, &crowds)?;
@@ -175,7 +181,7 @@ fn crowds_begin_in_far_children_where_single_rays_do() -> Result<(), Failure> {
 fn crowds_in_stress_scenes_find_what_each_ray_finds() -> Result<(), Failure> {
     for case in CASES {
         for part in case.parts(150) {
-            let mut scene = Scene::build(cpu(), &part.mesh, &BuildOptions::default())?;
+            let mut scene = Scene::build(one_thread(), &part.mesh, &BuildOptions::default())?;
             let named = |e: Failure| Failure(format!("{} {}: {e}", case.name, part.name));
             let crowds = crowds(&part.rays, extent(&part.mesh), 7);
             // A ray that crosses thousands of equal triangles takes half a second.
@@ -220,7 +226,7 @@ fn crowds_at_the_ends_of_the_range_find_what_each_ray_finds() -> Result<(), Fail
             let mesh = Recipe { family: Family::Lattice, size: 12, seed }.mesh();
             let points: Vec<_> = mesh.positions().iter().map(|p| p.map(|x| x * size)).collect();
             let mesh = Mesh::new(points, mesh.triangles().to_vec()).unwrap();
-            let mut scene = Scene::build(cpu(), &mesh, &BuildOptions::default())?;
+            let mut scene = Scene::build(one_thread(), &mesh, &BuildOptions::default())?;
             let mut rays = Vec::new();
             for _ in 0..60 {
                 let axis = rays.len() / 8 % 3;
@@ -252,7 +258,7 @@ fn crowds_that_start_on_a_triangle_find_what_each_ray_finds() -> Result<(), Fail
                 p
             };
             let mesh = Mesh::new(corners.iter().map(|&p| turned(p)).collect(), vec![triangle]).unwrap();
-            let mut scene = Scene::build(cpu(), &mesh, &BuildOptions::default())?;
+            let mut scene = Scene::build(one_thread(), &mesh, &BuildOptions::default())?;
             for way in [1.0, -1.0] {
                 let ray = |i: u16| {
                     let at = 0.25 + 0.001 * f32::from(i);

@@ -42,8 +42,7 @@ impl Cpu {
     }
 
     fn on(pool: Option<rayon::ThreadPool>) -> Self {
-        let threads =
-            pool.as_ref().map_or_else(rayon::current_num_threads, rayon::ThreadPool::current_num_threads);
+        let threads = threads(pool.as_ref());
         let model = std::fs::read_to_string("/proc/cpuinfo").ok().and_then(|text| {
             let line = text.lines().find(|l| l.starts_with("model name"))?;
             line.split_once(':').map(|(_, name)| name.trim().to_owned())
@@ -135,12 +134,17 @@ impl Cpu {
         let raw = |(used, b): (&Use<'_>, &&AnyBuffer)| Shared(RawBuf { len: b.bytes as usize, ..used.raw() });
         let raw: Vec<Shared> = uses.iter().zip(&step.buffers).map(raw).collect();
         let usual = if self.order == Order::Forward { usual() } else { Usual::NO };
+        // Few wide ones are not shared out evenly among threads.
+        let threads = threads(self.pool.as_ref()) as u32;
+        let most = if threads == 1 { groups } else { groups / (8 * threads) };
+        let span = if usual.has() { most.clamp(1, step.kernel.span) } else { 1 };
+        let (groups, width) = (groups.div_ceil(span), span * step.kernel.threads);
         let run = |id: u32| {
             let mut buffers = [RawBuf { ptr: std::ptr::null_mut(), len: 0 }; 16];
             for (slot, shared) in buffers.iter_mut().zip(&raw) {
                 *slot = shared.0;
             }
-            let group = Group { id, width: step.kernel.threads, order: self.order, usual };
+            let group = Group { id, width, order: self.order, usual };
             // SAFETY: one live, aligned buffer per slot (`Device::dispatch` counts them), which `uses` keeps others
             // from writing; the groups of one dispatch have different ids, and kernels give every word one writer.
             unsafe { (step.kernel.run)(group, &buffers[..raw.len()]) }
@@ -153,6 +157,11 @@ impl Cpu {
             (0..groups).into_par_iter().map(run).sum()
         }
     }
+}
+
+/// How many threads do the work.
+fn threads(pool: Option<&rayon::ThreadPool>) -> usize {
+    pool.map_or_else(rayon::current_num_threads, rayon::ThreadPool::current_num_threads)
 }
 
 /// Whether the processor can run the copies of kernels that are compiled for more than the least of its kind. Only

@@ -79,15 +79,15 @@ pub const fn branches(treelets: u32) -> u32 {
 pub struct Next {
     /// How many rounds come before it.
     pub earlier: u32,
-    /// Its first branch,
+    /// Number of its first branch.
     pub from: u32,
-    /// and how many there are.
+    /// Number of its branches.
     pub number: u32,
-    /// Nodes above branches and treelets so far,
+    /// Nodes above branches and treelets so far.
     pub top: u32,
-    /// treelets,
+    /// Treelets so far.
     pub treelets: u32,
-    /// and room taken by references.
+    /// Room taken by references so far.
     pub room: u32,
 }
 
@@ -224,9 +224,9 @@ impl Children {
 /// A reference of the node at hand, on either side of the plane.
 #[derive(Clone, Copy, Default)]
 struct Halves {
-    /// What goes below,
+    /// Box of the part below.
     under: Bounds,
-    /// and what goes above.
+    /// Box of the part above.
     over: Bounds,
     triangle: u32,
     /// Bit 0: something goes below, bit 1: something goes above.

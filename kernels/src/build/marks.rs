@@ -160,9 +160,9 @@ pub fn scan(
 /// Which references of a chunk go where, as workgroup memory has it.
 #[derive(Clone, Copy, Debug)]
 pub struct Marks<'a> {
-    /// A bit for each that goes below,
+    /// A bit for each that goes below.
     pub belows: &'a [u32; WORDS],
-    /// and above.
+    /// A bit for each that goes above.
     pub aboves: &'a [u32; WORDS],
     /// See [`scan`].
     pub sums: &'a [u32; WORDS],

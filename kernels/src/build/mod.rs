@@ -96,9 +96,9 @@ words! {
         ROUND_ROOM room: u32,
         /// How many rounds came before.
         ROUND_EARLIER earlier: u32,
-        /// Indirect arguments over the branches,
+        /// Indirect arguments over branches.
         ROUND_GROUPS groups: [u32; 3],
-        /// and over blocks of treelets.
+        /// Indirect arguments over blocks of treelets.
         ROUND_BLOCKS blocks: [u32; 3],
     }
 }

@@ -23,9 +23,9 @@ const _: () = assert!(SHARES == 1 || Wide::WIDTH == 1, "what a lane finds stands
 /// How many cheapest planes they find.
 const PLANES: u32 = SHARES * BINS;
 
-// What is found: what the cheapest of all planes costs, or the node as a leaf;
+/// Cost of the cheapest plane, or of the node as a leaf.
 const COST: u32 = 0;
-/// and the number of the first that costs so, or [`NONE`].
+/// Number of the first plane of that cost, or [`NONE`].
 const PICK: u32 = 1;
 /// If none, [`SplitPlane::words`] of the plane there is instead.
 const INSTEAD: u32 = 2;

@@ -45,9 +45,9 @@ const BOXES: usize = (7 * PITCH) as usize;
 /// A reference cut by a plane.
 #[derive(Clone, Copy, Default)]
 struct Halves {
-    /// What goes below,
+    /// Box of the part below.
     under: Bounds,
-    /// and what goes above.
+    /// Box of the part above.
     over: Bounds,
     /// Its number in the treelet.
     number: u32,
@@ -254,9 +254,9 @@ fn start(
 struct Last {
     /// Its entry of the stack.
     at: u32,
-    /// Where its references stand in the pool,
+    /// Where its references begin in the pool.
     from: u32,
-    /// and how many they are.
+    /// How many references it has.
     number: u32,
 }
 
@@ -499,9 +499,9 @@ fn divide_all(
 struct Children {
     /// Whether it has any; else it is a leaf.
     splits: bool,
-    /// A bit for each of its references that goes below,
+    /// A bit for each of its references that goes below.
     belows: u32,
-    /// and above.
+    /// A bit for each that goes above.
     aboves: u32,
 }
 

@@ -8,7 +8,7 @@
 use super::{
     frame::Frame,
     intersect::{Intersector, exact::Exact, strict::Strict},
-    job::{JOB_LIMIT, JOB_RAYS, Left, OUTCOME_STATUS, load, loops_are_whole, ray_of, record},
+    job::{JOB_LIMIT, JOB_RAYS, Left, OUTCOME_STATUS, SPAN, load, loops_are_whole, ray_of, record},
     traverse::{
         Steps,
         next::{self, AT_ONCE, After, Next, next_hits},
@@ -150,7 +150,7 @@ macro_rules! count_hits {
             of_query! {
                 kernel {
                     /// The hits of all rays.
-                    group $name = answer, threads 64, shared [], query:
+                    group $name = answer, threads 64, span SPAN, shared [], query:
                 } { , { 7 totals: write u32, 8 begins: read u32 } }
             }
         }

@@ -29,7 +29,7 @@ pub const JOB_WORDS: u32 = 4;
 
 /// Words of the outcome record: status bits, see [`raykd_shared::status`].
 pub const OUTCOME_STATUS: u32 = 0;
-/// How many rays were none: NaN, infinite or zero direction, origin out of range.
+/// How many rays were invalid: NaN, infinite or zero direction, origin out of range.
 pub const OUTCOME_INVALID: u32 = 1;
 /// Whether a kernel has left rays to one that follows: 1 if so.
 pub const OUTCOME_LEFT: u32 = 2;
@@ -44,24 +44,75 @@ pub fn ray_of(lane: u32, job: &Buf<u32>) -> u32 {
     if lane >> apart << apart == lane { lane >> apart } else { u32::MAX }
 }
 
-/// The rays of a workgroup that have no answer yet, by lanes: of eight side by side a CPU answers some beforehand.
+/// Workgroups that a CPU may run as one: rays that go each on its own take the place of those that are done, and at the
+/// end few are left.
+pub const SPAN: u32 = 16;
+
+/// The rays of a workgroup that have no answer yet, a bit a lane: a CPU answers some beforehand, eight at once.
 #[derive(Clone, Copy, Debug)]
-pub struct Left([u32; 2]);
+pub struct Left([u32; (SPAN * THREADS / 32) as usize]);
 
 impl Left {
     /// None has.
-    pub const ALL: Self = Self([u32::MAX; 2]);
-
-    /// A bit a ray.
-    #[inline(always)]
-    pub(super) fn of(bits: u64) -> Self {
-        Self([bits as u32, (bits >> 32) as u32])
-    }
+    pub const ALL: Self = Self([u32::MAX; (SPAN * THREADS / 32) as usize]);
 
     /// Whether the ray of a lane is left.
     #[inline(always)]
     pub fn has(self, lane: u32) -> bool {
         ON_GPU || self.0.at(lane / 32) >> (lane % 32) & 1 != 0
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+impl Left {
+    /// The first `count` lanes have none.
+    #[inline(always)]
+    pub(super) fn first(count: u32) -> Self {
+        let mut left = Self([0; (SPAN * THREADS / 32) as usize]);
+        let (mut word, mut rest) = (0, count);
+        while rest > 0 {
+            left.0[word] = u32::MAX >> (32 - rest.min(32));
+            (word, rest) = (word + 1, rest.saturating_sub(32));
+        }
+        left
+    }
+
+    /// How many they are.
+    #[inline(always)]
+    pub(super) fn count(&self) -> u32 {
+        let (mut count, mut word) = (0, 0);
+        while word < self.0.len() {
+            count += self.0[word].count_ones();
+            word += 1;
+        }
+        count
+    }
+
+    /// Of eight lanes from `first` on, a multiple of eight, some have their answers.
+    #[inline(always)]
+    pub(super) fn answer(&mut self, first: u32, some: u32) {
+        self.0[first as usize / 32] &= !(some << (first % 32));
+    }
+
+    /// A lane has no answer after all.
+    #[inline(always)]
+    pub(super) fn put_back(&mut self, lane: u32) {
+        self.0[lane as usize / 32] |= 1 << (lane % 32);
+    }
+
+    /// Takes the lowest lane from word `word` on, to which it goes.
+    #[inline(always)]
+    pub(super) fn take(&mut self, word: &mut usize) -> Option<u32> {
+        while *word < self.0.len() {
+            let bits = &mut self.0[*word];
+            if *bits != 0 {
+                let lane = 32 * *word as u32 + bits.trailing_zeros();
+                *bits &= *bits - 1;
+                return Some(lane);
+            }
+            *word += 1;
+        }
+        None
     }
 }
 

@@ -66,6 +66,8 @@ pub const SHARED: usize = ASIDE * THREADS as usize;
 /// Declares the kernel of a query: how it answers ray `i`, whether it writes counts of its steps too, and buffers that
 /// only it binds. With a module's name before the kernel's it gets a module of its own.
 macro_rules! query {
+    (@span) => { 1 };
+    (@span $beside:path) => { $crate::trace::job::SPAN };
     (@left $group:ident,) => {
         $crate::trace::job::Left::ALL
     };
@@ -124,7 +126,8 @@ macro_rules! query {
         of_query! {
             kernel {
                 $(#[$doc])*
-                group $name = answer, threads 64, shared [shared: $crate::trace::queries::SHARED], query:
+                group $name = answer, threads 64, span (query!(@span $($beside)?)),
+                shared [shared: $crate::trace::queries::SHARED], query:
             }
             { , { $(7 $counts: write $crate::glam::UVec4,)? $($($b $more: read $t),*)? } }
         }

@@ -1,4 +1,4 @@
-//! Numbers of 53 digits, as a CPU has them: instead of [pairs](super::pair), and sooner.
+//! Numbers of 53 bits, as a CPU has them: instead of [pairs](super::pair), and sooner.
 //!
 //! Coordinates across the ray are differences of products of size `2 M` at most, whose factors and results are rounded:
 //! within `8 * 2^-53 M`. A pair's are closer where they are small. So beside small triangles far away doubles leave

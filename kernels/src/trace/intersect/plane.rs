@@ -16,9 +16,9 @@ use crate::{
     trace::frame::{Frame, flush},
 };
 
-/// In a [`Unit`]: `t` that is smaller is 0,
+/// Smaller `t` are 0, in a [`Unit`].
 const T_FLOOR: f32 = exp2(-40);
-/// and points that are farther away belong to no triangle.
+/// Points farther away belong to no triangle, in a [`Unit`].
 const BEYOND: f32 = exp2(41);
 
 /// The test.

@@ -1,4 +1,4 @@
-//! Numbers as sums of three floats, about 70 digits (after Fabiano, Muller & Picot 2019, "Algorithms for triple-word
+//! Numbers as sums of three floats, about 72 bits (after Fabiano, Muller & Picot 2019, "Algorithms for triple-word
 //! arithmetic", with simpler sums).
 
 use crate::{

@@ -3,9 +3,10 @@
 //! on alone if it has more. The answers are those of [`find`].
 
 use super::{
-    Scene,
+    Eights, Range, Scene,
     apart::{self, Visits},
-    packet::{Leaves, Packet, many, near, neighbours, offer},
+    neighbours,
+    packet::{Leaves, Packet, Scaled, offer},
 };
 use crate::{
     Group,
@@ -226,8 +227,8 @@ impl<I: Together, N: Sides> Leaves<N> for By<'_, '_, I> {
     }
 }
 
-/// Rays that go each on its own.
-struct Apart<'a, 'b, I> {
+/// Answers rays that go together, and others with next hits of their own.
+struct All<'a, 'b, I> {
     scene: Scene<'a>,
     answers: &'a mut Answers<'b>,
     own: [Hits; apart::LANES],
@@ -244,7 +245,7 @@ impl<I: Intersector> Filter<I> for Keeping<'_> {
     }
 }
 
-impl<I: Intersector> Visits for Apart<'_, '_, I> {
+impl<I: Intersector> Visits for All<'_, '_, I> {
     const WHOLE: bool = I::WHOLE;
 
     #[inline(always)]
@@ -281,39 +282,41 @@ impl<I: Intersector> Visits for Apart<'_, '_, I> {
     }
 }
 
-/// Answers those of the rays from `first` to `end`, at most 64, that may go side by side, and returns which are left, a
-/// bit a ray.
+impl<N: Sides, I: Together> Eights<N> for All<'_, '_, I> {
+    const WHOLE: bool = I::WHOLE;
+
+    #[inline(always)]
+    fn answer(
+        &mut self,
+        i: u32,
+        packet: &mut Packet<N>,
+        scene: &Scene<'_>,
+        _: &Scaled<N>,
+        together: u32,
+    ) -> u32 {
+        Nexts::new(*scene, i, packet).answer::<I, _>(packet, together, self.answers);
+        together
+    }
+}
+
+/// Answers some rays that may go side by side, and returns which are left.
 ///
 /// # Safety
 /// The processor has these instructions.
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 #[inline(never)]
 unsafe fn by_eight<I: Together>(
-    (first, end): (u32, u32),
+    range: Range,
     scene: Scene<'_>,
-    mut answers: Answers<'_>,
+    answers: &mut Answers<'_>,
     outcome: &mut Buf<u32>,
-) -> u64 {
-    let mut left = u64::MAX;
-    let Scene { header, rays, .. } = scene;
-    let Some(near) = near(header) else { return left };
-    let mut i = first;
-    while i + SIDE_BY_SIDE <= end {
-        let go = if I::WHOLE {
-            Packet::<Eight>::of::<true>(i, rays, header, near)
-        } else {
-            Packet::<Eight>::of::<false>(i, rays, header, near)
-        };
-        if let Some((mut packet, _, together)) = go {
-            Nexts::new(scene, i, &packet).answer::<I, _>(&mut packet, together, &mut answers);
-            left &= !(u64::from(together) << (i - first));
-        }
-        i += SIDE_BY_SIDE;
+) -> Left {
+    let mut all = All::<I> { scene, answers, own: [[0; WORDS]; apart::LANES], test: PhantomData };
+    let mut left = scene.answer::<Eight, _>(range, &mut all);
+    if scene.are_many(&left) {
+        apart::answer::<Eight, _>(range.0, &mut left, scene, outcome, &mut all);
     }
-    let Some(some) = many(left, (first, end)) else { return left };
-    let visits =
-        Apart::<I> { scene, answers: &mut answers, own: [[0; WORDS]; apart::LANES], test: PhantomData };
-    apart::answer::<Eight, _>(first, some, scene, outcome, visits)
+    left
 }
 
 /// Counts the hits of those of a workgroup's rays that go side by side, and keeps as many of the first as the job says.
@@ -336,7 +339,7 @@ pub(in crate::trace) fn all<I: Together>(
     let Some(range) = neighbours(group, job) else { return Left::ALL };
     let header = &header.at(0);
     let scene = Scene { header, pairs, corners, rays };
-    let answers = Answers { hits, totals, room };
+    let answers = &mut Answers { hits, totals, room };
     // SAFETY: that the group is usual says so.
-    Left::of(unsafe { by_eight::<I>(range, scene, answers, outcome) })
+    unsafe { by_eight::<I>(range, scene, answers, outcome) }
 }

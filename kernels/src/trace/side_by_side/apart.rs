@@ -1,6 +1,6 @@
-//! Rays each at a node of its own, on a CPU, for those that do not go together ([`packet`](super::packet)): eight and
-//! eight take their steps down at once, then each visits its leaf alone, and one that is done makes room for the next.
-//! Each does what it does in [`stack`](crate::trace::traverse::stack).
+//! Rays each at a node of its own, on a CPU, for those that do not go together ([`packet`](super::packet)): sets of
+//! eight take their steps down at once, then each ray visits its leaf alone, and one that is done makes room for the
+//! next. Each does what it does in [`stack`](crate::trace::traverse::stack).
 
 use super::Scene;
 use crate::{
@@ -11,7 +11,7 @@ use crate::{
     trace::{
         frame::Frame,
         intersect::{Best, strict::Strict},
-        job::{load, record},
+        job::{Left, load, record},
         traverse::{
             crossing::crossed,
             leaf::{self, Every},
@@ -20,12 +20,9 @@ use crate::{
 };
 use raykd_shared::{MISS, Node, limits::MAX_DEPTH};
 
-/// While fewer than this are on their way down, those that have arrived do not wait for them.
-const KEEP: u32 = 9;
-
 const SIDES: usize = SIDE_BY_SIDE as usize;
 /// Sets of eight: while nodes of some rays are loaded, others take their step.
-const SETS: usize = 2;
+const SETS: usize = 6;
 /// Rays on their way at once.
 pub(super) const LANES: usize = SETS * SIDES;
 
@@ -93,9 +90,9 @@ struct Lanes {
     stacks: [Stack<UVec4, { MAX_DEPTH as usize }>; LANES],
     tops: [u32; LANES],
     /// Which have a ray.
-    live: u32,
+    live: u64,
     /// Which have left a child for later by their last step.
-    pushed: u32,
+    pushed: u64,
 }
 
 impl Lanes {
@@ -131,7 +128,7 @@ impl Lanes {
 
     /// All go down, until few are left that have not arrived at a leaf. Returns which have not.
     #[inline(always)]
-    fn down<N: Sides>(&mut self, pairs: &Buf<UVec4>) -> u32 {
+    fn down<N: Sides>(&mut self, pairs: &Buf<UVec4>) -> u64 {
         let mut state = [(N::all(0.0), N::all(0.0), N::all(0.0)); SETS];
         let mut set = 0;
         while set < SETS {
@@ -142,10 +139,10 @@ impl Lanes {
         loop {
             let (mut inner, mut set) = (0, 0);
             while set < SETS {
-                inner |= (!N::bits(N::leaves(state[set].2)) & 0xFF) << (SIDES * set);
+                inner |= u64::from(!N::bits(N::leaves(state[set].2)) & 0xFF) << (SIDES * set);
                 set += 1;
             }
-            if inner == 0 || (inner.count_ones() < KEEP && self.live & !inner != 0) {
+            if inner == 0 || (4 * inner.count_ones() < 3 * self.live.count_ones()) {
                 let mut set = 0;
                 while set < SETS {
                     let (exit, splits, tags) = state[set];
@@ -157,7 +154,10 @@ impl Lanes {
             }
             let mut set = 0;
             while set < SETS {
-                state[set] = self.step::<N>(set, inner, state[set], pairs);
+                let inner = (inner >> (SIDES * set)) as u32 & 0xFF;
+                if inner != 0 {
+                    state[set] = self.step::<N>(set, inner, state[set], pairs);
+                }
                 set += 1;
             }
         }
@@ -183,8 +183,8 @@ impl Lanes {
         let back = inverse.below(N::all(0.0));
         let (near, far) = (N::child(tags, back), N::child(tags, !back));
         let shift = SIDES * set;
-        let mut both = !N::bits(past | before) & (inner >> shift) & 0xFF;
-        self.pushed = (self.pushed & !(inner & 0xFF << shift)) | both << shift;
+        let mut both = !N::bits(past | before) & inner;
+        self.pushed = (self.pushed & !(u64::from(inner) << shift)) | u64::from(both) << shift;
         if both != 0 {
             let (far, first, exit) = (far.numbers(), first.numbers(), exit.numbers());
             while both != 0 {
@@ -197,7 +197,7 @@ impl Lanes {
             }
         }
         let ends = N::choose(past, exit, exit.low(last));
-        let some = N::mask(inner >> shift & 0xFF);
+        let some = N::mask(inner);
         let (splits, tags) = N::nodes(pairs, N::choose(past, far, near), some, (splits, tags));
         (ends, splits, tags)
     }
@@ -266,18 +266,17 @@ impl Lanes {
     }
 }
 
-/// Answers those of 64 rays from `first` on whose bits are in `left`, and returns which are left still.
+/// Answers those of the rays from `first` on that are `left`, and leaves those for which there was no room.
 #[inline(always)]
 pub(super) fn answer<N: Sides, V: Visits>(
     first: u32,
-    mut left: u64,
+    left: &mut Left,
     scene: Scene<'_>,
     outcome: &mut Buf<u32>,
-    mut visits: V,
-) -> u64 {
+    visits: &mut V,
+) {
     let Scene { header, pairs, corners, rays } = scene;
-    // Which have no answer.
-    let mut back = 0u64;
+    let (mut waiting, mut word) = (core::mem::replace(left, Left::first(0)), 0);
     let (tag, root) = (f32::from_bits(Node::PADDING.words().1), pairs.at(0));
     let mut lanes = Lanes {
         sets: [Eights {
@@ -297,16 +296,16 @@ pub(super) fn answer<N: Sides, V: Visits>(
         pushed: 0,
     };
     // Which look for a ray.
-    let mut free = u32::MAX >> (32 - LANES);
+    let mut free = u64::MAX >> (64 - LANES);
     loop {
         while free != 0 {
             let lane = free.trailing_zeros() as usize;
             free &= free - 1;
             lanes.live &= !(1 << lane);
             let mut begun = false;
-            while left != 0 && !begun {
-                let ray = first + left.trailing_zeros();
-                left &= left - 1;
+            while !begun {
+                let Some(next) = waiting.take(&mut word) else { break };
+                let ray = first + next;
                 let mut frame = load(ray, rays, header, outcome);
                 if V::WHOLE {
                     frame = frame.whole();
@@ -320,7 +319,7 @@ pub(super) fn answer<N: Sides, V: Visits>(
             }
         }
         if lanes.live == 0 {
-            return back;
+            return;
         }
         let mut arrived = !lanes.down::<N>(pairs) & lanes.live;
         let mut soon = arrived;
@@ -331,10 +330,10 @@ pub(super) fn answer<N: Sides, V: Visits>(
         while arrived != 0 {
             let lane = arrived.trailing_zeros() as usize;
             arrived &= arrived - 1;
-            if !lanes.visit(lane, pairs, corners, &mut visits) {
+            if !lanes.visit(lane, pairs, corners, visits) {
                 let ray = lanes.rays[lane];
                 if !visits.end(lane, ray, &lanes.frames[lane], &lanes.bests[lane]) {
-                    back |= 1 << (ray - first);
+                    left.put_back(ray - first);
                 }
                 free |= 1 << lane;
             }

@@ -5,9 +5,10 @@
 //! answers are those of the test in the walk.
 
 use super::{
-    Scene,
+    Eights, Range, Scene,
     apart::{self, Visits},
-    packet::{Leaves, Packet, Scaled, many, near, neighbours},
+    neighbours,
+    packet::{Leaves, Packet, Scaled},
 };
 use crate::{
     Group,
@@ -15,12 +16,12 @@ use crate::{
     glam::{UVec4, Vec4},
     kernel::Bits,
     math::Sides,
-    mem::{Buf, Slots},
+    mem::{Buf, Slots, Stack},
     pair::Long,
     trace::{
         frame::{Frame, flush},
         intersect::{Best, Glance, NORMAL, exact::Exact, filter::by},
-        job::{JOB_ANY, Left, record},
+        job::{JOB_ANY, Left, SPAN, THREADS, record},
         traverse::{
             leaf::{self, Choice, Filter, LeafTriangle},
             narrow::{MOST, Narrow, WORDS},
@@ -76,8 +77,8 @@ struct Answers<'a> {
     scene: Scene<'a>,
     hits: &'a mut Buf<UVec4>,
     /// Rays that have one candidate each, and the references that list those.
-    waiting: [(u32, u32); 64],
-    count: usize,
+    waiting: Stack<(u32, u32), { (SPAN * THREADS) as usize }>,
+    count: u32,
 }
 
 impl Answers<'_> {
@@ -94,28 +95,30 @@ impl Answers<'_> {
 
     #[inline(always)]
     fn wait(&mut self, ray: u32, at: u32) {
-        self.waiting[self.count] = (ray, at);
+        self.waiting.put(self.count, (ray, at));
         self.count += 1;
     }
 
     /// Answers those that wait, eight at a time.
     #[inline(always)]
     fn settle<D: Long<One: Sides>>(&mut self) {
-        let (waiting, mut first) = (self.waiting, 0);
+        let mut first = 0;
         while first < self.count {
-            let some = self.count.min(first + SIDES) - first;
-            let mut eight = [waiting[first]; SIDES];
-            eight[..some].copy_from_slice(&waiting[first..first + some]);
+            let some = SIDE_BY_SIDE.min(self.count - first);
+            let mut eight = [self.waiting.at(first); SIDES];
             let (mut starts, mut ways) = ([Vec4::ZERO; SIDES], [Vec4::ZERO; SIDES]);
             let mut lane = 0;
             while lane < SIDES {
+                if (lane as u32) < some {
+                    eight[lane] = self.waiting.at(first + lane as u32);
+                }
                 let ray = eight[lane].0;
                 (starts[lane], ways[lane]) = (self.scene.rays.at(2 * ray), self.scene.rays.at(2 * ray + 1));
                 lane += 1;
             }
-            let scaled = Scaled::new::<true>(&starts, &ways, self.scene.header.scale);
+            let scaled = Scaled::new(&starts, &ways, self.scene.header.scale, true);
             self.settle_eight::<D, D::One>(&scaled, &eight, (1 << some) - 1);
-            first += SIDES;
+            first += SIDE_BY_SIDE;
         }
     }
 
@@ -316,8 +319,8 @@ impl<N: Sides, const ANY: bool> Leaves<N> for Together<'_, N, ANY> {
     }
 }
 
-/// Candidates of rays that go each on its own.
-struct Apart<'a, 'b, const ANY: bool> {
+/// Answers rays that go together, and others by lists of their own.
+struct By<'a, 'b, const ANY: bool> {
     answers: &'a mut Answers<'b>,
     lists: [List; apart::LANES],
 }
@@ -332,7 +335,7 @@ impl Filter<Exact> for Keeping<'_> {
     }
 }
 
-impl<const ANY: bool> Visits for Apart<'_, '_, ANY> {
+impl<const ANY: bool> Visits for By<'_, '_, ANY> {
     const WHOLE: bool = true;
 
     #[inline(always)]
@@ -368,37 +371,41 @@ impl<const ANY: bool> Visits for Apart<'_, '_, ANY> {
     }
 }
 
-/// Answers those of the rays from `first` to `end`, at most 64, that may go side by side, and returns which are left, a
-/// bit a ray.
+impl<const ANY: bool> Eights<Eight> for By<'_, '_, ANY> {
+    const WHOLE: bool = true;
+
+    #[inline(always)]
+    fn answer(
+        &mut self,
+        i: u32,
+        packet: &mut Packet<Eight>,
+        scene: &Scene<'_>,
+        scaled: &Scaled<Eight>,
+        together: u32,
+    ) -> u32 {
+        let mut found = Together::<Eight, ANY>::new(*scene, packet, i);
+        let gone = packet.walk_together::<ANY>(together, scene.pairs, scene.corners, &mut found);
+        gone & !found.end::<Doubles>(scaled, gone, self.answers)
+    }
+}
+
+/// Answers some rays that may go side by side, and returns which are left.
 ///
 /// # Safety
 /// The processor has these instructions.
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 #[inline(never)]
 unsafe fn by_eight<const ANY: bool>(
-    (first, end): (u32, u32),
+    range: Range,
     scene: Scene<'_>,
     hits: &mut Buf<UVec4>,
     outcome: &mut Buf<u32>,
-) -> u64 {
-    let mut left = u64::MAX;
-    let Some(near) = near(scene.header) else { return left };
-    let answers = &mut Answers { scene, hits, waiting: [(0, 0); 64], count: 0 };
-    let mut i = first;
-    while i + SIDE_BY_SIDE <= end {
-        if let Some((packet, scaled, together)) =
-            Packet::<Eight>::of::<true>(i, scene.rays, scene.header, near)
-        {
-            let mut found = Together::<Eight, ANY>::new(scene, &packet, i);
-            let gone = packet.walk_together::<ANY>(together, scene.pairs, scene.corners, &mut found);
-            let answered = gone & !found.end::<Doubles>(&scaled, gone, answers);
-            left &= !(u64::from(answered) << (i - first));
-        }
-        i += SIDE_BY_SIDE;
-    }
-    if let Some(some) = many(left, (first, end)) {
-        let visits = Apart::<ANY> { answers, lists: [[0; WORDS]; apart::LANES] };
-        left = apart::answer::<Eight, _>(first, some, scene, outcome, visits);
+) -> Left {
+    let answers = &mut Answers { scene, hits, waiting: Stack::new(), count: 0 };
+    let mut by = By::<ANY> { answers, lists: [[0; WORDS]; apart::LANES] };
+    let mut left = scene.answer::<Eight, _>(range, &mut by);
+    if scene.are_many(&left) {
+        apart::answer::<Eight, _>(range.0, &mut left, scene, outcome, &mut by);
     }
     answers.settle::<Doubles>();
     left
@@ -420,11 +427,11 @@ pub(in crate::trace) fn exact(
     let header = &header.at(0);
     let scene = Scene { header, pairs, corners, rays };
     // SAFETY: that the group is usual says so.
-    Left::of(unsafe {
+    unsafe {
         if job.at(JOB_ANY) != 0 {
             by_eight::<true>(range, scene, hits, outcome)
         } else {
             by_eight::<false>(range, scene, hits, outcome)
         }
-    })
+    }
 }

@@ -6,7 +6,7 @@
 //! Where signs differ most decide which child comes first, which changes no closest hit. Any hit is that of the first
 //! leaf that has one, so there signs must agree.
 
-use super::{Scene, apart};
+use super::{Eights, Range, Scene, apart, neighbours};
 use crate::{
     Group,
     eight::{Eight, SIDE_BY_SIDE},
@@ -23,23 +23,19 @@ use crate::{
             strict::{self, Sheared, sheared, weights},
             vertices,
         },
-        job::{JOB_APART, JOB_RAYS, Left},
+        job::Left,
         traverse::crossing::crossed,
     },
 };
 use raykd_shared::{MISS, Node, TreeHeader, limits::MAX_DEPTH};
 
-/// How near to each other rays start that go together, of the scene's largest extent.
-const NEAR: f32 = 1.0 / 16.0;
-/// How many of them there must be.
+/// How many rays must start near each other to go together.
 const ENOUGH: u32 = 6;
 /// How far their directions must take them together, of how far they go each, squared: what bounces off a surface keeps
 /// 0.4, rays to all sides an eighth.
 const ALONG: f32 = 0.3;
 /// Fewer rays are not worth a walk of their own.
 const FEW: u32 = 3;
-/// Of rays that do not go together fewer go one by one.
-const MANY: u32 = 16;
 
 /// No triangle yet, as a float that is larger than any with a triangle's number and [`NORMAL`].
 const NONE: f32 = f32::INFINITY;
@@ -102,10 +98,10 @@ impl<N: Sides> Mains<N> {
 }
 
 impl<N: Sides> Scaled<N> {
-    /// Of rays as buffers hold them; if `WHOLE`, as [`Frame::whole`]. Of subnormal numbers more is left than there:
+    /// Of rays as buffers hold them; if `whole`, as [`Frame::whole`]. Of subnormal numbers more is left than there:
     /// less than any error that counts.
     #[inline(always)]
-    pub(super) fn new<const WHOLE: bool>(starts: &[Vec4; 8], ways: &[Vec4; 8], scale: f32) -> Self {
+    pub(super) fn new(starts: &[Vec4; 8], ways: &[Vec4; 8], scale: f32, whole: bool) -> Self {
         let [ox, oy, oz, dx] = N::columns(starts);
         let [dy, dz, from, to] = N::columns(ways);
         let (scale, zero) = (N::all(scale), N::all(0.0));
@@ -124,7 +120,7 @@ impl<N: Sides> Scaled<N> {
         let rays = sized & placed & begun & ended & from.is(from) & to.is(to);
         let direction = [dx * unit, dy * unit, dz * unit];
         let mut origin = place;
-        if !WHOLE {
+        if !whole {
             origin = [flush(place[0], DUST), flush(place[1], DUST), flush(place[2], DUST)];
         }
         Self { origin, direction, t_min, t_max, stretch, rays: N::bits(rays) }
@@ -238,12 +234,8 @@ pub(in crate::trace) struct Packet<N: Sides> {
 impl<N: Sides> Packet<N> {
     /// The eight rays from `i` on, made ready and only scaled, and which of them go together, if enough do.
     #[inline(always)]
-    pub(super) fn of<const WHOLE: bool>(
-        i: u32,
-        rays: &Buf<Vec4>,
-        header: &TreeHeader,
-        near: f32,
-    ) -> Option<(Self, Scaled<N>, u32)> {
+    pub(super) fn of(i: u32, scene: &Scene<'_>, near: f32, whole: bool) -> Option<(Self, Scaled<N>, u32)> {
+        let Scene { header, rays, .. } = scene;
         let (mut starts, mut ways) = ([Vec4::ZERO; 8], [Vec4::ZERO; 8]);
         let mut ray = 0;
         while ray < SIDE_BY_SIDE {
@@ -255,7 +247,7 @@ impl<N: Sides> Packet<N> {
         if together.count_ones() < ENOUGH {
             return None;
         }
-        let scaled = Scaled::<N>::new::<WHOLE>(&starts, &ways, header.scale);
+        let scaled = Scaled::<N>::new(&starts, &ways, header.scale, whole);
         together &= scaled.rays;
         if together.count_ones() < ENOUGH || !scaled.agree() {
             return None;
@@ -630,35 +622,29 @@ pub(super) fn offer(ray: &Frame, corners: Corners, best: &mut Best) {
     strict::test(ray, corners.0.w.to_bits() & !NORMAL, &strict::shear(ray, vertices(corners)), best);
 }
 
-/// Answers those of the rays from `first` to `end`, at most 64, that go together, and returns which are left, a bit
-/// a ray.
-#[inline(always)]
-fn answer<N: Sides, const ANY: bool>(
-    (first, end): (u32, u32),
-    header: &TreeHeader,
-    pairs: &Buf<UVec4>,
-    corners: &Buf<Vec4>,
-    rays: &Buf<Vec4>,
-    hits: &mut Buf<UVec4>,
-) -> u64 {
-    let mut left = u64::MAX;
-    let Some(near) = near(header) else { return left };
-    let mut i = first;
-    while i + SIDE_BY_SIDE <= end {
-        if let Some((packet, _, together)) = Packet::<N>::of::<false>(i, rays, header, near) {
-            let mut found = Hits::<N, ANY>(Bests::new(&packet));
-            let answered = packet.walk_together::<ANY>(together, pairs, corners, &mut found);
-            found.0.record(&packet, answered, i, hits);
-            left &= !(u64::from(answered) << (i - first));
-        }
-        i += SIDE_BY_SIDE;
+/// Closest hits of rays, or if `ANY`, some hit of theirs.
+struct Answers<'a, const ANY: bool>(&'a mut Buf<UVec4>);
+
+impl<N: Sides, const ANY: bool> Eights<N> for Answers<'_, ANY> {
+    #[inline(always)]
+    fn answer(
+        &mut self,
+        i: u32,
+        packet: &mut Packet<N>,
+        scene: &Scene<'_>,
+        _: &Scaled<N>,
+        together: u32,
+    ) -> u32 {
+        let mut found = Hits::<N, ANY>(Bests::new(packet));
+        let answered = packet.walk_together::<ANY>(together, scene.pairs, scene.corners, &mut found);
+        found.0.record(packet, answered, i, self.0);
+        answered
     }
-    left
 }
 
-/// How near to each other rays start that go together; nothing if the scene's numbers are out of the ordinary.
+/// The largest extent of a scene; nothing if its numbers are out of the ordinary.
 #[inline(always)]
-pub(super) fn near(header: &TreeHeader) -> Option<f32> {
+pub(super) fn extent(header: &TreeHeader) -> Option<f32> {
     let (mut extent, mut most) = (0.0, 0.0);
     let mut axis = 0;
     while axis < 3 {
@@ -668,44 +654,26 @@ pub(super) fn near(header: &TreeHeader) -> Option<f32> {
         axis += 1;
     }
     let ordinary = most < exp2(FARTHEST_SCENE - 1) && header.scale > exp2(-40) && header.scale < exp2(40);
-    if ordinary { Some(extent * NEAR * header.scale.unit()) } else { None }
+    if ordinary { Some(extent * header.scale.unit()) } else { None }
 }
 
-/// [`answer`] and [`apart::answer`], compiled for AVX2.
+/// Answers some rays that go side by side, compiled for AVX2, and returns which are left.
 ///
 /// # Safety
 /// The processor has these instructions.
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 #[inline(never)]
 unsafe fn by_eight<const ANY: bool>(
-    (first, end): (u32, u32),
-    header: &TreeHeader,
-    pairs: &Buf<UVec4>,
-    corners: &Buf<Vec4>,
-    rays: &Buf<Vec4>,
+    range: Range,
+    scene: Scene<'_>,
     hits: &mut Buf<UVec4>,
     outcome: &mut Buf<u32>,
-) -> u64 {
-    let left = answer::<Eight, ANY>((first, end), header, pairs, corners, rays, hits);
-    let Some(left) = many(left, (first, end)) else { return left };
-    let scene = Scene { header, pairs, corners, rays };
-    apart::answer::<Eight, _>(first, left, scene, outcome, apart::Hits::<ANY>(hits))
-}
-
-/// Those of the rays from `first` to `end` that are left, if they are enough to go each at a node of its own.
-#[inline(always)]
-pub(super) fn many(left: u64, (first, end): (u32, u32)) -> Option<u64> {
-    let left = left & u64::MAX.checked_shr(64 + first - end).unwrap_or(0);
-    // What is gathered is not counted.
-    (!cfg!(feature = "traffic") && left.count_ones() >= MANY).then_some(left)
-}
-
-/// The first and the end of a workgroup's rays, if they lie beside each other and the processor has AVX2.
-#[inline(always)]
-pub(super) fn neighbours(group: &Group, job: &Buf<u32>) -> Option<(u32, u32)> {
-    let first = group.id * group.width;
-    let may = group.usual.has() && job.at(JOB_APART) == 0;
-    may.then(|| (first, job.at(JOB_RAYS).min(first + group.width)))
+) -> Left {
+    let mut left = scene.answer::<Eight, _>(range, &mut Answers::<ANY>(hits));
+    if scene.are_many(&left) {
+        apart::answer::<Eight, _>(range.0, &mut left, scene, outcome, &mut apart::Hits::<ANY>(hits));
+    }
+    left
 }
 
 /// Answers those of a workgroup's rays that go side by side, or if `ANY`, finds some hit of theirs.
@@ -721,8 +689,9 @@ pub(in crate::trace) fn closest<const ANY: bool>(
     outcome: &mut Buf<u32>,
 ) -> Left {
     let Some(range) = neighbours(group, job) else { return Left::ALL };
+    let scene = Scene { header: &header.at(0), pairs, corners, rays };
     // SAFETY: that the group is usual says so.
-    Left::of(unsafe { by_eight::<ANY>(range, &header.at(0), pairs, corners, rays, hits, outcome) })
+    unsafe { by_eight::<ANY>(range, scene, hits, outcome) }
 }
 
 #[cfg(test)]
@@ -765,9 +734,11 @@ mod tests {
         let mut hits = [UVec4::ZERO; 20];
         // SAFETY: the array outlives the view, and nobody else has it.
         let out = &mut unsafe { Buf::new(hits.as_mut_ptr(), hits.len()) };
-        let (pairs, corners, rays) = (view(&pairs), view(&corners), view(&rays));
-        let left = answer::<Eight, true>((0, 20), &header, &pairs, &corners, &rays, out);
-        assert_eq!(left, u64::MAX << 16);
+        let (header, pairs, corners, rays) = (&header, &view(&pairs), &view(&corners), &view(&rays));
+        let scene = Scene { header, pairs, corners, rays };
+        let left = scene.answer::<Eight, _>((0, 20), &mut Answers::<true>(out));
+        let lanes = (0..64).fold(0u64, |bits, lane| bits | u64::from(left.has(lane)) << lane);
+        assert_eq!(lanes, 0xF_0000);
         assert!(hits[..16].iter().all(|hit| hit.x == 0 && f32::from_bits(hit.y) == 1.0));
         assert_eq!(hits[16..], [UVec4::ZERO; 4]);
     }

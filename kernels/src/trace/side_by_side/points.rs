@@ -1,6 +1,6 @@
 //! Winding numbers of points looked up side by side: see [`locate`](crate::trace::locate).
 
-use super::packet::neighbours;
+use super::neighbours;
 use crate::{
     Group,
     eight::{Eight, SIDE_BY_SIDE},

@@ -2,7 +2,10 @@
 //! floats tell of most triangles for all at once. What they leave open is decided as
 //! [`crossings`](crate::trace::crossings) does.
 
-use super::packet::{Leaves, Packet, near, neighbours};
+use super::{
+    Eights, Range, Scene, neighbours,
+    packet::{Leaves, Packet, Scaled},
+};
 use crate::{
     Group,
     eight::{Eight, SIDE_BY_SIDE},
@@ -60,41 +63,47 @@ impl<N: Sides> Leaves<N> for Tallies {
     }
 }
 
-/// Counts for those of the rays from `first` to `end`, at most 64, that go together, and returns which are left, a bit
-/// a ray.
+/// Where answers go.
+struct Counts<'a> {
+    hits: &'a mut Buf<UVec4>,
+    outcome: &'a mut Buf<u32>,
+    crossings: &'a mut Buf<u32>,
+    more: &'a mut Buf<UVec4>,
+}
+
+impl<N: Sides> Eights<N> for Counts<'_> {
+    const WHOLE: bool = true;
+    // Where rays start counts less than for hits: each goes on to the end of the scene.
+    const NEAR: f32 = 1.0 / 4.0;
+
+    #[inline(always)]
+    fn answer(
+        &mut self,
+        i: u32,
+        packet: &mut Packet<N>,
+        scene: &Scene<'_>,
+        _: &Scaled<N>,
+        together: u32,
+    ) -> u32 {
+        let own = [[0; WORDS]; SIDE_BY_SIDE as usize];
+        let mut tallies = Tallies { own, last: packet.t_max.numbers() };
+        packet.walk(together, scene.pairs, scene.corners, &mut tallies);
+        let Counts { hits, outcome, crossings, more } = self;
+        for lane in Bits(together) {
+            Tally::put(&tallies.own[lane as usize], i + lane, hits, outcome, crossings, more);
+        }
+        together
+    }
+}
+
+/// Counts for some rays, and returns which are left.
 ///
 /// # Safety
 /// The processor has these instructions.
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 #[inline(never)]
-unsafe fn answer(
-    (first, end): (u32, u32),
-    header: &TreeHeader,
-    pairs: &Buf<UVec4>,
-    corners: &Buf<Vec4>,
-    rays: &Buf<Vec4>,
-    hits: &mut Buf<UVec4>,
-    outcome: &mut Buf<u32>,
-    crossings: &mut Buf<u32>,
-    more: &mut Buf<UVec4>,
-) -> u64 {
-    let mut left = u64::MAX;
-    let Some(near) = near(header) else { return left };
-    let mut i = first;
-    while i + SIDE_BY_SIDE <= end {
-        // Where rays start counts less than for hits: each goes on to the end of the scene.
-        if let Some((packet, _, together)) = Packet::<Eight>::of::<true>(i, rays, header, 4.0 * near) {
-            let own = [[0; WORDS]; SIDE_BY_SIDE as usize];
-            let mut tallies = Tallies { own, last: packet.t_max.numbers() };
-            packet.walk(together, pairs, corners, &mut tallies);
-            for lane in Bits(together) {
-                Tally::put(&tallies.own[lane as usize], i + lane, hits, outcome, crossings, more);
-            }
-            left &= !(u64::from(together) << (i - first));
-        }
-        i += SIDE_BY_SIDE;
-    }
-    left
+unsafe fn by_eight(range: Range, scene: Scene<'_>, mut counts: Counts<'_>) -> Left {
+    scene.answer::<Eight, _>(range, &mut counts)
 }
 
 /// Counts for those of a workgroup's rays that go side by side.
@@ -112,6 +121,8 @@ pub(in crate::trace) fn crossings(
     more: &mut Buf<UVec4>,
 ) -> Left {
     let Some(range) = neighbours(group, job) else { return Left::ALL };
+    let scene = Scene { header: &header.at(0), pairs, corners, rays };
+    let counts = Counts { hits, outcome, crossings, more };
     // SAFETY: that the group is usual says so.
-    Left::of(unsafe { answer(range, &header.at(0), pairs, corners, rays, hits, outcome, crossings, more) })
+    unsafe { by_eight(range, scene, counts) }
 }
