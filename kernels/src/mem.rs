@@ -41,8 +41,7 @@ impl<T> Buf<T> {
     }
 
     /// Bytes read and written through this view, if compiled to count them.
-    // `Cell::get` is const only since Rust 1.88.
-    #[allow(clippy::missing_const_for_fn)]
+    #[allow(clippy::missing_const_for_fn, reason = "`Cell::get` is const only since Rust 1.88")]
     pub fn moved(&self) -> u64 {
         #[cfg(feature = "traffic")]
         return self.moved.get();

@@ -202,10 +202,27 @@ fn crowds_in_stress_scenes_find_what_each_ray_finds() -> Result<(), Failure> {
 fn pictures_are_the_same_as_pixel_by_pixel() -> Result<(), Failure> {
     for mesh in [Mesh::teapot(6), raykd_tests::meshes::icosphere(4)] {
         let mut scene = Scene::build(cpu(), &mesh, &BuildOptions::default())?;
-        let picture = Camera::framing(mesh.bounds()).rays(301, 97);
+        let picture = Camera::framing(mesh.bounds()).rays(601, 297);
         one_by_one(&mut scene, &picture)?;
         let bounced = bounces(&mesh, &picture, &scene.closest(&picture)?, 1);
         one_by_one(&mut scene, &bounced)?;
+        // Enough to be put in order.
+        assert!(bounced.len() > 1 << 13, "{}", bounced.len());
+        by_both_tests(&mut scene, &bounced, except_in_parts)?;
+    }
+    Ok(())
+}
+
+/// Compares hits but of a triangle each with those of few rays at a time.
+fn except_in_parts(scene: &Scene, rays: &[Ray]) -> Result<(), Failure> {
+    let excluded: Vec<u32> = scene.closest(rays)?.iter().map(|hit| hit.triangle).collect();
+    for query in [Query::Closest, Query::Any] {
+        let mut expected = Vec::new();
+        for (rays, excluded) in rays.chunks(1000).zip(excluded.chunks(1000)) {
+            expected.extend(scene.trace_except(query, rays, excluded)?.hits);
+        }
+        let found = scene.trace_except(query, rays, &excluded)?.hits;
+        same(&format!("{query:?} but of a triangle each"), &expected, &found)?;
     }
     Ok(())
 }

@@ -270,6 +270,11 @@ impl Device {
         matches!(&*self.machine, Machine::Cpu(_))
     }
 
+    /// Whether it traces rays side by side.
+    pub(crate) fn goes_side_by_side(&self) -> bool {
+        cfg!(target_arch = "x86_64") && self.is_cpu() && cpu::usual().has()
+    }
+
     /// Whether this is a graphics card, and not the CPU, or a GPU that the CPU plays.
     #[doc(hidden)]
     pub fn is_card(&self) -> bool {

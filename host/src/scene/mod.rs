@@ -10,6 +10,7 @@ mod encode;
 mod file;
 #[cfg(feature = "gpu")]
 mod on;
+mod order;
 mod rebuild;
 mod regions;
 mod trace;

@@ -1,6 +1,6 @@
 //! Asking a scene for the hits of rays.
 
-use super::{Scene, batch::Batch};
+use super::{Scene, batch::Batch, order::Order};
 use crate::{
     Error, Query,
     clock::Instant,
@@ -123,8 +123,8 @@ impl Traced {
     }
 }
 
-/// Rays that a GPU gets at once where there are more. Fewer would not keep it busy; of more it would wait for the
-/// first.
+/// Rays that a device gets at once where there are more. Fewer would not keep a GPU busy; of more it would wait for the
+/// first, and a CPU would need the memory.
 const OVERLAPPED: usize = 1 << 20;
 
 /// Traces parts one after the other.
@@ -233,12 +233,20 @@ impl Scene {
         self.in_parts(count, |range, hits, turn| {
             let start = Instant::now();
             let uploading = lock(turn);
-            let mut batch = Batch::new(self, &make(range))?;
+            let (mut batch, order) = self.ordered(&make(range))?;
             drop(uploading);
             batch.job.timed = timed;
             let upload = start.elapsed();
-            traced(upload, || self.run(&batch, self.traversal, query, hits))
+            traced(upload, || order.undo(self, hits, |hits| self.run(&batch, self.traversal, query, hits)))
         })
+    }
+
+    /// Rays on the device, in the order that is best there.
+    fn ordered(&self, rays: &[impl AnyRay]) -> Result<(Batch, Order), Error> {
+        let rays = AnyRay::local(rays, self.translation);
+        let order = Order::of(self, &rays);
+        let device = self.device.for_rays(rays.len());
+        Ok((Batch::of_local(&device, &order.apply(self, &rays), 1)?, order))
     }
 
     /// Traces so many rays in parts, by a function of which rays they are, where their hits go, and a lock to hold
@@ -248,8 +256,7 @@ impl Scene {
         count: usize,
         trace: impl Fn(Range<usize>, To<'_, Hit>, &Mutex<()>) -> Result<Traced, Error> + Sync,
     ) -> Result<Traced, Error> {
-        let (limit, turn) = (self.batch_limit(), Mutex::new(()));
-        let most = if self.device.is_cpu() { limit } else { limit.min(OVERLAPPED) };
+        let (most, turn) = (self.batch_limit().min(OVERLAPPED), Mutex::new(()));
         if count == 0 {
             return Ok(Traced::default());
         }
@@ -287,13 +294,15 @@ impl Scene {
         self.in_parts(rays.len(), |range, hits, turn| {
             let start = Instant::now();
             let uploading = lock(turn);
-            let batch = Batch::new(self, &rays[range.clone()])?;
-            let excluded = &self.device.upload("excluded", &excluded[range])?;
+            let (batch, order) = self.ordered(&rays[range.clone()])?;
+            let excluded = &self.device.upload("excluded", &order.apply(self, &excluded[range]))?;
             drop(uploading);
             let upload = start.elapsed();
             let except = self.intersector.except(batch.query(self), excluded, batch.lanes())?;
             traced(upload, || {
-                batch.job.run(&self.device, &[except], asked(query), vec![batch.hits.back(hits)])
+                order.undo(self, hits, |hits| {
+                    batch.job.run(&self.device, &[except], asked(query), vec![batch.hits.back(hits)])
+                })
             })
         })
     }

@@ -4,6 +4,7 @@ use super::{
     Scene,
     batch::Job,
     crossings::Counted,
+    order::{Cells, by_keys},
     trace::{Traced, traced},
 };
 use crate::{
@@ -179,8 +180,8 @@ impl Scene {
 
     /// For so many rays.
     fn grid(&self, rays: usize) -> Grid {
-        let scale = 1.0 / self.header.scale;
-        Grid::new(self.header.lo.map(|x| x * scale), self.header.hi.map(|x| x * scale), rays)
+        let (lo, hi) = self.bounds();
+        Grid::new(lo, hi, rays)
     }
 
     /// For tests: the rays by which [`Self::winding`] tells of points.
@@ -208,14 +209,11 @@ const WAYS: [[f32; 3]; 6] = {
 /// Gives a range of some points, as the mesh's positions are.
 pub(super) type Fill<'a> = &'a (dyn Fn(Range<usize>, &mut Vec<[f32; 3]>) + Sync);
 
-/// Cells of a box, of each direction `8^bits` in the order of Morton 1966: rays of a cell start near each other, and
-/// mostly those of the next one, too.
+/// Cells of a box for each direction: rays of a cell start near each other, and mostly those of the next one, too.
 struct Grid {
     lo: Vec4,
     hi: Vec4,
-    /// Cells to a unit of length.
-    rates: Vec4,
-    bits: u32,
+    cells: Cells,
 }
 
 /// The first way, in the order of [`WAYS`], of those whose bits are set: three down, three up. Without any it is one
@@ -236,11 +234,11 @@ impl Grid {
     /// Some eight of so many rays start in a cell.
     fn new(lo: [f32; 3], hi: [f32; 3], rays: usize) -> Self {
         let bits = ((rays / 48).max(1).ilog2() / 3).min(7);
-        let [x, y, z] = [0, 1, 2].map(|axis| (1 << bits) as f32 / (hi[axis] - lo[axis]));
+        let cells = Cells::new(lo, hi, bits);
         // A fourth axis on which the box has no end.
         let lo = Vec4::new(lo[0], lo[1], lo[2], f32::NEG_INFINITY);
         let hi = Vec4::new(hi[0], hi[1], hi[2], f32::INFINITY);
-        Self { lo, hi, rates: Vec4::new(x, y, z, 0.0), bits }
+        Self { lo, hi, cells }
     }
 
     /// The way on which a point leaves the box soonest. All are asked: a processor would guess wrong.
@@ -258,40 +256,11 @@ impl Grid {
         Ray::new(point, WAYS[self.way(point) as usize])
     }
 
-    /// The number of the cell in which it starts.
-    #[inline]
-    fn cell(&self, point: [f32; 3]) -> u32 {
-        let most = ((1u32 << self.bits) - 1) as f32;
-        let at = Vec4::new(point[0], point[1], point[2], 0.0);
-        // Points outside, and what is no number, are in a cell at the border.
-        let [x, y, z, _] = ((at - self.lo) * self.rates).min(Vec4::splat(most)).to_array().map(|x| x as u32);
-        let cell = spread(x) | spread(y) << 1 | spread(z) << 2;
-        self.way(point) << (3 * self.bits) | cell
-    }
-
-    /// The numbers of points in the order of their cells.
+    /// The numbers of points in the order of their ways, and of the cells that rays start in.
     fn order(&self, points: &[[f32; 3]]) -> Vec<u32> {
-        let cells: Vec<u32> = points.par_iter().map(|point| self.cell(*point)).collect();
-        let mut next = vec![0u32; (WAYS.len() << (3 * self.bits)) + 1];
-        for &cell in &cells {
-            next[cell as usize + 1] += 1;
-        }
-        for i in 1..next.len() {
-            next[i] += next[i - 1];
-        }
-        let mut order = vec![0; points.len()];
-        for (i, &cell) in (0..).zip(&cells) {
-            let next = &mut next[cell as usize];
-            order[*next as usize] = i;
-            *next += 1;
-        }
-        order
+        let count = self.cells.count();
+        let key = |point: &[f32; 3]| self.way(*point) * count as u32 + self.cells.of(*point);
+        let keys: Vec<u32> = points.par_iter().map(key).collect();
+        by_keys(&keys, WAYS.len() * count)
     }
-}
-
-/// Eight bits, two zeros before each.
-const fn spread(bits: u32) -> u32 {
-    let bits = (bits | (bits << 8)) & 0x0000_F00F;
-    let bits = (bits | (bits << 4)) & 0x000C_30C3;
-    (bits | (bits << 2)) & 0x0024_9249
 }
