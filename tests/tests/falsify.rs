@@ -149,6 +149,7 @@ fn one_wrong_word_in_one_dispatch_is_traced_to_its_kernel() {
 static RACY: Kernel = Kernel {
     path: "raykd_tests::racy::entry",
     threads: 64,
+    span: 1,
     slots: &[Slot { name: "out", access: Access::Write, stride: 4 }],
     run: |group: Group, buffers: &[RawBuf]| {
         // SAFETY: the executor's promise for `Kernel::run` is what `Buf::new` asks for.

@@ -42,14 +42,21 @@ impl Cpu {
     }
 
     fn on(pool: Option<rayon::ThreadPool>) -> Self {
-        let threads = threads(pool.as_ref());
+        let mut cpu = Self { pool, order: Order::Forward, name: String::new() };
+        let threads = cpu.threads();
         let model = std::fs::read_to_string("/proc/cpuinfo").ok().and_then(|text| {
             let line = text.lines().find(|l| l.starts_with("model name"))?;
             line.split_once(':').map(|(_, name)| name.trim().to_owned())
         });
         let model = model.unwrap_or_else(|| std::env::consts::ARCH.to_owned());
         let s = if threads == 1 { "" } else { "s" };
-        Self { pool, order: Order::Forward, name: format!("{model}, {threads} thread{s}") }
+        cpu.name = format!("{model}, {threads} thread{s}");
+        cpu
+    }
+
+    /// How many do the work.
+    pub(super) fn threads(&self) -> usize {
+        self.pool.as_ref().map_or_else(rayon::current_num_threads, rayon::ThreadPool::current_num_threads)
     }
 
     /// Visits lanes and workgroups in another order; results must not change. For tests.
@@ -135,7 +142,7 @@ impl Cpu {
         let raw: Vec<Shared> = uses.iter().zip(&step.buffers).map(raw).collect();
         let usual = if self.order == Order::Forward { usual() } else { Usual::NO };
         // Few wide ones are not shared out evenly among threads.
-        let threads = threads(self.pool.as_ref()) as u32;
+        let threads = self.threads() as u32;
         let most = if threads == 1 { groups } else { groups / (8 * threads) };
         let span = if usual.has() { most.clamp(1, step.kernel.span) } else { 1 };
         let (groups, width) = (groups.div_ceil(span), span * step.kernel.threads);
@@ -157,11 +164,6 @@ impl Cpu {
             (0..groups).into_par_iter().map(run).sum()
         }
     }
-}
-
-/// How many threads do the work.
-fn threads(pool: Option<&rayon::ThreadPool>) -> usize {
-    pool.map_or_else(rayon::current_num_threads, rayon::ThreadPool::current_num_threads)
 }
 
 /// Whether the processor can run the copies of kernels that are compiled for more than the least of its kind. Only

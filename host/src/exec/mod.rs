@@ -270,9 +270,12 @@ impl Device {
         matches!(&*self.machine, Machine::Cpu(_))
     }
 
-    /// Whether it traces rays side by side.
-    pub(crate) fn goes_side_by_side(&self) -> bool {
-        cfg!(target_arch = "x86_64") && self.is_cpu() && cpu::usual().has()
+    /// How many threads trace rays side by side, if any do.
+    pub(crate) fn side_by_side(&self) -> Option<usize> {
+        match &*self.machine {
+            Machine::Cpu(cpu) if cfg!(target_arch = "x86_64") && cpu::usual().has() => Some(cpu.threads()),
+            _ => None,
+        }
     }
 
     /// Whether this is a graphics card, and not the CPU, or a GPU that the CPU plays.

@@ -1,15 +1,16 @@
 //! The order in which a CPU traces rays that go all ways from places beside each other, as they leave a surface. Those
 //! of a place that go the same way, one after the other, go side by side.
 
-use super::Scene;
-use crate::exec::To;
+use super::{Scene, batch::Batch};
+use crate::{Error, exec::To};
+use bytemuck::allocation::zeroed_vec;
 use raykd_kernels::glam::{Vec3, Vec4};
 use raykd_shared::{Hit, Ray};
 use rayon::prelude::*;
-use std::borrow::Cow;
+use std::{borrow::Cow, time::Duration};
 
-/// Fewer rays keep their order.
-const FEW: usize = 1 << 13;
+/// Fewer rays a thread keep their order: smaller parts gain less than that takes.
+const FEW: usize = 1 << 14;
 /// Most rays that are put in order at once: so a processor's cache holds what is moved.
 const BLOCK: usize = 1 << 16;
 /// Eights of rays that are looked at.
@@ -41,7 +42,8 @@ impl Order {
     /// The best order for rays that are where the mesh is.
     pub(super) fn of(scene: &Scene, rays: &[Ray]) -> Self {
         let mut order = Self { block: BLOCK, places: Vec::new() };
-        if !scene.device.goes_side_by_side() || rays.len() < FEW {
+        let Some(threads) = scene.device.side_by_side() else { return order };
+        if rays.len() < threads * FEW {
             return order;
         }
         let (lo, hi) = scene.bounds();
@@ -50,15 +52,16 @@ impl Order {
             |look: &usize| is_scattered(&rays[look * (rays.len() / 8 / LOOKS) * 8..][..8], NEAR * extent);
         if 2 * (0..LOOKS).filter(scattered).count() > LOOKS {
             scene.device.install(|| {
-                // As many blocks as threads, if they are not too small.
-                order.block = rays.len().div_ceil(rayon::current_num_threads()).clamp(FEW, BLOCK);
+                // A block for each thread at least.
+                order.block = rays.len().div_ceil(threads).min(BLOCK);
                 let cells = Cells::new(lo, hi, if order.block < BLOCK / 2 { 4 } else { 5 });
-                let places = rays.par_chunks(order.block).flat_map_iter(|block| {
-                    let keys: Vec<u32> =
-                        block.iter().map(|ray| cells.of(ray.origin) << 3 | signs(ray)).collect();
-                    by_keys(&keys, 8 * cells.count())
+                order.places = zeroed_vec(rays.len());
+                let blocks = order.places.par_chunks_mut(order.block).zip(rays.par_chunks(order.block));
+                blocks.for_each(|(places, rays)| {
+                    let key = |ray: &Ray| cells.of(ray.origin) << 3 | signs(ray);
+                    let keys: Vec<u32> = rays.iter().map(key).collect();
+                    by_keys(&keys, 8 * cells.count(), places);
                 });
-                order.places = places.collect();
             });
         }
         order
@@ -73,33 +76,38 @@ impl Order {
         scene.device.install(|| self.places.par_iter().enumerate().map(one).collect::<Vec<_>>()).into()
     }
 
-    /// Gives what finds the hits somewhere to put them, and puts them where they belong.
-    pub(super) fn undo<R, E>(
+    /// Traces a batch that is in this order, by a function of where its hits go.
+    pub(super) fn trace(
         &self,
         scene: &Scene,
+        batch: &Batch,
         hits: To<'_, Hit>,
-        find: impl FnOnce(To<'_, Hit>) -> Result<R, E>,
-    ) -> Result<R, E> {
+        trace: impl FnOnce(To<'_, Hit>) -> Result<(Duration, u32), Error>,
+    ) -> Result<(Duration, u32), Error> {
         if self.places.is_empty() {
-            return find(hits);
+            return trace(hits);
         }
-        let mut found = Vec::new();
-        let told = find(To::End(&mut found, self.places.len()))?;
-        let room = match hits {
-            To::Room(room) => room,
-            To::End(list, count) => {
-                let begin = list.len();
-                list.resize(begin + count, Hit::NONE);
-                &mut list[begin..]
-            }
-        };
-        let blocks = room.par_chunks_mut(self.block).zip(self.places.par_chunks(self.block));
-        scene.device.install(|| {
+        let told = trace(To::Room(&mut []))?;
+        self.put_back(scene, scene.device.kept(&batch.hits)?.slice(), hits);
+        Ok(told)
+    }
+
+    /// Puts hits where their rays were.
+    fn put_back(&self, scene: &Scene, found: &[Hit], hits: To<'_, Hit>) {
+        let put = |room: &mut [Hit]| {
+            let blocks = room.par_chunks_mut(self.block).zip(self.places.par_chunks(self.block));
             blocks.zip(found.par_chunks(self.block)).for_each(|((room, places), found)| {
                 places.iter().zip(found).for_each(|(&place, hit)| room[place as usize] = *hit);
             });
-        });
-        Ok(told)
+        };
+        match hits {
+            To::Room(room) => scene.device.install(|| put(room)),
+            To::End(list, count) => {
+                let mut room = zeroed_vec(count);
+                scene.device.install(|| put(&mut room));
+                if list.is_empty() { *list = room } else { list.append(&mut room) }
+            }
+        }
     }
 }
 
@@ -153,8 +161,8 @@ const fn spread(bits: u32) -> u32 {
     (bits | (bits << 2)) & 0x0024_9249
 }
 
-/// The numbers of things in the order of their keys, which are less than `end`.
-pub(super) fn by_keys(keys: &[u32], end: usize) -> Vec<u32> {
+/// Fills `order` with the numbers of things in the order of their keys, which are less than `end`.
+pub(super) fn by_keys(keys: &[u32], end: usize, order: &mut [u32]) {
     let mut next = vec![0u32; end + 1];
     for &key in keys {
         next[key as usize + 1] += 1;
@@ -162,13 +170,11 @@ pub(super) fn by_keys(keys: &[u32], end: usize) -> Vec<u32> {
     for i in 1..next.len() {
         next[i] += next[i - 1];
     }
-    let mut order = vec![0; keys.len()];
     for (i, &key) in (0..).zip(keys) {
         let next = &mut next[key as usize];
         order[*next as usize] = i;
         *next += 1;
     }
-    order
 }
 
 #[cfg(test)]
@@ -182,27 +188,24 @@ mod tests {
     #[test]
     fn what_bounces_off_is_put_in_order_and_its_hits_back() -> Result<(), Error> {
         let mesh = Mesh::teapot(6);
-        let scene = Scene::build(&Device::cpu(), &mesh, &BuildOptions::default())?;
-        let picture = Camera::framing(mesh.bounds()).rays(400, 300);
+        let scene = Scene::build(&Device::cpu_with_threads(2)?, &mesh, &BuildOptions::default())?;
+        let picture = Camera::framing(mesh.bounds()).rays(600, 450);
         let bounced = bounces(&mesh, &picture, &scene.closest(&picture)?, 1);
         assert!(Order::of(&scene, &picture).places.is_empty());
-        assert!(Order::of(&scene, &bounced[..FEW - 1]).places.is_empty());
+        assert!(Order::of(&scene, &bounced[..2 * FEW - 1]).places.is_empty());
         let order = Order::of(&scene, &bounced);
-        assert_eq!(order.places.is_empty(), !scene.device.goes_side_by_side());
+        assert_eq!(order.places.is_empty(), scene.device.side_by_side().is_none());
+        if order.places.is_empty() {
+            return Ok(());
+        }
 
+        assert!(bounced.len() > order.block, "several blocks");
         let numbers: Vec<u32> = (0..bounced.len() as u32).collect();
         let hit = |&triangle: &u32| Hit { triangle, ..Hit::NONE };
         let hits: Vec<Hit> = order.apply(&scene, &numbers).iter().map(hit).collect();
-        let find = |to: To<'_, Hit>| -> Result<(), Error> {
-            match to {
-                To::End(list, _) => list.extend(&hits),
-                To::Room(room) => room.copy_from_slice(&hits),
-            }
-            Ok(())
-        };
         let (mut list, mut room) = (vec![Hit::NONE], vec![Hit::NONE; numbers.len()]);
-        order.undo(&scene, To::End(&mut list, numbers.len()), find)?;
-        order.undo(&scene, To::Room(&mut room), find)?;
+        order.put_back(&scene, &hits, To::End(&mut list, numbers.len()));
+        order.put_back(&scene, &hits, To::Room(&mut room));
         assert!(room.iter().map(|hit| hit.triangle).eq(numbers));
         assert_eq!(list[1..], room);
         Ok(())

@@ -237,7 +237,8 @@ impl Scene {
             drop(uploading);
             batch.job.timed = timed;
             let upload = start.elapsed();
-            traced(upload, || order.undo(self, hits, |hits| self.run(&batch, self.traversal, query, hits)))
+            let run = |hits: To<'_, Hit>| self.run(&batch, self.traversal, query, hits);
+            traced(upload, || order.trace(self, &batch, hits, run))
         })
     }
 
@@ -300,7 +301,7 @@ impl Scene {
             let upload = start.elapsed();
             let except = self.intersector.except(batch.query(self), excluded, batch.lanes())?;
             traced(upload, || {
-                order.undo(self, hits, |hits| {
+                order.trace(self, &batch, hits, |hits| {
                     batch.job.run(&self.device, &[except], asked(query), vec![batch.hits.back(hits)])
                 })
             })

@@ -261,6 +261,8 @@ impl Grid {
         let count = self.cells.count();
         let key = |point: &[f32; 3]| self.way(*point) * count as u32 + self.cells.of(*point);
         let keys: Vec<u32> = points.par_iter().map(key).collect();
-        by_keys(&keys, WAYS.len() * count)
+        let mut order = vec![0; points.len()];
+        by_keys(&keys, WAYS.len() * count, &mut order);
+        order
     }
 }

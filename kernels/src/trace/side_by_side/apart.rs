@@ -23,6 +23,8 @@ use raykd_shared::{MISS, Node, limits::MAX_DEPTH};
 const SIDES: usize = SIDE_BY_SIDE as usize;
 /// Sets of eight: while nodes of some rays are loaded, others take their step.
 const SETS: usize = 6;
+/// A set more for each so many rays: of few, many would wait for the last.
+const SHARE: u32 = 32;
 /// Rays on their way at once.
 pub(super) const LANES: usize = SETS * SIDES;
 
@@ -81,6 +83,8 @@ struct Eights {
 
 /// Some rays on their way.
 struct Lanes {
+    /// Sets in use, at most [`SETS`].
+    used: usize,
     sets: [Eights; SETS],
     /// Which rays they are.
     rays: [u32; LANES],
@@ -131,20 +135,20 @@ impl Lanes {
     fn down<N: Sides>(&mut self, pairs: &Buf<UVec4>) -> u64 {
         let mut state = [(N::all(0.0), N::all(0.0), N::all(0.0)); SETS];
         let mut set = 0;
-        while set < SETS {
+        while set < self.used {
             let Eights { exit, words, .. } = &self.sets[set];
             state[set] = (N::of(exit), N::of(&words[0]), N::of(&words[1]));
             set += 1;
         }
         loop {
             let (mut inner, mut set) = (0, 0);
-            while set < SETS {
+            while set < self.used {
                 inner |= u64::from(!N::bits(N::leaves(state[set].2)) & 0xFF) << (SIDES * set);
                 set += 1;
             }
             if inner == 0 || (4 * inner.count_ones() < 3 * self.live.count_ones()) {
                 let mut set = 0;
-                while set < SETS {
+                while set < self.used {
                     let (exit, splits, tags) = state[set];
                     self.sets[set].exit = exit.numbers();
                     self.sets[set].words = [splits.numbers(), tags.numbers()];
@@ -153,7 +157,7 @@ impl Lanes {
                 return inner;
             }
             let mut set = 0;
-            while set < SETS {
+            while set < self.used {
                 let inner = (inner >> (SIDES * set)) as u32 & 0xFF;
                 if inner != 0 {
                     state[set] = self.step::<N>(set, inner, state[set], pairs);
@@ -276,9 +280,11 @@ pub(super) fn answer<N: Sides, V: Visits>(
     visits: &mut V,
 ) {
     let Scene { header, pairs, corners, rays } = scene;
-    let (mut waiting, mut word) = (core::mem::replace(left, Left::first(0)), 0);
     let (tag, root) = (f32::from_bits(Node::PADDING.words().1), pairs.at(0));
+    let used = (left.count().div_ceil(SHARE) as usize).clamp(1, SETS);
+    let (mut waiting, mut word) = (core::mem::replace(left, Left::first(0)), 0);
     let mut lanes = Lanes {
+        used,
         sets: [Eights {
             origins: [[0.0; SIDES]; 3],
             inverses: [[0.0; SIDES]; 3],
@@ -296,7 +302,7 @@ pub(super) fn answer<N: Sides, V: Visits>(
         pushed: 0,
     };
     // Which look for a ray.
-    let mut free = u64::MAX >> (64 - LANES);
+    let mut free = u64::MAX >> (64 - SIDES * used);
     loop {
         while free != 0 {
             let lane = free.trailing_zeros() as usize;
