@@ -38,13 +38,6 @@ pub(super) fn costs(device: &Device, file: Option<&Path>, notes: &Notes) -> Resu
     kept_or(device, notes, || measure(device, notes))
 }
 
-/// Why costs cannot be kept, and what to do about it.
-pub(super) fn unkept(error: &Error) -> String {
-    let told = error.to_string();
-    let hint = if told.contains("RAYKD_CACHE") { "" } else { "; name another folder by RAYKD_CACHE" };
-    format!("costs cannot be kept: {told}{hint}")
-}
-
 /// The costs kept in the cache, or new ones, kept there if that can be.
 fn kept_or(
     device: &Device,
@@ -60,7 +53,7 @@ fn kept_or(
     let once = match &place {
         Ok(_) => "once",
         Err(error) => {
-            notes.note(unkept(error));
+            notes.note(format_args!("costs cannot be kept: {error}"));
             "for this run"
         }
     };

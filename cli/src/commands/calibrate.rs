@@ -3,7 +3,7 @@
 use super::chart::Checked;
 use crate::{
     args::{Which, WhichArgs},
-    costs::{measure, unkept},
+    costs::measure,
     files::Files,
     machine::{Machines, wish},
     notes::Notes,
@@ -81,11 +81,7 @@ impl Task for CalibrateArgs {
         }
         let mut places = Vec::new();
         for device in machines.iter() {
-            let place = match &self.output {
-                Some(file) => file.clone(),
-                None => create_cache_file(device).map_err(|error| anyhow::Error::msg(unkept(&error)))?,
-            };
-            places.push((device, place));
+            places.push((device, self.output.clone().map_or_else(|| create_cache_file(device), Ok)?));
         }
         let mut all = Vec::new();
         for (device, path) in places {

@@ -286,10 +286,20 @@ pub fn cache_file(device: &Device) -> Result<PathBuf, Error> {
 /// There is no such folder, or the file cannot be written.
 pub fn create_cache_file(device: &Device) -> Result<PathBuf, Error> {
     let path = cache_file(device)?;
-    if let Some(folder) = path.parent() {
-        std::fs::create_dir_all(folder).map_err(|source| Error::Io { path: folder.to_owned(), source })?;
-    }
-    output::check(&path)?;
+    let made = || {
+        if let Some(folder) = path.parent() {
+            std::fs::create_dir_all(folder)
+                .map_err(|source| Error::Io { path: folder.to_owned(), source })?;
+        }
+        output::check(&path)
+    };
+    made().map_err(|error| match error {
+        Error::Io { path, source } => {
+            let why = format!("{source}; name another folder by RAYKD_CACHE");
+            Error::Io { path, source: io::Error::new(source.kind(), why) }
+        }
+        other => other,
+    })?;
     Ok(path)
 }
 
