@@ -3,10 +3,10 @@
 //! on alone if it has more. The answers are those of [`find`].
 
 use super::{
-    Eights, Range, Scene,
-    apart::{self, Visits},
+    Packets, Range, Scene,
+    apart::{LANES, Visits},
     neighbours,
-    packet::{Leaves, Packet, Scaled, offer},
+    packet::{Leaves, Packet, offer},
 };
 use crate::{
     Group,
@@ -121,14 +121,14 @@ pub(in crate::trace) struct Nexts<'a> {
 
 impl<'a> Nexts<'a> {
     #[inline(always)]
-    fn new<N: Sides>(scene: Scene<'a>, first: u32, packet: &Packet<N>) -> Self {
-        let ends = packet.t_max.numbers();
+    fn new<N: Sides>(scene: Scene<'a>, packet: &Packet<N>) -> Self {
+        let ends = packet.scaled.t_max.numbers();
         Self {
             scene,
-            first,
+            first: packet.first,
             own: [[0; WORDS]; SIDES],
             after: [After::NOTHING; SIDES],
-            from: packet.t_min.numbers(),
+            from: packet.scaled.t_min.numbers(),
             last: ends,
             ends,
             frames: [Frame::NOTHING; SIDES],
@@ -170,17 +170,12 @@ impl<'a> Nexts<'a> {
 
     /// Finds all hits of some rays.
     #[inline(always)]
-    fn answer<I: Together, N: Sides>(
-        &mut self,
-        packet: &mut Packet<N>,
-        rays: u32,
-        answers: &mut Answers<'_>,
-    ) {
+    fn answer<I: Together, N: Sides>(&mut self, packet: &mut Packet<N>, answers: &mut Answers<'_>) {
         let mut totals = [0; SIDES];
-        let mut walking = rays;
+        let mut walking = packet.together;
         while walking != 0 {
-            let Scene { pairs, corners, .. } = self.scene;
-            packet.walk(walking, pairs, corners, &mut By::<I> { nexts: self, test: PhantomData });
+            let scene = self.scene;
+            packet.walk(walking, &scene, &mut By::<I> { nexts: self, test: PhantomData });
             let mut more = 0;
             for lane in Bits(walking) {
                 let (side, i) = (lane as usize, self.first + lane);
@@ -231,7 +226,7 @@ impl<I: Together, N: Sides> Leaves<N> for By<'_, '_, I> {
 struct All<'a, 'b, I> {
     scene: Scene<'a>,
     answers: &'a mut Answers<'b>,
-    own: [Hits; apart::LANES],
+    own: [Hits; LANES],
     test: PhantomData<I>,
 }
 
@@ -245,9 +240,7 @@ impl<I: Intersector> Filter<I> for Keeping<'_> {
     }
 }
 
-impl<I: Intersector> Visits for All<'_, '_, I> {
-    const WHOLE: bool = I::WHOLE;
-
+impl<I: Together> Visits<Eight> for All<'_, '_, I> {
     #[inline(always)]
     fn begin(&mut self, lane: usize) {
         Next::clear(&mut self.own[lane]);
@@ -282,20 +275,13 @@ impl<I: Intersector> Visits for All<'_, '_, I> {
     }
 }
 
-impl<N: Sides, I: Together> Eights<N> for All<'_, '_, I> {
+impl<N: Sides, I: Together> Packets<N> for All<'_, '_, I> {
     const WHOLE: bool = I::WHOLE;
 
     #[inline(always)]
-    fn answer(
-        &mut self,
-        i: u32,
-        packet: &mut Packet<N>,
-        scene: &Scene<'_>,
-        _: &Scaled<N>,
-        together: u32,
-    ) -> u32 {
-        Nexts::new(*scene, i, packet).answer::<I, _>(packet, together, self.answers);
-        together
+    fn answer(&mut self, scene: &Scene<'_>, packet: &mut Packet<N>) -> u32 {
+        Nexts::new(*scene, packet).answer::<I, _>(packet, self.answers);
+        packet.together
     }
 }
 
@@ -311,12 +297,8 @@ unsafe fn by_eight<I: Together>(
     answers: &mut Answers<'_>,
     outcome: &mut Buf<u32>,
 ) -> Left {
-    let mut all = All::<I> { scene, answers, own: [[0; WORDS]; apart::LANES], test: PhantomData };
-    let mut left = scene.answer::<Eight, _>(range, &mut all);
-    if scene.are_many(&left) {
-        apart::answer::<Eight, _>(range.0, &mut left, scene, outcome, &mut all);
-    }
-    left
+    let all = &mut All::<I> { scene, answers, own: [[0; WORDS]; LANES], test: PhantomData };
+    scene.side_by_side(range, outcome, all)
 }
 
 /// Counts the hits of those of a workgroup's rays that go side by side, and keeps as many of the first as the job says.

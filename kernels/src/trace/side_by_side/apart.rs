@@ -2,7 +2,7 @@
 //! eight take their steps down at once, then each ray visits its leaf alone, and one that is done makes room for the
 //! next. Each does what it does in [`stack`](crate::trace::traverse::stack).
 
-use super::Scene;
+use super::{Packets, Scene};
 use crate::{
     eight::SIDE_BY_SIDE,
     glam::{UVec4, Vec4},
@@ -10,15 +10,12 @@ use crate::{
     mem::{Buf, Slots, Stack},
     trace::{
         frame::Frame,
-        intersect::{Best, strict::Strict},
-        job::{Left, load, record},
-        traverse::{
-            crossing::crossed,
-            leaf::{self, Every},
-        },
+        intersect::Best,
+        job::{Left, load},
+        traverse::crossing::crossed,
     },
 };
-use raykd_shared::{MISS, Node, limits::MAX_DEPTH};
+use raykd_shared::{Node, limits::MAX_DEPTH};
 
 const SIDES: usize = SIDE_BY_SIDE as usize;
 /// Sets of eight: while nodes of some rays are loaded, others take their step.
@@ -29,9 +26,7 @@ const SHARE: u32 = 32;
 pub(super) const LANES: usize = SETS * SIDES;
 
 /// What is made of the leaves that rays visit, each alone.
-pub(super) trait Visits {
-    /// Whether rays are as [`Frame::whole`] makes them.
-    const WHOLE: bool;
+pub(super) trait Visits<N: Sides>: Packets<N> {
     /// A lane begins with a ray.
     fn begin(&mut self, lane: usize);
     /// Tests the triangles of a leaf. True if the ray has enough.
@@ -40,33 +35,6 @@ pub(super) trait Visits {
     fn end(&mut self, lane: usize, i: u32, ray: &Frame, best: &Best) -> bool;
     /// Answers a ray that meets nothing.
     fn miss(&mut self, i: u32);
-}
-
-/// Hits by the default test.
-pub(super) struct Hits<'a, const ANY: bool>(pub &'a mut Buf<UVec4>);
-
-impl<const ANY: bool> Visits for Hits<'_, ANY> {
-    const WHOLE: bool = false;
-
-    #[inline(always)]
-    fn begin(&mut self, _lane: usize) {}
-
-    #[inline(always)]
-    fn visit(&mut self, _lane: usize, ray: &Frame, leaf: Node, corners: &Buf<Vec4>, best: &mut Best) -> bool {
-        leaf::visit(Strict, ray, leaf, corners, &mut Every, best);
-        ANY && best.triangle != MISS
-    }
-
-    #[inline(always)]
-    fn end(&mut self, _lane: usize, i: u32, ray: &Frame, best: &Best) -> bool {
-        self.0.put(i, record(ray, best));
-        true
-    }
-
-    #[inline(always)]
-    fn miss(&mut self, i: u32) {
-        self.0.put(i, UVec4::new(MISS, 0, 0, 0));
-    }
 }
 
 /// What eight rays need for their steps, side by side.
@@ -228,12 +196,12 @@ impl Lanes {
 
     /// Visits the leaf of a lane and goes to its next node. False if its ray is done.
     #[inline(always)]
-    fn visit(
+    fn visit<N: Sides>(
         &mut self,
         lane: usize,
         pairs: &Buf<UVec4>,
         corners: &Buf<Vec4>,
-        visits: &mut impl Visits,
+        visits: &mut impl Visits<N>,
     ) -> bool {
         let leaf = self.node(lane);
         let best = &mut self.bests[lane];
@@ -272,7 +240,7 @@ impl Lanes {
 
 /// Answers those of the rays from `first` on that are `left`, and leaves those for which there was no room.
 #[inline(always)]
-pub(super) fn answer<N: Sides, V: Visits>(
+pub(super) fn answer<N: Sides, V: Visits<N>>(
     first: u32,
     left: &mut Left,
     scene: Scene<'_>,

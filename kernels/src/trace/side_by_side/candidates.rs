@@ -5,8 +5,8 @@
 //! answers are those of the test in the walk.
 
 use super::{
-    Eights, Range, Scene,
-    apart::{self, Visits},
+    Packets, Range, Scene,
+    apart::{LANES, Visits},
     neighbours,
     packet::{Leaves, Packet, Scaled},
 };
@@ -189,13 +189,13 @@ struct Together<'a, N, const ANY: bool> {
 
 impl<'a, N: Sides, const ANY: bool> Together<'a, N, ANY> {
     #[inline(always)]
-    fn new(scene: Scene<'a>, packet: &Packet<N>, first: u32) -> Self {
+    fn new(scene: Scene<'a>, packet: &Packet<N>) -> Self {
         let none = N::all(f32::INFINITY);
         let lists = [[0; WORDS]; SIDES];
         Self {
             scene,
-            first,
-            last: packet.t_max,
+            first: packet.first,
+            last: packet.scaled.t_max,
             best: none,
             least: none,
             one: none,
@@ -207,7 +207,7 @@ impl<'a, N: Sides, const ANY: bool> Together<'a, N, ANY> {
 
     /// Answers some rays, or later, and returns which are left.
     #[inline(always)]
-    fn end<D: Long<One = N>>(&self, scaled: &Scaled<N>, rays: u32, answers: &mut Answers<'_>) -> u32 {
+    fn end<D: Long<One = N>>(&self, packet: &Packet<N>, rays: u32, answers: &mut Answers<'_>) -> u32 {
         let one = self.one.numbers();
         let single = N::bits(self.least.below(N::all(f32::INFINITY))) & !self.listed & rays;
         let mut left = 0;
@@ -225,7 +225,7 @@ impl<'a, N: Sides, const ANY: bool> Together<'a, N, ANY> {
             for lane in Bits(single) {
                 eight[lane as usize] = (self.first + lane, one[lane as usize].to_bits());
             }
-            answers.settle_eight::<D, N>(scaled, &eight, single);
+            answers.settle_eight::<D, N>(&packet.scaled, &eight, single);
         } else {
             for lane in Bits(single) {
                 answers.wait(self.first + lane, one[lane as usize].to_bits());
@@ -271,9 +271,10 @@ impl<N: Sides, const ANY: bool> Leaves<N> for Together<'_, N, ANY> {
             r += 1;
             let Some((may, seen)) = packet.glance((a, b, c), rays) else { continue };
             let Glance { near, later, sure, .. } = seen;
-            let passed = later.below(packet.t_min) | near.exceeds(self.last) | N::all(a.w).is(self.best);
+            let passed =
+                later.below(packet.scaled.t_min) | near.exceeds(self.last) | N::all(a.w).is(self.best);
             let new = may & !passed & N::mask(rays);
-            let hit = new & sure & !near.below(packet.t_min) & later.below(self.last);
+            let hit = new & sure & !near.below(packet.scaled.t_min) & later.below(self.last);
             // Before all others.
             let alone = hit & later.below(self.least);
             let beside = N::bits(new & !alone);
@@ -322,7 +323,7 @@ impl<N: Sides, const ANY: bool> Leaves<N> for Together<'_, N, ANY> {
 /// Answers rays that go together, and others by lists of their own.
 struct By<'a, 'b, const ANY: bool> {
     answers: &'a mut Answers<'b>,
-    lists: [List; apart::LANES],
+    lists: [List; LANES],
 }
 
 /// Adds to a list what may be hit.
@@ -335,9 +336,7 @@ impl Filter<Exact> for Keeping<'_> {
     }
 }
 
-impl<const ANY: bool> Visits for By<'_, '_, ANY> {
-    const WHOLE: bool = true;
-
+impl<const ANY: bool> Visits<Eight> for By<'_, '_, ANY> {
     #[inline(always)]
     fn begin(&mut self, lane: usize) {
         Narrow::clear(&mut self.lists[lane]);
@@ -371,21 +370,14 @@ impl<const ANY: bool> Visits for By<'_, '_, ANY> {
     }
 }
 
-impl<const ANY: bool> Eights<Eight> for By<'_, '_, ANY> {
+impl<const ANY: bool> Packets<Eight> for By<'_, '_, ANY> {
     const WHOLE: bool = true;
 
     #[inline(always)]
-    fn answer(
-        &mut self,
-        i: u32,
-        packet: &mut Packet<Eight>,
-        scene: &Scene<'_>,
-        scaled: &Scaled<Eight>,
-        together: u32,
-    ) -> u32 {
-        let mut found = Together::<Eight, ANY>::new(*scene, packet, i);
-        let gone = packet.walk_together::<ANY>(together, scene.pairs, scene.corners, &mut found);
-        gone & !found.end::<Doubles>(scaled, gone, self.answers)
+    fn answer(&mut self, scene: &Scene<'_>, packet: &mut Packet<Eight>) -> u32 {
+        let mut found = Together::<Eight, ANY>::new(*scene, packet);
+        let gone = packet.walk_together::<ANY>(scene, &mut found);
+        gone & !found.end::<Doubles>(packet, gone, self.answers)
     }
 }
 
@@ -402,11 +394,8 @@ unsafe fn by_eight<const ANY: bool>(
     outcome: &mut Buf<u32>,
 ) -> Left {
     let answers = &mut Answers { scene, hits, waiting: Stack::new(), count: 0 };
-    let mut by = By::<ANY> { answers, lists: [[0; WORDS]; apart::LANES] };
-    let mut left = scene.answer::<Eight, _>(range, &mut by);
-    if scene.are_many(&left) {
-        apart::answer::<Eight, _>(range.0, &mut left, scene, outcome, &mut by);
-    }
+    let by = &mut By::<ANY> { answers, lists: [[0; WORDS]; LANES] };
+    let left = scene.side_by_side(range, outcome, by);
     answers.settle::<Doubles>();
     left
 }

@@ -16,7 +16,7 @@ pub(super) use tallies::crossings;
 
 use crate::{
     Group,
-    eight::SIDE_BY_SIDE,
+    eight::{Eight, SIDE_BY_SIDE},
     glam::{UVec4, Vec4},
     math::Sides,
     mem::{Buf, Slots},
@@ -25,7 +25,8 @@ use crate::{
         job::{JOB_APART, JOB_RAYS, Left},
     },
 };
-use packet::{Packet, Scaled, extent};
+use apart::Visits;
+use packet::{Packet, extent};
 use raykd_shared::TreeHeader;
 
 /// What all of it reads.
@@ -45,27 +46,30 @@ impl Scene<'_> {
         if whole { frame.whole() } else { frame }
     }
 
-    /// Answers those of the rays from `first` to `end` that go together, and returns which are left.
+    /// Answers those of some rays that go side by side, and returns which are left.
     #[inline(always)]
-    fn answer<N: Sides, E: Eights<N>>(&self, (first, end): Range, eights: &mut E) -> Left {
-        let mut left = Left::first(end.saturating_sub(first));
-        let Some(extent) = extent(self.header) else { return left };
-        let mut i = first;
-        while i + SIDE_BY_SIDE <= end {
-            if let Some((mut packet, scaled, together)) = Packet::<N>::of(i, self, E::NEAR * extent, E::WHOLE)
-            {
-                left.answer(i - first, eights.answer(i, &mut packet, self, &scaled, together));
-            }
-            i += SIDE_BY_SIDE;
+    fn side_by_side<B: Visits<Eight>>(self, range: Range, outcome: &mut Buf<u32>, by: &mut B) -> Left {
+        let mut left = self.together(range, by);
+        // What is gathered is not counted.
+        if !cfg!(feature = "traffic") && extent(self.header).is_some() && left.count() >= MANY {
+            apart::answer(range.0, &mut left, self, outcome, by);
         }
         left
     }
 
-    /// Whether rays are enough to go each at a node of its own.
+    /// Answers those of the rays from `first` to `end` that go together, and returns which are left.
     #[inline(always)]
-    fn are_many(&self, left: &Left) -> bool {
-        // What is gathered is not counted.
-        !cfg!(feature = "traffic") && extent(self.header).is_some() && left.count() >= MANY
+    fn together<N: Sides, P: Packets<N>>(&self, (first, end): Range, packets: &mut P) -> Left {
+        let mut left = Left::first(end.saturating_sub(first));
+        let Some(extent) = extent(self.header) else { return left };
+        let mut i = first;
+        while i + SIDE_BY_SIDE <= end {
+            if let Some(mut packet) = Packet::of(i, self, P::NEAR * extent, P::WHOLE) {
+                left.answer(i - first, packets.answer(self, &mut packet));
+            }
+            i += SIDE_BY_SIDE;
+        }
+        left
     }
 }
 
@@ -83,19 +87,12 @@ fn neighbours(group: &Group, job: &Buf<u32>) -> Option<Range> {
     may.then(|| (first, job.at(JOB_RAYS).min(first + group.width)))
 }
 
-/// What is made of eight rays that go together.
-trait Eights<N: Sides> {
+/// What is made of packets: eight rays each, of which some go together.
+trait Packets<N: Sides> {
     /// Whether rays are as [`Frame::whole`] makes them.
     const WHOLE: bool = false;
     /// How near to each other rays start that go together, of the scene's largest extent.
     const NEAR: f32 = 1.0 / 16.0;
-    /// Answers some of the rays from `i` on, and returns which.
-    fn answer(
-        &mut self,
-        i: u32,
-        packet: &mut Packet<N>,
-        scene: &Scene<'_>,
-        scaled: &Scaled<N>,
-        together: u32,
-    ) -> u32;
+    /// Answers some of those that go together, and returns which.
+    fn answer(&mut self, scene: &Scene<'_>, packet: &mut Packet<N>) -> u32;
 }

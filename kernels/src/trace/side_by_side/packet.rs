@@ -6,10 +6,10 @@
 //! Where signs differ most decide which child comes first, which changes no closest hit. Any hit is that of the first
 //! leaf that has one, so there signs must agree.
 
-use super::{Eights, Range, Scene, apart, neighbours};
+use super::{Packets, Range, Scene, apart::Visits, neighbours};
 use crate::{
     Group,
-    eight::{Eight, SIDE_BY_SIDE},
+    eight::SIDE_BY_SIDE,
     glam::{UVec4, Vec3, Vec4},
     kernel::Bits,
     math::{Digits, Sides, abs, div, exp2, exponent, high},
@@ -20,11 +20,14 @@ use crate::{
             Best, Corners, Glance, NORMAL,
             bounds::{Edges, Starts, glance},
             filter::{Line, Turned},
-            strict::{self, Sheared, sheared, weights},
+            strict::{self, Sheared, Strict, sheared, weights},
             vertices,
         },
-        job::Left,
-        traverse::crossing::crossed,
+        job::{Left, record},
+        traverse::{
+            crossing::crossed,
+            leaf::{self, Every},
+        },
     },
 };
 use raykd_shared::{MISS, Node, TreeHeader, limits::MAX_DEPTH};
@@ -63,8 +66,8 @@ pub(super) struct Scaled<N> {
     origin: [N; 3],
     /// The largest component is of size 1 to 2.
     direction: [N; 3],
-    t_min: N,
-    t_max: N,
+    pub t_min: N,
+    pub t_max: N,
     stretch: N,
     /// Which rays are ordinary: numbers, none so small or large that digits are lost.
     pub rays: u32,
@@ -208,6 +211,11 @@ pub(super) trait Leaves<N: Sides> {
 
 /// Rays made ready, as [`Frame`] is.
 pub(in crate::trace) struct Packet<N: Sides> {
+    /// The number of the first one.
+    pub first: u32,
+    /// Which go together.
+    pub together: u32,
+    pub(super) scaled: Scaled<N>,
     /// By axis; there is no fourth one, but its number is that of a leaf.
     origins: [N; 4],
     inverses: [N; 4],
@@ -225,22 +233,18 @@ pub(in crate::trace) struct Packet<N: Sides> {
     main: N,
     enter: N,
     exit: N,
-    pub t_min: N,
-    pub t_max: N,
-    /// What makes of a scaled `t` one of the ray's own.
-    unstretch: N,
 }
 
 impl<N: Sides> Packet<N> {
-    /// The eight rays from `i` on, made ready and only scaled, and which of them go together, if enough do.
+    /// The eight rays from `first` on, if enough go together.
     #[inline(always)]
-    pub(super) fn of(i: u32, scene: &Scene<'_>, near: f32, whole: bool) -> Option<(Self, Scaled<N>, u32)> {
+    pub(super) fn of(first: u32, scene: &Scene<'_>, near: f32, whole: bool) -> Option<Self> {
         let Scene { header, rays, .. } = scene;
         let (mut starts, mut ways) = ([Vec4::ZERO; 8], [Vec4::ZERO; 8]);
         let mut ray = 0;
         while ray < SIDE_BY_SIDE {
-            starts[ray as usize] = rays.at(2 * (i + ray));
-            ways[ray as usize] = rays.at(2 * (i + ray) + 1);
+            starts[ray as usize] = rays.at(2 * (first + ray));
+            ways[ray as usize] = rays.at(2 * (first + ray) + 1);
             ray += 1;
         }
         let mut together = close::<N>(&starts, near);
@@ -253,28 +257,30 @@ impl<N: Sides> Packet<N> {
             return None;
         }
         // No closure: one that is not inlined, as in development builds, is compiled without AVX2.
-        Some((Self::new(&scaled, header), scaled, together))
+        Some(Self::new(first, together, scaled, header))
     }
 
     #[inline(always)]
-    fn new(of: &Scaled<N>, header: &TreeHeader) -> Self {
+    fn new(first: u32, together: u32, scaled: Scaled<N>, header: &TreeHeader) -> Self {
         let (all, zero) = (N::all, N::all(0.0));
-        let ([ox, oy, oz], [dx, dy, dz]) = (of.origin, of.direction);
+        let ([ox, oy, oz], [dx, dy, dz]) = (scaled.origin, scaled.direction);
         let inverse = [reciprocal(dx), reciprocal(dy), reciprocal(dz)];
-        let pad = all(PAD) * of.far(header);
-        let (mut enter, mut exit) = (of.t_min, of.t_max);
+        let pad = all(PAD) * scaled.far(header);
+        let (mut enter, mut exit) = (scaled.t_min, scaled.t_max);
         let mut axis = 0;
         while axis < 3 {
             let (lo, hi) = (header.lo[axis], header.hi[axis]);
-            (enter, exit) = slab(lo, hi, of.origin[axis], inverse[axis], pad, enter, exit);
+            (enter, exit) = slab(lo, hi, scaled.origin[axis], inverse[axis], pad, enter, exit);
             axis += 1;
         }
-        let mains = of.mains();
+        let mains = scaled.mains();
         let by_main = |a, b, c| mains.of(a, b, c);
         let along = by_main(inverse[0], inverse[1], inverse[2]);
         let (one, two) = (all(1.0), all(2.0));
         let back = |axis: usize| N::bits(inverse[axis].below(zero));
         Self {
+            first,
+            together,
             origins: [ox, oy, oz, zero],
             inverses: [inverse[0], inverse[1], inverse[2], zero],
             back: [back(0), back(1), back(2), 0],
@@ -291,9 +297,7 @@ impl<N: Sides> Packet<N> {
             main: by_main(zero, one, two),
             enter,
             exit,
-            t_min: of.t_min,
-            t_max: of.t_max,
-            unstretch: of.unstretch(),
+            scaled,
         }
     }
 
@@ -307,13 +311,8 @@ impl<N: Sides> Packet<N> {
 
     /// Takes some rays to their leaves, as [`stack::walk`](crate::trace::traverse::stack::walk) does.
     #[inline(always)]
-    pub(super) fn walk(
-        &self,
-        rays: u32,
-        pairs: &Buf<UVec4>,
-        corners: &Buf<Vec4>,
-        leaves: &mut impl Leaves<N>,
-    ) {
+    pub(super) fn walk(&self, rays: u32, scene: &Scene<'_>, leaves: &mut impl Leaves<N>) {
+        let Scene { pairs, corners, .. } = *scene;
         let mut stack = Stack::<Entry<N>, { MAX_DEPTH as usize }>::new();
         let mut top = 0;
         let root = pairs.at(0);
@@ -398,16 +397,14 @@ impl<N: Sides> Packet<N> {
     #[inline(always)]
     pub(super) fn walk_together<const ANY: bool>(
         &self,
-        mut waiting: u32,
-        pairs: &Buf<UVec4>,
-        corners: &Buf<Vec4>,
+        scene: &Scene<'_>,
         leaves: &mut impl Leaves<N>,
     ) -> u32 {
-        let mut gone = 0;
+        let (mut waiting, mut gone) = (self.together, 0);
         while waiting != 0 {
             let some = if ANY { self.alike(waiting) } else { waiting };
             if some.count_ones() >= FEW {
-                self.walk(some, pairs, corners, leaves);
+                self.walk(some, scene, leaves);
                 gone |= some;
             }
             waiting &= !some;
@@ -450,8 +447,8 @@ impl<N: Sides> Packet<N> {
             main: one(self.main) as u32,
             shear_x: one(self.shear_x),
             shear_y: one(self.shear_y),
-            t_min: one(self.t_min),
-            stretch: -exponent(one(self.unstretch)),
+            t_min: one(self.scaled.t_min),
+            stretch: -exponent(one(self.scaled.unstretch())),
             ..Frame::NOTHING
         }
     }
@@ -536,7 +533,7 @@ impl<N: Sides> Bests<N> {
     #[inline(always)]
     fn new(packet: &Packet<N>) -> Self {
         let (all, zero) = (N::all, N::all(0.0));
-        Self { t: packet.t_max, triangle: all(NONE), u: zero, v: zero, det: all(1.0) }
+        Self { t: packet.scaled.t_max, triangle: all(NONE), u: zero, v: zero, det: all(1.0) }
     }
 
     /// [`strict::test`] of one triangle for some rays, whose coordinates are plain.
@@ -545,7 +542,7 @@ impl<N: Sides> Bests<N> {
         let (Met { hit, t, u, v, det }, triangle) = (packet.meet(s), N::all(triangle));
         let best = self;
         let better = t.below(best.t) | (t.is(best.t) & triangle.below(best.triangle));
-        let take = hit & better & !t.below(packet.t_min) & N::mask(rays);
+        let take = hit & better & !t.below(packet.scaled.t_min) & N::mask(rays);
         best.t = N::choose(take, t, best.t);
         best.triangle = N::choose(take, triangle, best.triangle);
         best.u = N::choose(take, u, best.u);
@@ -578,12 +575,12 @@ impl<N: Sides> Bests<N> {
         }
     }
 
-    /// Writes the hits of some rays, as [`record`](super::job::record) does, from `first` on.
+    /// Writes the hits of some rays, as [`record`](super::job::record) does.
     #[inline(always)]
-    fn record(&self, packet: &Packet<N>, rays: u32, first: u32, hits: &mut Buf<UVec4>) {
+    fn record(&self, packet: &Packet<N>, rays: u32, hits: &mut Buf<UVec4>) {
         let best = self;
         // What is subnormal is 0, and so is a negative zero.
-        let t = flush(best.t * packet.unstretch, f32::MIN_POSITIVE);
+        let t = flush(best.t * packet.scaled.unstretch(), f32::MIN_POSITIVE);
         let (triangles, t) = (best.triangle.numbers(), t.numbers());
         let (u, v) = (quotients(best.u, best.det), quotients(best.v, best.det));
         let mut ray = 0;
@@ -596,7 +593,7 @@ impl<N: Sides> Bests<N> {
             );
             let missed = UVec4::new(MISS, 0, 0, 0);
             if rays >> ray & 1 != 0 {
-                hits.put(first + ray as u32, if triangles[ray] < NONE { hit } else { missed });
+                hits.put(packet.first + ray as u32, if triangles[ray] < NONE { hit } else { missed });
             }
             ray += 1;
         }
@@ -622,23 +619,38 @@ pub(super) fn offer(ray: &Frame, corners: Corners, best: &mut Best) {
     strict::test(ray, corners.0.w.to_bits() & !NORMAL, &strict::shear(ray, vertices(corners)), best);
 }
 
-/// Closest hits of rays, or if `ANY`, some hit of theirs.
+/// Where closest hits go, or if `ANY`, some hits.
 struct Answers<'a, const ANY: bool>(&'a mut Buf<UVec4>);
 
-impl<N: Sides, const ANY: bool> Eights<N> for Answers<'_, ANY> {
+impl<N: Sides, const ANY: bool> Packets<N> for Answers<'_, ANY> {
     #[inline(always)]
-    fn answer(
-        &mut self,
-        i: u32,
-        packet: &mut Packet<N>,
-        scene: &Scene<'_>,
-        _: &Scaled<N>,
-        together: u32,
-    ) -> u32 {
+    fn answer(&mut self, scene: &Scene<'_>, packet: &mut Packet<N>) -> u32 {
         let mut found = Hits::<N, ANY>(Bests::new(packet));
-        let answered = packet.walk_together::<ANY>(together, scene.pairs, scene.corners, &mut found);
-        found.0.record(packet, answered, i, self.0);
+        let answered = packet.walk_together::<ANY>(scene, &mut found);
+        found.0.record(packet, answered, self.0);
         answered
+    }
+}
+
+impl<N: Sides, const ANY: bool> Visits<N> for Answers<'_, ANY> {
+    #[inline(always)]
+    fn begin(&mut self, _lane: usize) {}
+
+    #[inline(always)]
+    fn visit(&mut self, _lane: usize, ray: &Frame, leaf: Node, corners: &Buf<Vec4>, best: &mut Best) -> bool {
+        leaf::visit(Strict, ray, leaf, corners, &mut Every, best);
+        ANY && best.triangle != MISS
+    }
+
+    #[inline(always)]
+    fn end(&mut self, _lane: usize, i: u32, ray: &Frame, best: &Best) -> bool {
+        self.0.put(i, record(ray, best));
+        true
+    }
+
+    #[inline(always)]
+    fn miss(&mut self, i: u32) {
+        self.0.put(i, UVec4::new(MISS, 0, 0, 0));
     }
 }
 
@@ -669,11 +681,7 @@ unsafe fn by_eight<const ANY: bool>(
     hits: &mut Buf<UVec4>,
     outcome: &mut Buf<u32>,
 ) -> Left {
-    let mut left = scene.answer::<Eight, _>(range, &mut Answers::<ANY>(hits));
-    if scene.are_many(&left) {
-        apart::answer::<Eight, _>(range.0, &mut left, scene, outcome, &mut apart::Hits::<ANY>(hits));
-    }
-    left
+    scene.side_by_side(range, outcome, &mut Answers::<ANY>(hits))
 }
 
 /// Answers those of a workgroup's rays that go side by side, or if `ANY`, finds some hit of theirs.
@@ -697,7 +705,11 @@ pub(in crate::trace) fn closest<const ANY: bool>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{eight::tests::has_usual, math::Number, mem::view};
+    use crate::{
+        eight::{Eight, tests::has_usual},
+        math::Number,
+        mem::view,
+    };
 
     #[test]
     fn quotients_of_any_size_are_those_of_single_numbers() {
@@ -736,7 +748,7 @@ mod tests {
         let out = &mut unsafe { Buf::new(hits.as_mut_ptr(), hits.len()) };
         let (header, pairs, corners, rays) = (&header, &view(&pairs), &view(&corners), &view(&rays));
         let scene = Scene { header, pairs, corners, rays };
-        let left = scene.answer::<Eight, _>((0, 20), &mut Answers::<true>(out));
+        let left = scene.together::<Eight, _>((0, 20), &mut Answers::<true>(out));
         let lanes = (0..64).fold(0u64, |bits, lane| bits | u64::from(left.has(lane)) << lane);
         assert_eq!(lanes, 0xF_0000);
         assert!(hits[..16].iter().all(|hit| hit.x == 0 && f32::from_bits(hit.y) == 1.0));

@@ -3,8 +3,8 @@
 //! [`crossings`](crate::trace::crossings) does.
 
 use super::{
-    Eights, Range, Scene, neighbours,
-    packet::{Leaves, Packet, Scaled},
+    Packets, Range, Scene, neighbours,
+    packet::{Leaves, Packet},
 };
 use crate::{
     Group,
@@ -39,8 +39,8 @@ impl<N: Sides> Leaves<N> for Tallies {
             r += 1;
             let Some((may, seen)) = packet.glance((a, b, c), rays) else { continue };
             let (near, later, last) = (seen.near, seen.later, N::of(&self.last));
-            let left = may & !(later.below(packet.t_min) | near.exceeds(last));
-            let told = N::bits(seen.sure & near.exceeds(packet.t_min) & later.below(last));
+            let left = may & !(later.below(packet.scaled.t_min) | near.exceeds(last));
+            let told = N::bits(seen.sure & near.exceeds(packet.scaled.t_min) & later.below(last));
             let leaving = N::bits(seen.leaving);
             for lane in Bits(N::bits(left) & rays) {
                 let (own, bit) = (&mut self.own[lane as usize], 1 << lane);
@@ -71,28 +71,21 @@ struct Counts<'a> {
     more: &'a mut Buf<UVec4>,
 }
 
-impl<N: Sides> Eights<N> for Counts<'_> {
+impl<N: Sides> Packets<N> for Counts<'_> {
     const WHOLE: bool = true;
     // Where rays start counts less than for hits: each goes on to the end of the scene.
     const NEAR: f32 = 1.0 / 4.0;
 
     #[inline(always)]
-    fn answer(
-        &mut self,
-        i: u32,
-        packet: &mut Packet<N>,
-        scene: &Scene<'_>,
-        _: &Scaled<N>,
-        together: u32,
-    ) -> u32 {
+    fn answer(&mut self, scene: &Scene<'_>, packet: &mut Packet<N>) -> u32 {
         let own = [[0; WORDS]; SIDE_BY_SIDE as usize];
-        let mut tallies = Tallies { own, last: packet.t_max.numbers() };
-        packet.walk(together, scene.pairs, scene.corners, &mut tallies);
+        let mut tallies = Tallies { own, last: packet.scaled.t_max.numbers() };
+        packet.walk(packet.together, scene, &mut tallies);
         let Counts { hits, outcome, crossings, more } = self;
-        for lane in Bits(together) {
-            Tally::put(&tallies.own[lane as usize], i + lane, hits, outcome, crossings, more);
+        for lane in Bits(packet.together) {
+            Tally::put(&tallies.own[lane as usize], packet.first + lane, hits, outcome, crossings, more);
         }
-        together
+        packet.together
     }
 }
 
@@ -103,7 +96,7 @@ impl<N: Sides> Eights<N> for Counts<'_> {
 #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 #[inline(never)]
 unsafe fn by_eight(range: Range, scene: Scene<'_>, mut counts: Counts<'_>) -> Left {
-    scene.answer::<Eight, _>(range, &mut counts)
+    scene.together::<Eight, _>(range, &mut counts)
 }
 
 /// Counts for those of a workgroup's rays that go side by side.
