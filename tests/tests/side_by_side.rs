@@ -100,9 +100,23 @@ fn hits_one_by_one(scene: &Scene, rays: &[Ray]) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Fewer than one walk finds, more, and all.
+/// Fewer than one walk finds, more, and all. A ray through thousands of equal triangles takes half a second: of those
+/// with over 500 hits the first three.
 fn all_hits_one_by_one(scene: &Scene, rays: &[Ray]) -> Result<(), Failure> {
     let tracer = scene.tracer()?;
+    let (mut some, mut long) = (Vec::new(), 0);
+    for ray in rays {
+        let mut left = 500;
+        let whole = tracer.for_each_hit(ray, |_| {
+            left -= 1;
+            if left < 0 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        })?;
+        long += u32::from(whole.is_break());
+        if whole.is_continue() || long <= 3 {
+            some.push(*ray);
+        }
+    }
+    let rays = &some[..];
     let mut expected = vec![Vec::new(); rays.len()];
     for (ray, hits) in rays.iter().zip(&mut expected) {
         let _ = tracer.for_each_hit(ray, |hit| {
