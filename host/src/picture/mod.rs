@@ -76,24 +76,27 @@ pub fn render_while<E: From<Error>>(
     let [width, height] = size;
     let band = (BAND_RAYS / u64::from(width * samples * samples)).clamp(1, height.into()) as u32;
     let (mut hits, mut invalid, mut times) = (0, 0, TraceTimes::default());
-    let mut pixels: Vec<Rgb> = Vec::with_capacity(width as usize * height as usize);
+    // Steps of each pixel: only once all are known it is known what the brightest colour stands for.
+    let mut heats: Vec<f32> = Vec::new();
+    let mut rgb: Vec<u8> = Vec::new();
     for first in (0..height).step_by(band as usize) {
         let part = first..(first + band).min(height);
         let (seen, [hit, none], took) = rows(scene, mesh, camera, size, samples, shading, part)?;
-        pixels.extend(seen);
+        if shading == Shading::Heat {
+            heats.extend(seen.iter().map(|pixel| pixel[0]));
+        } else {
+            rgb.extend(seen.into_iter().flat_map(encode));
+        }
         hits += hit;
         invalid += none;
         times += took;
         go_on()?;
     }
-    let rgb = if shading == Shading::Heat {
-        let full = full_scale(pixels.iter().map(|pixel| pixel[0]));
-        let mut rgb: Vec<u8> = pixels.iter().flat_map(|pixel| encode(heat(pixel[0] / full))).collect();
+    if shading == Shading::Heat {
+        let full = full_scale(heats.iter().copied());
+        rgb = heats.iter().flat_map(|steps| encode(heat(steps / full))).collect();
         legend::draw(&mut rgb, [width as usize, height as usize], full, "STEPS PER RAY");
-        rgb
-    } else {
-        pixels.iter().flat_map(|&pixel| encode(pixel)).collect()
-    };
+    }
     let rays = u64::from(width) * u64::from(height) * u64::from(samples * samples);
     Ok(Picture { rgb, rays, hits, invalid, times })
 }

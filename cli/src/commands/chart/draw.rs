@@ -141,13 +141,15 @@ fn draw<DB: DrawingBackend>(root: &Area<DB>, figure: &Figure, k: i32) -> anyhow:
         let dots = DashedPathElement::new(ends, 2 * k, 3 * k, BLACK.stroke_width(k as u32));
         above.draw(&dots).map_err(undrawn)?;
     }
-    let mut written = Vec::new();
+    // Nothing is written over a mark either.
+    let all = figure.series.iter().flat_map(|series| &series.marks).map(|mark| at(mark.x, mark.y));
+    let mut taken: Vec<Place> = all.map(|(x, y)| [x - 6 * k, y - 6 * k, x + 6 * k, y + 6 * k]).collect();
     for series in &figure.series {
         let points: Vec<_> = series.marks.iter().map(|mark| at(mark.x, mark.y)).collect();
         line(&above, series, &points, k)?;
         for (mark, &point) in series.marks.iter().zip(&points) {
+            let (left, _) = at(x.start(), mark.y);
             if series.look == Look::Bars {
-                let (left, _) = at(x.start(), mark.y);
                 let half = 13 * k;
                 let bar = [(left, point.1 - half), (point.0, point.1 + half)];
                 let style = colour(series).filled();
@@ -155,7 +157,7 @@ fn draw<DB: DrawingBackend>(root: &Area<DB>, figure: &Figure, k: i32) -> anyhow:
             } else {
                 shape(&above, series, point, k)?;
             }
-            label(&above, &mark.label, point, k, series.look == Look::Bars, &mut written)?;
+            label(&above, &mark.label, point, left, k, series.look == Look::Bars, &mut taken)?;
         }
     }
     for (row, entries) in legend(figure).into_iter().enumerate() {
@@ -240,14 +242,16 @@ fn shape<DB: DrawingBackend>(
 /// Where words are: left, top, right and bottom.
 type Place = [i32; 4];
 
-/// Words beside a point: to its right if there is room and nothing is written, else to its left, above or below.
+/// Words beside a point: to its right if there is room and nothing is in the way, else to its left, above, below, or
+/// beside and above or below; not left of `least`, where the axis is.
 fn label<DB: DrawingBackend>(
     area: &Area<DB>,
     text: &str,
     (x, y): (i32, i32),
+    least: i32,
     k: i32,
     inside: bool,
-    written: &mut Vec<Place>,
+    taken: &mut Vec<Place>,
 ) -> anyhow::Result<()> {
     if text.is_empty() {
         return Ok(());
@@ -259,11 +263,14 @@ fn label<DB: DrawingBackend>(
     let place = |left: i32, middle: i32| [left, middle - height / 2, left + width, middle + height / 2];
     let beside = [x + 9 * k, x - 9 * k - width].map(|left| place(left, y));
     let over = [y - 16 * k, y + 16 * k].map(|middle| place(x - width / 2, middle));
-    let fits = |at: &&Place| at[0] >= 0 && at[2] <= SIZE[0] as i32 * k;
-    let is_free = |at: &&Place| !written.iter().any(|other| meet(at, other));
-    let all = || beside.iter().chain(&over).filter(fits);
+    let corners = [y - 14 * k, y + 14 * k]
+        .map(|middle| [x + 5 * k, x - 5 * k - width].map(|left| place(left, middle)))
+        .concat();
+    let fits = |at: &&Place| at[0] >= least && at[2] <= SIZE[0] as i32 * k;
+    let is_free = |at: &&Place| !taken.iter().any(|other| meet(at, other));
+    let all = || beside.iter().chain(&over).chain(&corners).filter(fits);
     let at = *all().find(is_free).or_else(|| all().next()).unwrap_or(&beside[1]);
-    written.push(at);
+    taken.push(at);
     let colour = if at[0] < x && inside { WHITE } else { BLACK };
     let style = style.color(&colour).pos(Pos::new(HPos::Left, VPos::Center));
     area.draw(&Text::new(text.to_owned(), (at[0], (at[1] + at[3]) / 2), style)).map_err(undrawn)
@@ -321,6 +328,23 @@ mod tests {
         for (i, place) in places.iter().enumerate() {
             assert!(!places[..i].contains(place), "{places:?}");
         }
+    }
+
+    #[test]
+    fn words_leave_marks_and_the_axis_free() {
+        let place = |y_of_the_other: f64| {
+            let mut figure = figure();
+            figure.x.scale = Scale::Linear;
+            figure.series[2].mark(0.0, 3.5, "word at the axis");
+            figure.series[2].mark(8.0, y_of_the_other, "");
+            let places = places_of(&svg(&figure).unwrap(), "\nword at");
+            let [(x, y)] = &places[..] else { panic!("{places:?}") };
+            [x, y].map(|text| text.parse::<i32>().unwrap())
+        };
+        let (free, beside) = (place(1.5), place(3.5));
+        // Another mark is where the words were, and to the left and above is the axis.
+        assert!((free[0] - 5..=free[0]).contains(&beside[0]), "{free:?} {beside:?}");
+        assert_ne!(free[1], beside[1]);
     }
 
     #[test]
