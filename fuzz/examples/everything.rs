@@ -12,7 +12,7 @@
 use raykd::{
     BuildOptions, Builder, Device, Hit, Intersector, Mesh, Query, Scene, Traversal,
     internals::Cpu,
-    rays,
+    rays::{self, Camera},
 };
 use std::thread;
 
@@ -65,4 +65,43 @@ fn main() {
             println!("{} triangles, {builder:?}: done", mesh.kept().len());
         }
     }
+    many(&Device::from(Cpu::with_threads(1).expect("threads")));
+    many(device);
+}
+
+/// Enough rays for each thread that they share workgroups and are put in order, of each kind: together, apart, on one
+/// another.
+fn many(device: &Device) {
+    let mesh = &Mesh::teapot(5);
+    let scene = Scene::build(device, mesh, &BuildOptions::default()).expect("it builds");
+    let primary = Camera::framing(mesh.bounds()).rays(300, 300);
+    let hits = scene.closest(&primary).expect("it traces");
+    let bounces = rays::bounces(mesh, &primary, &hits, 1);
+    let random = rays::random(mesh.bounds(), 70_000, 1);
+    for intersector in [Intersector::Strict, Intersector::Exact] {
+        let mut scene = scene.clone();
+        scene.intersect_by(intersector).expect("it fits");
+        for rays in [&primary, &bounces, &random] {
+            // Few are asked one by one.
+            let (closest, all) =
+                (scene.closest(rays).expect("it traces"), scene.all(rays, 9).expect("it traces"));
+            for i in (0..rays.len()).step_by(97) {
+                same("alone", &closest[i..=i], &scene.closest(&rays[i..=i]).expect("it traces"));
+                assert_eq!(all.of(i).first().is_some_and(Hit::is_hit), closest[i].is_hit());
+            }
+            let except: Vec<u32> = closest.iter().map(|hit| hit.triangle).collect();
+            scene.trace_except(Query::Closest, rays, &except).expect("it traces");
+            for query in [Query::Closest, Query::Any] {
+                scene.resident(rays).expect("it fits").trace(query).expect("it traces");
+            }
+            scene.any(rays).expect("it traces");
+            scene.crossings(rays).expect("it traces");
+        }
+    }
+    let points: Vec<[f32; 3]> = random.iter().map(|ray| ray.origin.map(|x| 0.5 * x)).collect();
+    scene.winding(&points).expect("it traces");
+    // Enough for winding numbers of cells to pay.
+    scene.winding(&points).expect("it traces");
+    scene.contacts(mesh).expect("it traces");
+    println!("many rays: done");
 }
