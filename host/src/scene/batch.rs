@@ -22,7 +22,12 @@ impl Scene {
     /// # Errors
     /// They do not fit the device, or it failed.
     pub fn resident(&self, rays: &[impl AnyRay]) -> Result<ResidentRays, Error> {
-        Ok(ResidentRays { scene: self.clone(), batch: Batch::new(self, rays)?, invalid: None })
+        // These may be many at a time: memory of small batches is kept for ever.
+        let device = self.device.keeping_nothing();
+        let batch = Batch::of_local(&device, &AnyRay::local(rays, self.translation), 1)?;
+        // A GPU would keep what goes there until it has something to run, also of rays that are gone.
+        device.begin(&[])?;
+        Ok(ResidentRays { scene: self.clone(), batch, invalid: None })
     }
 }
 

@@ -288,7 +288,10 @@ impl Scene {
             times: BuildTimes { upload: start.elapsed(), ..BuildTimes::default() },
             laid,
         };
-        Self::assemble(device, mesh, kept, head.translation, built)
+        let scene = Self::assemble(device, mesh, kept, head.translation, built)?;
+        // A GPU would keep what goes there until it has something to run, also of scenes that are gone.
+        device.begin(&[])?;
+        Ok(scene)
     }
 }
 
