@@ -67,3 +67,12 @@ fn tasks_ask_threads_of_a_devices_own() {
         });
     });
 }
+
+/// To start as many as rayon can would keep a machine busy for minutes.
+#[test]
+fn more_threads_than_any_machine_has_are_refused() {
+    for threads in [1 << 16, usize::MAX] {
+        let error = Device::cpu_with_threads(threads).unwrap_err().to_string();
+        assert!(error.contains(&threads.to_string()) && error.contains("ask for"), "{error}");
+    }
+}

@@ -8,14 +8,22 @@ use crate::{Error, clock::Instant};
 use bytemuck::allocation::try_zeroed_vec;
 use raykd_kernels::{Access, Group, Order, RawBuf, Usual};
 use rayon::prelude::*;
-use std::sync::{
-    Arc,
-    atomic::{
-        AtomicU32,
-        Ordering::{Acquire, Relaxed, Release},
+use std::{
+    num::NonZero,
+    sync::{
+        Arc,
+        atomic::{
+            AtomicU32,
+            Ordering::{Acquire, Relaxed, Release},
+        },
+        mpsc::channel,
     },
-    mpsc::channel,
+    thread,
 };
+
+/// Threads that any machine may be asked for. Each looks for work with every other one: to start tens of thousands
+/// takes minutes, in which a machine does nothing else.
+const MOST: usize = 1024;
 
 /// The processor as a device.
 #[derive(Debug)]
@@ -35,8 +43,13 @@ impl Cpu {
     /// With `threads` threads of its own.
     ///
     /// # Errors
-    /// The threads could not be started.
+    /// They are too many, or could not be started.
     pub fn with_threads(threads: usize) -> Result<Self, Error> {
+        let most = thread::available_parallelism().map_or(1, NonZero::get).max(MOST);
+        if threads > most {
+            let why = format!("{threads} are too many for this machine; ask for {most} at most");
+            return Err(Error::Threads(why));
+        }
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads.max(1)).build();
         pool.map(|p| Self::on(Some(p))).map_err(|e| Error::Threads(e.to_string()))
     }

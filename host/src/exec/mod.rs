@@ -191,7 +191,7 @@ impl Device {
     /// The processor, with so many threads of this device's own, at least one.
     ///
     /// # Errors
-    /// They could not be started.
+    /// They are more than 1024 and more than the machine runs at once, or could not be started.
     pub fn cpu_with_threads(threads: usize) -> Result<Self, Error> {
         Cpu::with_threads(threads).map(Into::into)
     }
