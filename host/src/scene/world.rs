@@ -21,9 +21,10 @@ const BATCH: usize = 1 << 20;
 /// What is exact: the inverse of a transform and the ray are computed in `f64`, then the ray is rounded once, to the
 /// `f32` of a [`Ray`]. Its hits in the instance are those that the scene promises for that ray. So within one
 /// instance no ray slips through an edge or a vertex. Between two instances that touch, one may: it is rounded for
-/// each of them, by up to 2^-24 of the numbers of its origin and direction there. Where transform and ray are such
-/// that nothing is rounded (whole numbers, powers of two, mirrors), hits are those of one mesh of all triangles, with
-/// the test `exact` for any such transform.
+/// each of them, by up to 2^-24 of the numbers of its origin and direction there. By a transform that flattens the mesh
+/// 2^20 times or more, aslant of its axes, rays close to the flat mesh may lose more digits: its inverse makes them of
+/// large numbers that cancel out. Where transform and ray are such that nothing is rounded (whole numbers, powers of
+/// two, mirrors), hits are those of one mesh of all triangles, with the test `exact` for any such transform.
 ///
 /// Each instance takes a batch of its own, and the host puts them together: this is for few large instances. Where they
 /// move, make a new world: that copies nothing but the transforms.
