@@ -366,6 +366,17 @@ mod tests {
     }
 
     #[test]
+    fn letters_of_many_languages_are_drawn() {
+        let drawn = |title: &str| png(&Figure { title: title.to_owned(), ..figure() }).unwrap();
+        let [none, e] = [drawn("x\u{f0000}"), drawn("xe")];
+        for letter in ["ä", "Ø", "ł", "ő", "Ω", "ж", "é", "ß"] {
+            let picture = drawn(&format!("x{letter}"));
+            assert!(picture != none && picture != e, "{letter}");
+        }
+        assert!(drawn("x") != none, "what the font lacks is a box");
+    }
+
+    #[test]
     fn names_of_any_file_are_drawn() {
         let title = "a\u{1}\u{1b}[2J\u{ffff}.ply".to_owned();
         let svg = svg(&Figure { title, ..figure() }).unwrap();
