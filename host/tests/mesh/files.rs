@@ -299,6 +299,12 @@ fn ply_headers_of_other_programs() {
         is_the_quad(&read("unnamed", &returns).unwrap());
     }
     is_the_quad(&read("a.ply", QUAD_PLY.replace('\n', "\r")).unwrap());
+    // In a comment, no other end of a line ends it.
+    let odd = "comment a\rproperty float w\r\r\nobj_info \r b\nelement face";
+    is_the_quad(&read("a.ply", QUAD_PLY.replace("element face", odd)).unwrap());
+    let odd =
+        QUAD_PLY.replace('\n', "\r").replace("element face", "comment a\nproperty float w\n\relement face");
+    is_the_quad(&read("a.ply", odd).unwrap());
     // The first byte of the body is none of the header's, whatever it is.
     let header = "ply\rformat binary_little_endian 1.0\relement vertex 3\rproperty uchar x\rproperty uchar y\r\
         property uchar z\relement face 1\rproperty list uchar uchar vertex_index\rend_header\r";

@@ -50,16 +50,19 @@ fn read(bytes: &[u8], with_faces: bool) -> Result<Raw, MeshError> {
     Ok(sink.raw)
 }
 
-/// The header as `ply-rs-bw` takes it, of the same length: all lines end with LF, and comments are ASCII.
+/// The header as `ply-rs-bw` takes it, of the same length: all lines end with LF, and comments are ASCII
+/// without other ends of lines.
 fn plain_header(bytes: &[u8]) -> Vec<u8> {
     // The first line's end is that of all: behind the last one, any byte may begin a binary body.
     let end = if bytes.starts_with(b"ply\r") && bytes.get(4) != Some(&b'\n') { b'\r' } else { b'\n' };
     let mut header = Vec::new();
     for line in bytes.split_inclusive(|&b| b == end) {
         let comment = line.starts_with(b"comment") || line.starts_with(b"obj_info");
-        header.extend(line.iter().map(|&b| match b {
+        // A CR before the LF belongs to the end.
+        let text = line.strip_suffix(b"\r\n").map_or(line.len() - 1, <[u8]>::len);
+        header.extend(line.iter().enumerate().map(|(at, &b)| match b {
             b if b == end => b'\n',
-            b if comment && !b.is_ascii() => b'?',
+            b if comment && (!b.is_ascii() || at < text && matches!(b, b'\r' | b'\n')) => b'?',
             b => b,
         }));
         if line.trim_ascii() == b"end_header" {
