@@ -42,6 +42,33 @@ fn a_tetrahedron_becomes_voxels() {
     assert!(open.status.success() && text(&open.stderr).contains("not closed, so inside is not certain"));
 }
 
+/// Also where centres are subnormal numbers, which are zeros in rays.
+#[test]
+fn voxels_of_a_mesh_of_any_size_are_the_same() {
+    let folder = folder();
+    let filled = |exponent: i32| {
+        let scaled = |number: &str| {
+            number.parse().map_or(number.to_owned(), |x: f64| (x * 2_f64.powi(exponent)).to_string())
+        };
+        let of = |line: &str| match line.strip_prefix("v ") {
+            Some(numbers) => format!("v {}", numbers.split(' ').map(scaled).collect::<Vec<_>>().join(" ")),
+            None => line.to_owned(),
+        };
+        let given = fs::read_to_string(folder.path().join("closed.obj")).unwrap();
+        let mesh: Vec<_> = given.lines().map(of).collect();
+        fs::write(folder.path().join("scaled.obj"), mesh.join("\n") + "\n").unwrap();
+        let told = raykd(&folder, "voxels scaled.obj --size 40 -o v.npy --json --device cpu");
+        assert!(told.status.success(), "{}", text(&told.stderr));
+        let told: Value = serde_json::from_slice(&told.stdout).unwrap();
+        assert_eq!(told["size"].as_f64(), Some(0.1 * 2_f64.powi(exponent)));
+        fs::read(folder.path().join("v.npy")).unwrap()
+    };
+    let usual = filled(0);
+    for exponent in [-139, -130, -126, -124, -60, -12, 24, 125] {
+        assert!(filled(exponent) == usual, "2^{exponent}");
+    }
+}
+
 #[test]
 fn voxels_that_cannot_be_are_refused() {
     let folder = folder();

@@ -1,7 +1,7 @@
 //! Which voxels are inside a mesh: by the crossings of lines through their centres.
 
-use raykd::{Counted, Crossings, Error, Mesh, Ray, Scene, TraceTimes};
-use std::ops::Range;
+use raykd::{Counted, Crossings, Error, Mesh, Ray, Scene, TraceTimes, mesh::MeshError};
+use std::{borrow::Cow, ops::Range};
 
 /// Cubes side by side, where the mesh is.
 #[derive(Clone, Copy, Debug)]
@@ -12,6 +12,8 @@ pub(super) struct Grid {
     pub size: f64,
     /// The lowest corner of the first.
     pub corner: [f64; 3],
+    /// How many times larger than the given mesh the traced one is: for rays, coordinates below 2^-126 are 0.
+    pub scale: f64,
 }
 
 /// What filling took.
@@ -40,12 +42,21 @@ impl Grid {
         // A side may be a whole number of voxels but for rounding.
         let counts = sides.map(|side| ((side / size - 1e-9).ceil().max(1.0) as usize).min(most));
         let corner = [0, 1, 2].map(|axis| (lo[axis] + hi[axis] - size * counts[axis] as f64) / 2.0);
-        (size > 0.0).then_some(Self { counts, size, corner })
+        (size > 0.0).then_some(Self { counts, size, corner, scale: f64::from(mesh.scale()).max(1.0) })
     }
 
-    /// The middle of the voxel of this number, rounded.
+    /// The mesh that the voxels of this one are asked of.
+    pub(super) fn traced<'a>(&self, mesh: &'a Mesh) -> Result<Cow<'a, Mesh>, MeshError> {
+        if self.scale == 1.0 {
+            return Ok(Cow::Borrowed(mesh));
+        }
+        let positions = mesh.scaled_positions().as_chunks().0.to_vec();
+        Ok(Cow::Owned(Mesh::new(positions, mesh.triangles().to_vec())?))
+    }
+
+    /// The middle of the voxel of this number in the traced mesh, rounded.
     pub(super) fn centre(&self, axis: usize, number: usize) -> f32 {
-        (self.corner[axis] + self.size * (number as f64 + 0.5)) as f32
+        ((self.corner[axis] + self.size * (number as f64 + 0.5)) * self.scale) as f32
     }
 
     /// Numbers along x of voxels that are filled at once, so that memory has a bound.
@@ -177,7 +188,7 @@ mod tests {
     /// Centres at corners, on edges and in faces of cubes, of which many touch, and of cubes through each other.
     #[test]
     fn centres_on_the_surface_are_told_as_by_their_winding_number() {
-        let grid = Grid { counts: [13, 14, 15], size: 0.5, corner: [-0.75; 3] };
+        let grid = Grid { counts: [13, 14, 15], size: 0.5, corner: [-0.75; 3], scale: 1.0 };
         let mut random = Random::new(1);
         for count in [1, 7, 20, 40] {
             check(&grid, &cubes(count, &mut random).mesh(), 1);
@@ -198,7 +209,11 @@ mod tests {
         };
         let cones = |i| [[on(i), on(i + 1), [0.0, 0.0, 3.0]], [on(i + 1), on(i), [0.0, 0.0, -2.0]]];
         let mesh = loose(&(0..40).flat_map(cones).collect::<Vec<_>>());
-        check(&Grid { counts: [17, 17, 11], size: 0.5, corner: [-4.25, -4.25, -2.25] }, &mesh, 500);
+        check(
+            &Grid { counts: [17, 17, 11], size: 0.5, corner: [-4.25, -4.25, -2.25], scale: 1.0 },
+            &mesh,
+            500,
+        );
     }
 
     #[test]

@@ -186,7 +186,7 @@ fn fill(
     notes: &Notes,
 ) -> Result<Done, Error> {
     notes.stage(format_args!("{}: building", input.name));
-    let scene = Scene::build(device, &input.mesh, &args.tree.options())?;
+    let scene = Scene::build(device, &*grid.traced(&input.mesh)?, &args.tree.options())?;
     notes.stage(format_args!("{}: filling", input.name));
     let slabs = grid.slabs(AT_ONCE);
     notes.expect(slabs.len());
