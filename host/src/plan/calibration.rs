@@ -17,7 +17,7 @@ use std::{
 };
 
 /// Sizes of the meshes: leaning teapots, cut finer and finer.
-const SIZES: [u32; 5] = [200, 1_000, 8_000, 64_000, 512_000];
+const SIZES: [u32; 6] = [50, 200, 1_000, 8_000, 64_000, 512_000];
 /// How often all choices are measured in turn on each mesh.
 const ROUNDS: u32 = 3;
 /// A mesh is the last one if the default builder takes so long, in milliseconds.
@@ -50,6 +50,33 @@ struct Given {
     costs: Vec<Cost>,
 }
 
+impl Given {
+    /// Refuses what no measurement gives.
+    fn check(&self) -> Result<(), String> {
+        let numbers = |c: &Cost| [c.upload_ms, c.build_ms, c.launch_ms, c.ray_ns, c.worst_ns, c.transfer_ns];
+        let looks =
+            self.looks.iter().flat_map(|&(_, looks)| looks).flat_map(|seen| [seen.whole, seen.halfway]);
+        if self.costs.iter().flat_map(numbers).chain(looks).any(|x| !(x.is_finite() && x >= 0.0)) {
+            return Err("a cost is negative or no number".to_owned());
+        }
+        if self.costs.iter().any(|cost| !(cost.spread.is_finite() && cost.spread >= 1.0)) {
+            return Err("a slowest round is faster than the fastest".to_owned());
+        }
+        let sizes = || self.looks.iter().map(|&(triangles, _)| triangles);
+        if sizes().next().is_none_or(|first| first == 0) || !sizes().is_sorted_by(|a, b| a < b) {
+            return Err("the sizes of its meshes do not rise from 1 or more".to_owned());
+        }
+        for Choice { name, .. } in CHOICES {
+            let of = self.costs.iter().filter(|cost| cost.choice == *name).map(|cost| cost.triangles);
+            if !of.eq(sizes()) {
+                return Err(format!("the choice {name} has no costs of each mesh, in their order"));
+            }
+        }
+        let unknown = self.costs.iter().find(|cost| Choice::named(&cost.choice).is_none());
+        unknown.map_or(Ok(()), |cost| Err(format!("there is no choice {}", quoted(&cost.choice))))
+    }
+}
+
 /// Rays by which a device is measured: enough to fill it.
 pub fn rays_for(device: &Device) -> usize {
     1 << if device.is_card() { 20 } else { 15 }
@@ -70,7 +97,7 @@ impl Calibration {
     /// The device failed.
     #[doc(hidden)]
     pub fn small(device: &Device) -> Result<Self, Error> {
-        Self::over(device, &SIZES[..3], |_| ())
+        Self::over(device, &SIZES[..4], |_| ())
     }
 
     pub(super) fn over(device: &Device, sizes: &[u32], told: impl Fn(f64)) -> Result<Self, Error> {
@@ -153,7 +180,8 @@ impl Calibration {
         Some(Self::load(&path, device))
     }
 
-    /// Reads the file that [`Calibration::save`] wrote for this device.
+    /// Reads the file that [`Calibration::save`] wrote for this device. Numbers that a measurement could give are
+    /// believed, whoever wrote them.
     ///
     /// # Errors
     /// The file cannot be read, or is no calibration, or is not that of this device and version.
@@ -171,17 +199,7 @@ impl Calibration {
         if (read.device.as_str(), read.name.as_str()) != (device.kind().name(), device.name()) {
             return Err(wrong(format!("it is of {}, not of {}", quoted(&read.name), device.name())));
         }
-        let numbers =
-            |c: &Cost| [c.upload_ms, c.build_ms, c.launch_ms, c.ray_ns, c.worst_ns, c.transfer_ns, c.spread];
-        let looks =
-            read.looks.iter().flat_map(|&(_, looks)| looks).flat_map(|seen| [seen.whole, seen.halfway]);
-        if read.costs.iter().flat_map(numbers).chain(looks).any(|x| !(x.is_finite() && x >= 0.0)) {
-            return Err(wrong("a cost is negative or no number".to_owned()));
-        }
-        let known = |choice: &Choice| read.costs.iter().any(|cost| cost.choice == choice.name);
-        if !CHOICES.iter().all(known) {
-            return Err(wrong("a choice has no costs".to_owned()));
-        }
+        read.check().map_err(wrong)?;
         let Given { version, device, name, looks, costs } = read;
         Ok(Self { version, device, name, looks, costs })
     }
@@ -397,6 +415,19 @@ mod tests {
         refused(Calibration { version: "0.0.1".to_owned(), ..good.clone() }, "raykd 0.0.1");
         refused(Calibration { name: "Abacus".to_owned(), ..good.clone() }, "Abacus");
         refused(Calibration { costs: good.costs[2..].to_vec(), ..good.clone() }, "no costs");
+        refused(Calibration { looks: Vec::new(), ..good.clone() }, "sizes");
+        refused(Calibration { looks: good.looks.iter().rev().copied().collect(), ..good.clone() }, "sizes");
+        refused(Calibration { looks: good.looks[1..].to_vec(), ..good.clone() }, "choice none has no costs");
+        let edited = |edit: fn(&mut Cost), why| {
+            let mut edited = good.clone();
+            edit(&mut edited.costs[3]);
+            refused(edited, why);
+        };
+        edited(|cost| cost.triangles = 1, "choice shallow has no costs");
+        edited(|cost| cost.spread = 0.0, "slowest");
+        let mut more = good.clone();
+        more.costs.push(Cost { choice: "guess".to_owned(), ..more.costs[0].clone() });
+        refused(more, "no choice guess");
         let mut negative = good.clone();
         negative.costs[3].ray_ns = -1.0;
         refused(negative, "negative");
