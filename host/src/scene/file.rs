@@ -180,7 +180,8 @@ impl Parts<'_> {
 /// ([`LeafTriangle`](crate::single::LeafTriangle)); vertices, three `f32` each
 /// ([`Mesh::scaled_positions`](crate::Mesh::scaled_positions)); triangles, three `u32` each; and the numbers of the
 /// triangles that take part, rising, a `u32` each. The first section begins at byte 4096, each other one at the next
-/// multiple of 4096 behind the section before it, which has one byte at least; zeros lie between.
+/// multiple of 4096 behind the section before it, which has one byte at least, and so does the SHA-256; zeros lie
+/// between.
 impl Scene {
     /// Writes mesh and tree to a file, for [`Scene::open`]: all that is needed to trace by any traversal and triangle
     /// test. Those that were chosen are not written, nor what they need beside the tree. The file appears whole or not
