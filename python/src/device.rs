@@ -93,6 +93,7 @@ pub(crate) fn devices(py: Python<'_>) -> PyResult<Vec<Bound<'_, PyDict>>> {
         about.set_item("type", adapter.device_type)?;
         about.set_item("driver", &adapter.driver)?;
         about.set_item("driver_info", &adapter.driver_info)?;
+        about.set_item("max_binding_bytes", adapter.max_binding_bytes)?;
         about.set_item("max_buffer_bytes", adapter.max_buffer_bytes)?;
         found.push(about);
     }

@@ -635,6 +635,7 @@ def test_devices_are_listed():
     assert devices[0]["kind"] == "cpu" and any(it["kind"] == "gpu" and it["usable"] for it in devices)
     for about in devices:
         assert raykd.Scene(raykd.Mesh.teapot(1), device=about["device"]).device.startswith(about["name"])
+    assert all(it["max_binding_bytes"] > 0 and it["max_buffer_bytes"] > 0 for it in devices if it["kind"] == "gpu")
     assert [it["device"] for it in devices] == ["cpu", *(f"gpu:{number}" for number in range(len(devices) - 1))]
 
 
