@@ -73,7 +73,7 @@ fn words(mut line: impl Iterator<Item = OsString>) -> impl Iterator<Item = OsStr
 }
 
 fn run(args: &Args, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
-    let (_, task) = args.command.task();
+    let (.., task) = args.command.task();
     task.files().check()?;
     task.run(out)
 }

@@ -8,13 +8,10 @@ use std::{io::StdoutLock, process::ExitCode};
 
 /// A command with its options.
 pub(super) trait Task {
-    /// Which devices it was told to run on; nothing if it cannot be told.
-    fn on(&self) -> Option<On<'_>> {
-        None
-    }
-
     /// What it reads and writes.
-    fn files(&self) -> Files;
+    fn files(&self) -> Files {
+        Files::default()
+    }
 
     /// Finds options that contradict each other, or would do nothing, which clap does not see by itself.
     ///

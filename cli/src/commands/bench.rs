@@ -10,7 +10,7 @@ use crate::{
     measure::{self, Kernel, kernel_table, mrays, ms},
     notes::Notes,
     report::{Table, bytes, count, three, write_json},
-    task::{On, Task},
+    task::Task,
 };
 use clap::Parser;
 use raykd::{
@@ -148,10 +148,6 @@ impl Row {
 }
 
 impl Task for BenchArgs {
-    fn on(&self) -> Option<On<'_>> {
-        Some(On::Several(&self.on))
-    }
-
     fn files(&self) -> Files {
         Files::of_scenes(&self.scenes, self.read)
             .read("--costs", &self.how.amount.costs)

@@ -10,7 +10,7 @@ use crate::{
     measure::{self, Kernel, kernel_table, ms},
     notes::Notes,
     report::{bytes, count, three, write_json},
-    task::{On, Task},
+    task::Task,
 };
 use clap::Parser;
 use raykd::{BuildOptions, Device, Error, KdTree, Traversal, internals::quoted};
@@ -119,10 +119,6 @@ struct Told {
 }
 
 impl Task for BuildArgs {
-    fn on(&self) -> Option<On<'_>> {
-        Some(On::One(&self.on))
-    }
-
     fn files(&self) -> Files {
         Files::of_scenes(self.mesh.as_slice(), self.read)
             .read("--costs", &self.how.amount.costs)

@@ -8,7 +8,7 @@ use crate::{
     machine::{Machines, wish},
     notes::Notes,
     report::{Table, count, three, write_json},
-    task::{On, Task},
+    task::Task,
 };
 use clap::Parser;
 use raykd::{
@@ -50,10 +50,6 @@ pub(crate) struct CalibrateArgs {
 }
 
 impl Task for CalibrateArgs {
-    fn on(&self) -> Option<On<'_>> {
-        Some(On::Several(&self.on))
-    }
-
     fn files(&self) -> Files {
         Files::of_scenes(&self.check, Default::default()).write("-o", self.output.clone())
     }

@@ -1,7 +1,6 @@
 //! `raykd devices`: what there is to run on.
 
 use crate::{
-    files::Files,
     notes::Notes,
     report::{bytes, write_json},
     task::Task,
@@ -66,10 +65,6 @@ struct Vulkan {
 }
 
 impl Task for DevicesArgs {
-    fn files(&self) -> Files {
-        Files::default()
-    }
-
     fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
         let notes = Notes::new(self.json);
         notes.stage("probing adapters");

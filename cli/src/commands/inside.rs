@@ -10,7 +10,7 @@ use crate::{
     npy,
     points::Points,
     report::{count, three, write_json},
-    task::{On, Task},
+    task::Task,
 };
 use clap::Parser;
 use raykd::{
@@ -92,10 +92,6 @@ struct Told {
 }
 
 impl Task for InsideArgs {
-    fn on(&self) -> Option<On<'_>> {
-        Some(On::One(&self.on))
-    }
-
     fn files(&self) -> Files {
         Files::of_scenes(std::slice::from_ref(&self.mesh), self.read)
             .read("--points", [&self.points])

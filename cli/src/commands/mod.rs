@@ -65,21 +65,21 @@ pub(super) enum Command {
 }
 
 impl Command {
-    /// Its name, and what there is to do.
-    pub(super) fn task(&self) -> (&'static str, &dyn Task) {
+    /// Its name, which devices it was told to run on, if it can be told, and what there is to do.
+    pub(super) fn task(&self) -> (&'static str, Option<On<'_>>, &dyn Task) {
         match self {
-            Self::Bench(args) => ("bench", args),
-            Self::Build(args) => ("build", args),
-            Self::Trace(args) => ("trace", args),
-            Self::Rays(args) => ("rays", args),
-            Self::Inside(args) => ("inside", args),
-            Self::Check(args) => ("check", args),
-            Self::Voxels(args) => ("voxels", args),
-            Self::Render(args) => ("render", args),
-            Self::Devices(args) => ("devices", args),
-            Self::Stress(args) => ("stress", args),
-            Self::Chart(args) => ("chart", args),
-            Self::Calibrate(args) => ("calibrate", args),
+            Self::Bench(args) => ("bench", Some(On::Several(&args.on)), args),
+            Self::Build(args) => ("build", Some(On::One(&args.on)), args),
+            Self::Trace(args) => ("trace", Some(On::One(&args.on)), args),
+            Self::Rays(args) => ("rays", Some(On::One(&args.on)), args),
+            Self::Inside(args) => ("inside", Some(On::One(&args.on)), args),
+            Self::Check(args) => ("check", None, args),
+            Self::Voxels(args) => ("voxels", Some(On::One(&args.on)), args),
+            Self::Render(args) => ("render", Some(On::One(&args.on)), args),
+            Self::Devices(args) => ("devices", None, args),
+            Self::Stress(args) => ("stress", Some(On::Several(&args.on)), args),
+            Self::Chart(args) => ("chart", Some(On::Several(&args.on)), args),
+            Self::Calibrate(args) => ("calibrate", Some(On::Several(&args.on)), args),
         }
     }
 }
@@ -87,8 +87,8 @@ impl Command {
 impl Args {
     /// Finds contradictions that clap does not see by itself.
     pub(super) fn check(&self) -> Result<(), clap::Error> {
-        let (name, task) = self.command.task();
-        task.on().map_or(Ok(()), On::check).and_then(|()| task.check()).map_err(|wrong| {
+        let (name, on, task) = self.command.task();
+        on.map_or(Ok(()), On::check).and_then(|()| task.check()).map_err(|wrong| {
             let mut command = Self::command();
             command.build();
             let command = command.find_subcommand_mut(name).expect("it was parsed");

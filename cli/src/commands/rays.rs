@@ -8,7 +8,7 @@ use crate::{
     notes::Notes,
     ray_file::Rays,
     report::{count, write_json},
-    task::{On, Task},
+    task::Task,
 };
 use clap::{Parser, ValueEnum};
 use raykd::{
@@ -68,10 +68,6 @@ pub(crate) enum Kind {
 }
 
 impl Task for RaysArgs {
-    fn on(&self) -> Option<On<'_>> {
-        Some(On::One(&self.on))
-    }
-
     fn files(&self) -> Files {
         Files::of_scenes(std::slice::from_ref(&self.mesh), self.read).write("-o", [self.output.clone()])
     }

@@ -9,7 +9,7 @@ use crate::{
     notes::Notes,
     png_file,
     report::{INVALID, capitals, count},
-    task::{On, Task},
+    task::Task,
 };
 use anyhow::Context as _;
 use clap::Parser;
@@ -79,10 +79,6 @@ pub(crate) struct RenderArgs {
 const SAME: &str = "--eye and --target are the same point; move one of them";
 
 impl Task for RenderArgs {
-    fn on(&self) -> Option<On<'_>> {
-        Some(On::One(&self.on))
-    }
-
     fn files(&self) -> Files {
         Files::of_scenes(std::slice::from_ref(&self.mesh), self.read)
             .read("--costs", &self.how.amount.costs)

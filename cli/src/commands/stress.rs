@@ -7,7 +7,7 @@ use crate::{
     machine::Machines,
     notes::Notes,
     report::{Table, capitals, count, three, write_json},
-    task::{On, Task},
+    task::Task,
 };
 use anyhow::{Context as _, anyhow, bail};
 use clap::Parser;
@@ -154,10 +154,6 @@ impl Row {
 }
 
 impl Task for StressArgs {
-    fn on(&self) -> Option<On<'_>> {
-        Some(On::Several(&self.on))
-    }
-
     fn files(&self) -> Files {
         Files::of_scenes(&self.scenes, self.read).read("--replay", &self.replay)
     }

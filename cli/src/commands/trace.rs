@@ -12,7 +12,7 @@ use crate::{
     npy,
     ray_file::{self, Rays},
     report::{INVALID, count, three, write_json},
-    task::{On, Task},
+    task::Task,
 };
 use anyhow::anyhow;
 use clap::{Parser, ValueEnum};
@@ -154,10 +154,6 @@ struct Told {
 }
 
 impl Task for TraceArgs {
-    fn on(&self) -> Option<On<'_>> {
-        Some(On::One(&self.on))
-    }
-
     fn files(&self) -> Files {
         Files::of_scenes(std::slice::from_ref(&self.mesh), self.read)
             .read("--rays", &self.rays)

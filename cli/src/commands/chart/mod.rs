@@ -20,7 +20,7 @@ use crate::{
     input::Input,
     machine::Machines,
     notes::Notes,
-    task::{On, Task},
+    task::Task,
 };
 use clap::Parser;
 use data::{Data, Effort};
@@ -78,10 +78,6 @@ const INDEX: &str = "index.html";
 const ENDINGS: [&str; 3] = ["svg", "png", "csv"];
 
 impl Task for ChartArgs {
-    fn on(&self) -> Option<On<'_>> {
-        Some(On::Several(&self.on))
-    }
-
     fn files(&self) -> Files {
         Files::of_scenes(&self.scenes, Default::default())
             .read("--peers", &self.peers)

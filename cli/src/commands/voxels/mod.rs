@@ -11,7 +11,7 @@ use crate::{
     measure::ms,
     notes::Notes,
     report::{count, three, write_json},
-    task::{On, Task},
+    task::Task,
 };
 use anyhow::Context as _;
 use clap::Parser;
@@ -115,10 +115,6 @@ impl VoxelsArgs {
 }
 
 impl Task for VoxelsArgs {
-    fn on(&self) -> Option<On<'_>> {
-        Some(On::One(&self.on))
-    }
-
     fn files(&self) -> Files {
         Files::of_scenes(std::slice::from_ref(&self.mesh), self.read).write("-o", [self.output.clone()])
     }
