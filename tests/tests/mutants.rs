@@ -16,6 +16,7 @@ use raykd_tests::{
     rays::rays,
     trees::assemble,
 };
+use sha2::{Digest as _, Sha256};
 use std::{
     sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed},
     thread,
@@ -166,4 +167,22 @@ fn a_tree_with_one_word_changed_is_refused_or_harmless() {
         [counts.tried, counts.refused, counts.right, counts.lacking].map(AtomicUsize::into_inner);
     assert_eq!(tried, refused + right + lacking);
     assert!(tried >= 100_000 && right > tried / 100, "{tried} mutants, {right} of them traced");
+}
+
+/// As it was, or with a checksum that fits.
+#[test]
+fn a_tree_file_of_another_length_is_refused() {
+    let scene = Scene::build(&Device::cpu(), &Mesh::teapot(1), &BuildOptions::default()).unwrap();
+    let file = scene.tree().unwrap().to_bytes();
+    let data = &file[..file.len() - size_of_val(&*Sha256::digest(b""))];
+    let sealed = |data: &[u8]| [data, Sha256::digest(data).as_slice()].concat();
+    assert_eq!(sealed(data), file);
+    for length in 0..file.len() {
+        assert!(KdTree::from_bytes(&file[..length]).is_err(), "{length}");
+        let short = length < data.len();
+        assert!(!short || KdTree::from_bytes(&sealed(&data[..length])).is_err(), "{length}, sealed");
+    }
+    for more in [1, 4, 8, 64] {
+        assert!(KdTree::from_bytes(&sealed(&[data, &vec![0; more]].concat())).is_err(), "{more} more");
+    }
 }

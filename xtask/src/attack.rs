@@ -1,4 +1,4 @@
-//! `cargo xtask attack`: hostile meshes, trees, places, limits and moments, and what raykd makes of them.
+//! `cargo xtask attack`: hostile meshes, names, limits and moments, and what raykd makes of them.
 
 use anyhow::{Context as _, Result, ensure};
 use std::{env, path::Path, process::Command};
@@ -10,7 +10,7 @@ pub(crate) struct Args {
     /// Attack what is built with optimisation and without debug checks
     #[arg(long)]
     release: bool,
-    /// Only cases whose names contain one of these, for example limits/ or tree/
+    /// Only cases whose names contain one of these, for example limits/ or library/
     names: Vec<String>,
 }
 

@@ -27,7 +27,7 @@ enum Task {
     Results(results::Args),
     /// Get the Stanford dragons and Sponza.
     Scenes(scenes::Args),
-    /// Try to bring raykd down: hostile files, trees, places, limits and moments, each answer judged.
+    /// Try to bring raykd down: hostile meshes, names, limits and moments, each answer judged.
     Attack(attack::Args),
     /// Compile raykd to WebAssembly for JavaScript: web/pkg.
     Web,

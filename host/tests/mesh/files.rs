@@ -108,6 +108,10 @@ fn every_format_gives_the_same_mesh() {
     is_the_quad(&read("mesh", QUAD_PLY).unwrap());
     is_the_quad(&read("mesh.dat", gzip(QUAD_PLY.as_bytes())).unwrap());
     is_the_quad(&read("mesh.gz", gzip(QUAD_OBJ.as_bytes())).unwrap());
+    is_the_quad(&read("hidden.obj", gzip(QUAD_OBJ.as_bytes())).unwrap());
+    // Without a last line end.
+    is_the_quad(&read("a.obj", QUAD_OBJ.trim_end()).unwrap());
+    is_the_quad(&read("a.ply", QUAD_PLY.trim_end()).unwrap());
 }
 
 #[test]
@@ -123,6 +127,20 @@ fn binary_ply_of_all_types() {
                 }
             }
         }
+    }
+}
+
+#[test]
+fn ply_coordinates_may_be_whole_numbers() {
+    let vertices = [A, B, [1.0, 1.0, 7.0]];
+    for coordinate in ["char", "uchar", "short", "ushort", "int", "uint"] {
+        for big_endian in [false, true] {
+            let types = Types { big_endian, coordinate, ..PLAIN };
+            let mesh = read("a.ply", binary_ply(types, &vertices, &[&[0, 1, 2]])).unwrap();
+            assert_eq!(corners(&mesh), [vertices], "{coordinate}");
+        }
+        let text = QUAD_PLY.replace("float", coordinate).replace("1. 2.5e-1", "1 2").replace(".5", "5");
+        assert_eq!(read("a.ply", text).unwrap().vertex(3), [0.0, 1.0, 2.0], "{coordinate}");
     }
 }
 
@@ -174,6 +192,7 @@ fn polygons_become_fans() {
 /// Ends of lines, blanks and comments that differ from program to program: the same mesh, not a vertex less.
 #[test]
 fn obj_loses_no_line() {
+    let digits = format!("v 1.{} 0E-3 -.0\n", "0".repeat(5000));
     for (from, to) in [
         // A mark of UTF-8 before the first vertex.
         ("v 0 0 0\nv 1", "\u{feff}v 0 0 0\nv 1"),
@@ -189,6 +208,9 @@ fn obj_loses_no_line() {
         // Weights, colours, both.
         ("v 1 0 0\n", "v 1 0 0 1\n"),
         ("v 1 0 0\n", "v 1 0 0 .5 .5 1 1 1\n"),
+        // What is no number where none counts, and numbers as people write them.
+        ("v 1 0 0\n", "vn nan inf x\nvt\n# \0\0\nv +1e0 0 0\n"),
+        ("v 1 0 0\n", &digits),
     ] {
         assert!(QUAD_OBJ.contains(from));
         let text = QUAD_OBJ.replacen(from, to, 1);
@@ -401,6 +423,17 @@ fn obj_errors_name_the_line() {
         ),
         (format!("{v}f 1 2 3\nv inf 0 0\n"), "bad.obj, line 5: coordinate 'inf' is not"),
         (format!("{v}v 0 zero 0\nf 1 2 3\n"), "bad.obj, line 4: 'zero' is not a coordinate"),
+        (format!("{v}v 0 1e400 0\n"), "bad.obj, line 4: coordinate '1e400' is not a finite 32-bit float"),
+        (format!("{v}v 0 0,5 0\n"), "bad.obj, line 4: '0,5' is not a coordinate"),
+        (format!("{v}v 0 0x1p3 0\n"), "bad.obj, line 4: '0x1p3' is not a coordinate"),
+        (format!("{v}v 0 1d3 0\n"), "bad.obj, line 4: '1d3' is not a coordinate"),
+        (format!("{v}v 4,0,0\n"), "bad.obj, line 4: '4,0,0' is not a coordinate"),
+        (format!("{v}f 1 2 3.0\n"), "bad.obj, line 4: '3.0' is not a vertex index"),
+        // 3, -1 and 0 of 32 bits.
+        (format!("{v}f 1 2 4294967299\n"), "bad.obj, line 4: vertex index 4294967299 is out of range"),
+        (format!("{v}f 1 2 4294967295\n"), "bad.obj, line 4: vertex index 4294967295 is out of range"),
+        (format!("{v}f 1 2 -9223372036854775808\n"), "bad.obj, line 4: vertex index -9223372036854775808 is"),
+        (format!("{v}f 1 2 9223372036854775808\n"), "bad.obj, line 4: '9223372036854775808' is not a vertex"),
         (format!("{v}v 0 0\nf 1 2 3\n"), "bad.obj, line 4: a vertex needs three coordinates"),
         (
             format!("{v}f 1 2 3\nf 1 2 0\n"),
@@ -440,7 +473,11 @@ fn text_ply_errors_name_the_line() {
             "property list int int z\n",
             "bad.ply, header: element 'vertex' has no coordinate 'z'",
         ),
+        ("list uchar int", "list uchar quad", "bad.ply, line 8: Couldn't parse line"),
         ("element vertex", "element point", "bad.ply, header: there is no element 'vertex'"),
+        ("element vertex 4", "element vertex -4", "bad.ply, line 3: Couldn't parse line"),
+        ("element vertex 4", "element vertex 3", "bad.ply, line 13: "),
+        ("element face 1\nproperty list uchar int vertex_indices\n", "", "bad.ply: there are no faces"),
         ("element vertex 4", "element vertex 4294967296", "bad.ply, header: 4294967296 vertices are more"),
         (
             "element face",
@@ -466,6 +503,8 @@ fn text_ply_errors_name_the_line() {
             "bad.ply, line 14: vertex index 4 is out of range, the vertices are 0 to 3",
         ),
         ("4 0 1 2 3", "4 0 1 -2 3", "bad.ply, line 14: vertex index -2 is out of range"),
+        ("4 0 1 2 3", "4 0 1 2", "bad.ply, line 14: the line ends before all its properties"),
+        ("4 0 1 2 3", "-3 0 1 2", "bad.ply, line 14: "),
         ("4 0 1 2 3", "2 0 1", "bad.ply, line 14: a face needs at least 3 corners, this one has 2"),
         ("4 0 1 2 3", "0", "bad.ply, line 14: a face needs at least 3 corners, this one has 0"),
         (
@@ -556,7 +595,11 @@ fn other_refusals() {
         refusal("a.ply.gz", [&packed[..], &[0, 0, 1]].concat())
             .starts_with("a.ply.gz: the gzip data is damaged")
     );
+    let mut changed = packed.clone();
+    changed[packed.len() - 6] ^= 1;
+    assert!(refusal("a.ply.gz", changed).starts_with("a.ply.gz: the gzip data is damaged"));
     assert!(refusal("a.ply.gz", gzip(b"")).starts_with("a.ply.gz: there is nothing in it"));
+    assert!(refusal("a.ply.gz", "").starts_with("a.ply.gz: "));
     assert!(refusal("a.fbx", "teapot\n").starts_with("a.fbx: neither OBJ, PLY, STL nor glTF; convert it"));
     assert!(refusal("a", [0u8, 1, 2, 255]).starts_with("a: neither OBJ, PLY"));
 

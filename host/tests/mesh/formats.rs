@@ -627,6 +627,7 @@ fn gltf_errors_name_the_place() {
             "accessor 2: there is none of that number, but 2 in all",
         ),
         ("/meshes/0/primitives", json!([]), "there are no faces"),
+        ("/scenes/0/nodes", json!([]), "there are no faces"),
         ("/accessors/0/count", json!(-4), "line 1: invalid value: integer `-4`"),
         ("/nodes/0", json!("node"), "line 1: "),
     ] {
@@ -672,6 +673,8 @@ fn gltf_errors_name_the_place() {
     assert!(with(11, 255).starts_with("a.glb, header: its header says"));
     assert!(with(15, 255).starts_with("a.glb, chunk 0: the file ends within its JSON part"));
     assert!(with(16, b'j').starts_with("a.glb, chunk 0: this is not the JSON part"));
+    assert!(refusal("a.glb", &whole[..12]).starts_with("a.glb, "));
+    assert!(refusal("a.glb", glb(&json!([]), &quad_bytes())).starts_with("a.glb"));
     assert!(
         refusal("a.glb", "glTF\x02")
             .starts_with("a.glb, header: a binary glTF file has a header of 12 bytes")

@@ -7,19 +7,14 @@ use raykd::{
     internals::Cpu,
     rays::{Camera, Random, random},
 };
-use std::{
-    panic::{AssertUnwindSafe, catch_unwind},
-    thread,
-};
+use std::thread;
 
 pub(crate) fn cases() -> Vec<Case> {
     let mut all = vec![
         Case::many("library/meshes", meshes),
         Case::many("library/options", options),
         Case::many("library/sizes", sizes),
-        Case::many("library/buffers", buffers),
         Case::many("library/odd rays", odd_rays),
-        Case::many("library/bytes", bytes),
         Case::many("library/cameras", cameras),
     ];
     for device in ["one thread", "all threads", "the GPU"] {
@@ -190,34 +185,6 @@ fn sizes(tally: &mut Tally) {
     }
 }
 
-/// Sizes and offsets that wrap must not be taken for small ones.
-fn buffers(tally: &mut Tally) {
-    let device = Device::cpu();
-    for bytes in [1 << 46, u64::MAX, u64::MAX - 15, u64::MAX / 2, 1 << 63] {
-        tally.attempt(&format!("{bytes} bytes"), || must_fail(device.alloc::<u8>("attack", bytes)));
-    }
-    let buffer = device.alloc::<u8>("attack", 64).expect("64 bytes");
-    let words = buffer.view::<u32>();
-    // An error or a panic, as documented; never success.
-    let harmless = |done: Result<bool, Box<dyn std::any::Any + Send>>| match done {
-        Ok(true) => Err("accepted".to_owned()),
-        Ok(false) | Err(_) => Ok(Good::Refused),
-    };
-    for offset in [64, 68, u64::MAX - 3, u64::MAX - 7, 1 << 63, u64::MAX - 4095] {
-        tally.attempt(&format!("write at {offset}"), || {
-            harmless(catch_unwind(AssertUnwindSafe(|| device.write(&buffer, offset, &[0u8; 8]).is_ok())))
-        });
-        tally.attempt(&format!("read at {offset}"), || {
-            harmless(catch_unwind(AssertUnwindSafe(|| device.read(&buffer, offset, 8).is_ok())))
-        });
-    }
-    for count in [17, usize::MAX, usize::MAX / 4, usize::MAX / 4 + 2, 1 << 62] {
-        tally.attempt(&format!("read {count}"), || {
-            harmless(catch_unwind(AssertUnwindSafe(|| device.read(&words, 0, count).is_ok())))
-        });
-    }
-}
-
 fn odd_rays(tally: &mut Tally) {
     let device = Device::cpu();
     let mesh = Mesh::teapot(2);
@@ -266,21 +233,6 @@ fn odd_rays(tally: &mut Tally) {
         }
         Ok(Good::Right)
     });
-}
-
-/// Any bytes as files.
-fn bytes(tally: &mut Tally) {
-    let mut random = Random::new(3);
-    for round in 0..600 {
-        let length = random.below(400);
-        let start: &[u8] =
-            [&b""[..], b"ply\n", b"raykd-kd", b"v ", b"solid ", b"glTF\x02\0\0\0", b"\x1f\x8b\x08\0"]
-                [round % 7];
-        let bytes: Vec<u8> = start.iter().copied().chain((0..length).map(|_| random.bits() as u8)).collect();
-        tally.attempt(&format!("tree {round}"), || must_fail(KdTree::from_bytes(&bytes)));
-        let name = ["a.obj", "a.ply", "a.stl", "a.glb", "a", "a.obj.gz", "a.gltf"][random.below(7)];
-        tally.attempt(&format!("{name} {round}"), || said(Mesh::from_bytes(name, bytes.clone())));
-    }
 }
 
 fn cameras(tally: &mut Tally) {

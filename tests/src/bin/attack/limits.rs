@@ -1,11 +1,45 @@
-//! What a system sets bounds to, signals at any time, and two writers of one file.
+//! Odd names, what a system sets bounds to, signals at any time, and two writers of one file.
 
-use crate::{
-    harness::{Case, Good, Judged, Tally, holds, program, run, start},
-    places::{contents, folder},
+use crate::harness::{Case, Good, Judged, Tally, holds, program, raykd, run, start};
+use raykd::{KdTree, rays::random};
+use std::{
+    ffi::OsStr,
+    fs,
+    os::unix::{ffi::OsStrExt as _, fs::MetadataExt as _, process::ExitStatusExt as _},
+    path::Path,
+    process::Command,
+    thread,
+    time::Duration,
 };
-use raykd::KdTree;
-use std::{os::unix::process::ExitStatusExt as _, path::Path, process::Command, thread, time::Duration};
+use tempfile::TempDir;
+
+/// A folder with a mesh and rays at it.
+fn folder() -> TempDir {
+    let folder = tempfile::tempdir().expect("there is room");
+    let write = |name: &str, bytes: &[u8]| fs::write(folder.path().join(name), bytes).expect("there is room");
+    write("m.obj", b"v 0 0 0\nv 4 0 0\nv 0 4 0\nv 0 0 4\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n");
+    write("rays", bytemuck::cast_slice(&random(([0.0; 3], [4.0; 3]), 40, 19)));
+    folder
+}
+
+/// All that lies in a folder: names, modes, contents.
+fn contents(folder: &Path) -> Vec<(String, u32, Vec<u8>)> {
+    let mut all: Vec<_> = fs::read_dir(folder)
+        .expect("it can be read")
+        .flatten()
+        .map(|entry| {
+            let name = String::from_utf8_lossy(entry.file_name().as_bytes()).into_owned();
+            let mode = entry.metadata().map_or(0, |it| it.mode());
+            (
+                name,
+                mode,
+                if entry.path().is_file() { fs::read(entry.path()).unwrap_or_default() } else { Vec::new() },
+            )
+        })
+        .collect();
+    all.sort();
+    all
+}
 
 /// The program under shell commands that limit it.
 fn under(limits: &str, folder: &Path, line: &str) -> Command {
@@ -45,6 +79,7 @@ pub(crate) fn cases() -> Vec<Case> {
             all.push(Case::one(format!("limits/{limit}, {line}"), move || limited(limit, line)));
         }
     }
+    all.push(Case::many("limits/names", names));
     all.push(Case::one("limits/seconds of a processor", short_time));
     all.push(Case::many("limits/TERM at any time", any_time));
     all.push(Case::many("limits/two writers of one file", two_writers));
@@ -58,6 +93,29 @@ fn tidy(folder: &Path, expected: bool) -> Result<bool, String> {
     let there = names.iter().any(|name| name == "out.png");
     holds(!expected || there, || "nothing was written".to_owned())?;
     Ok(there)
+}
+
+/// Names that are right, if odd.
+fn names(tally: &mut Tally) {
+    let odd: [&[u8]; 8] =
+        [b"a b", b"new\nline", b"tab\t", b"\xff\xfe", "ü🌍".as_bytes(), b"'quotes\"", b"$(date)", b"*"];
+    for name in odd {
+        tally.attempt(&format!("{}", name.escape_ascii()), || {
+            let folder = folder();
+            let mut command = raykd(folder.path(), "build m.obj --device cpu --threads 1 -o");
+            let done = run(command.arg(OsStr::from_bytes(name)))?.succeeded()?;
+            KdTree::load(folder.path().join(OsStr::from_bytes(name))).map_err(|e| e.to_string())?;
+            Ok(done)
+        });
+        tally.attempt(&format!("mesh {}", name.escape_ascii()), || {
+            let folder = folder();
+            let mesh = [name, b".obj"].concat();
+            fs::rename(folder.path().join("m.obj"), folder.path().join(OsStr::from_bytes(&mesh)))
+                .map_err(|e| e.to_string())?;
+            let mut command = raykd(folder.path(), "build --device cpu --threads 1 -o out --");
+            run(command.arg(OsStr::from_bytes(&mesh)))?.succeeded()
+        });
+    }
 }
 
 fn limited(limit: &str, line: &str) -> Judged {

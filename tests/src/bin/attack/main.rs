@@ -1,28 +1,22 @@
-//! An attack on raykd: hostile meshes, trees, places, limits and moments, each case in a process that it may bring
-//! down, each answer judged. `cargo xtask attack` builds what it needs and runs it.
+//! An attack on raykd: hostile meshes, names, limits and moments, each case in a process that it may bring down, each
+//! answer judged. `cargo xtask attack` builds what it needs and runs it. Files of meshes and trees are tested by
+//! `host/tests/mesh` and `tests/tests/mutants.rs`.
 #![forbid(unsafe_code)]
 
 mod harness;
-mod judge;
 mod library;
 #[cfg(unix)]
 mod limits;
-mod meshes;
-#[cfg(unix)]
-mod places;
 mod scenes;
-mod trees;
 
 use harness::Case;
 use std::process::ExitCode;
 
 /// All cases, always in the same order.
 fn cases() -> Vec<Case> {
-    let mut all = meshes::cases();
+    let mut all = library::cases();
     #[cfg(unix)]
-    all.extend(places::cases().into_iter().chain(limits::cases()));
-    all.extend(library::cases());
-    all.extend(trees::cases());
+    all.extend(limits::cases());
     all.extend(scenes::cases());
     all
 }

@@ -1,12 +1,10 @@
 //! Hostile meshes by every builder, traversal and test, against brute force and an integer oracle.
 
-use crate::{
-    harness::{Case, Good, Tally, holds},
-    judge::judge,
-};
+use crate::harness::{Case, Good, Tally, holds};
 use raykd::{
-    BuildOptions, Builder, Device, Hit, Intersector, Mesh, Query, Ray, Scene, Traversal, internals::Cpu,
-    stress::is_ray,
+    BuildOptions, Builder, Device, Hit, Intersector, Mesh, Query, Ray, Scene, Traversal,
+    internals::Cpu,
+    stress::{SLACK, is_ray, settled},
 };
 use raykd_oracle::{Oracle, exact::Exact};
 use raykd_tests::{
@@ -94,6 +92,25 @@ fn hostile(recipe: Recipe, tally: &mut Tally) {
             }
             Ok(Good::Right)
         });
+    }
+}
+
+/// Whether a hit of the default test is right; `scale` is what the mesh is multiplied with.
+fn judge(oracle: &Oracle, triangles: usize, ray: &Ray, hit: &Hit, scale: f32) -> Result<(), String> {
+    let ray = settled(ray);
+    let reach = oracle.reach(ray.origin);
+    if !is_ray(&ray) || reach * f64::from(scale) >= f64::from(1 << 30) {
+        let near = reach * f64::from(scale) < f64::from(1u32 << 31);
+        return holds(!hit.is_hit() || (is_ray(&ray) && near), || {
+            format!("{ray:?} is invalid and hit {hit:?}")
+        });
+    }
+    let known = !hit.is_hit() || (hit.triangle as usize) < triangles;
+    holds(known, || format!("{hit:?} of {triangles} triangles"))?;
+    let crossings = oracle.crossings(&ray);
+    match oracle.judge(&ray, &crossings, hit, SLACK * reach) {
+        None => Ok(()),
+        Some(fault) => Err(format!("{fault:?}: {hit:?} for {:?}, {ray:?}", crossings.first())),
     }
 }
 
