@@ -7,6 +7,7 @@ use crate::{
     Error, Hit, Mesh, Query, Ray, Scene, Stepped, TraceTimes, Traced,
     choices::choices,
     rays::{Camera, Random, bounces, facing},
+    vector::{dot, sub},
 };
 pub use colour::{Rgb, encode, heat};
 use colour::{add, mix, scale};
@@ -163,8 +164,8 @@ fn sky(
 ) -> Result<(Vec<Rgb>, TraceTimes), Error> {
     let mut times = TraceTimes::default();
     let (lo, hi) = mesh.bounds();
-    let across = minus(hi.map(f64::from), lo.map(f64::from));
-    let reach = (along(across, across).sqrt() * SKY_REACH) as f32;
+    let across = sub(hi.map(f64::from), lo.map(f64::from));
+    let reach = (dot(across, across).sqrt() * SKY_REACH) as f32;
     let mut open = vec![0.0; hits.iter().filter(|hit| hit.is_hit()).count()];
     for round in 0..SKY_RAYS {
         let mut around = bounces(mesh, rays, hits, u64::from(seed) * SKY_RAYS + round);
@@ -235,7 +236,7 @@ impl<'a> Artist<'a> {
         // Nothing else fades, and meshes may be large.
         let fading = (shading == Shading::Depth).then(|| corners(mesh));
         for point in fading.into_iter().flatten() {
-            let depth = along(frame[2], minus(point.map(f64::from), camera.eye));
+            let depth = dot(frame[2], sub(point.map(f64::from), camera.eye));
             fade = [fade[0].min(depth.max(0.0)), fade[1].max(depth)];
         }
         Self { mesh, shading, rows, frame, fade, eye: camera.eye }
@@ -254,7 +255,7 @@ impl<'a> Artist<'a> {
             Shading::Depth => {
                 let point = [0, 1, 2]
                     .map(|a| f64::from(ray.origin[a]) + f64::from(ray.direction[a]) * f64::from(hit.t));
-                let depth = along(self.frame[2], minus(point, self.eye));
+                let depth = dot(self.frame[2], sub(point, self.eye));
                 let [near, far] = self.fade;
                 let share = ((depth - near) / (far - near).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
                 [(0.03 + 0.97 * (1.0 - share).powi(3)) as f32; 3]
@@ -273,9 +274,9 @@ impl<'a> Artist<'a> {
         let toward = |r: f64, u: f64, f: f64| {
             let length = (r * r + u * u + f * f).sqrt();
             let light = [0, 1, 2].map(|a| (right[a] * r + up[a] * u - forward[a] * f) / length);
-            along(normal, light).max(0.0) as f32
+            dot(normal, light).max(0.0) as f32
         };
-        let sky = (0.5 + 0.5 * along(normal, up)) as f32;
+        let sky = (0.5 + 0.5 * dot(normal, up)) as f32;
         let light = [
             scale([1.00, 0.93, 0.82], 1.05 * toward(-0.60, 0.70, 0.45)),
             scale([0.55, 0.65, 0.85], 0.22 * toward(0.9, 0.1, 0.25)),
@@ -285,14 +286,6 @@ impl<'a> Artist<'a> {
         let [r, g, b] = light.into_iter().fold([0.0; 3], add);
         [r * 0.72, g * 0.64, b * 0.56]
     }
-}
-
-fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-fn along(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 #[cfg(test)]
