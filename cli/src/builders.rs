@@ -69,13 +69,8 @@ pub(super) fn compare(
         for &builder in Builder::ALL {
             notes.stage_on(&input.name, builder.name(), device);
             let options = options.clone().with_builder(builder).with_profile(false);
-            match row(device, input, &options, &mut sets) {
-                Ok(row) => rows.push(row),
-                Err(error) if machines.can_spare(device, &error) => {
-                    notes.note(format_args!("{error}; going on without it"));
-                }
-                Err(error) => return Err(error.into()),
-            }
+            let done = row(device, input, &options, &mut sets);
+            rows.extend(machines.spared(device, done, "without it", notes)?);
         }
     }
     notes.clear();

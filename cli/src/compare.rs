@@ -78,13 +78,8 @@ pub(super) fn run(
     let mut sets = None;
     let mut rows = Vec::new();
     for device in machines.iter() {
-        match compare(device, input, how, given, &mut sets, notes) {
-            Ok(more) => rows.extend(more),
-            Err(error) if machines.can_spare(device, &error) => {
-                notes.note(format_args!("{error}; going on with the CPU alone"));
-            }
-            Err(error) => return Err(error.into()),
-        }
+        let done = compare(device, input, how, given, &mut sets, notes);
+        rows.extend(machines.spared(device, done, "with the CPU alone", notes)?.into_iter().flatten());
     }
     notes.clear();
     let same = agree(&rows);

@@ -92,9 +92,21 @@ impl Machines {
         Ok(Self { cpu, gpu, automatic })
     }
 
-    /// Whether to go on without a device that failed so: nobody asked for it.
-    pub(super) fn can_spare(&self, device: &Device, error: &Error) -> bool {
-        self.automatic && device.kind() == DeviceKind::Gpu && at_fault(error)
+    /// What was done on a device; nothing, and a note of how to go on, if one failed that nobody asked for.
+    pub(super) fn spared<T>(
+        &self,
+        device: &Device,
+        done: Result<T, Error>,
+        going_on: &str,
+        notes: &Notes,
+    ) -> Result<Option<T>, Error> {
+        match done {
+            Err(error) if self.automatic && device.kind() == DeviceKind::Gpu && at_fault(&error) => {
+                notes.note(format_args!("{error}; going on {going_on}"));
+                Ok(None)
+            }
+            done => done.map(Some),
+        }
     }
 
     /// Says which they are, a line each.

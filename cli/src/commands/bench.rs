@@ -178,11 +178,7 @@ impl Task for BenchArgs {
         }
         let (rows, machines) = rows(self, &notes)?;
         notes.clear();
-        if self.json {
-            write_json(out, &rows)?;
-        } else {
-            print(&rows, &machines, out)?;
-        }
+        if self.json { write_json(out, &rows) } else { print(&rows, &machines, out) }?;
         Ok(exit_code(&rows))
     }
 }
@@ -206,13 +202,9 @@ fn rows(args: &BenchArgs, notes: &Notes) -> anyhow::Result<(Vec<Row>, Machines)>
             rows.push(measure(cpu)??);
         }
         if let Some(gpu) = &machines.gpu {
-            match measure(gpu)? {
-                Ok(row) => rows.push(row),
-                Err(error) if machines.can_spare(gpu, &error) => {
-                    notes.note(format_args!("{error}; going on with the CPU alone"));
-                    machines.gpu = None;
-                }
-                Err(error) => return Err(error.into()),
+            match machines.spared(gpu, measure(gpu)?, "with the CPU alone", notes)? {
+                Some(row) => rows.push(row),
+                None => machines.gpu = None,
             }
         }
         compare(&mut rows[first..]);

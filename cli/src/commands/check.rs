@@ -47,32 +47,11 @@ pub(crate) struct CheckArgs {
     pub json: bool,
 }
 
-/// Edges of one kind.
+/// Edges of one kind, or those at which the mesh meets itself.
 #[derive(Debug, serde::Serialize)]
 struct Kind {
     count: u64,
     /// Ends of the first.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    first: Option<[[f64; 3]; 2]>,
-}
-
-impl Kind {
-    fn new(edges: EdgeCount, input: &Input) -> Self {
-        let place = |vertex: u32| place(input, vertex);
-        Self { count: edges.count, first: edges.first.map(|ends| ends.map(place)) }
-    }
-
-    fn told(&self, what: &str) -> String {
-        let at = self.first.map(|[[a, b, c], [d, e, f]]| format!(" (first: {a},{b},{c} to {d},{e},{f})"));
-        format!("{} {what}{}", count(self.count), at.unwrap_or_default())
-    }
-}
-
-/// Places of one kind where the mesh meets itself.
-#[derive(Debug, serde::Serialize)]
-struct Meeting {
-    count: u64,
-    /// Ends of the first edge.
     #[serde(skip_serializing_if = "Option::is_none")]
     first: Option<[[f64; 3]; 2]>,
     /// The vertex or the triangle's corners that it meets.
@@ -80,27 +59,24 @@ struct Meeting {
     meets: Vec<[f64; 3]>,
 }
 
-impl Meeting {
-    fn new(contacts: ContactCount, input: &Input, met: impl Fn(u32) -> Vec<u32>) -> Self {
-        let place = |vertex: u32| place(input, vertex);
-        let meets =
-            contacts.first.map_or(Vec::new(), |first| met(first.other).into_iter().map(place).collect());
-        Self { count: contacts.count, first: contacts.first.map(|first| first.edge.map(place)), meets }
+impl Kind {
+    fn new(input: &Input, count: u64, first: Option<[u32; 2]>, meets: Vec<u32>) -> Self {
+        // In the mesh's own coordinates.
+        let place = |vertex: u32| {
+            let local = input.mesh.vertex(vertex);
+            [0, 1, 2].map(|axis| local[axis] + input.translation[axis])
+        };
+        let first = first.map(|ends| ends.map(place));
+        Self { count, first, meets: meets.into_iter().map(place).collect() }
     }
 
     fn told(&self, what: &str) -> String {
-        let at = self.first.map(|[[a, b, c], [d, e, f]]| {
-            let met: Vec<String> = self.meets.iter().map(|[x, y, z]| format!("{x},{y},{z}")).collect();
-            format!(" (first: {a},{b},{c} to {d},{e},{f} meets {})", met.join(" "))
-        });
+        let point = |&[x, y, z]: &[f64; 3]| format!("{x},{y},{z}");
+        let meets = self.meets.iter().map(point).collect::<Vec<_>>().join(" ");
+        let meets = if meets.is_empty() { meets } else { format!(" meets {meets}") };
+        let at = self.first.map(|[a, b]| format!(" (first: {} to {}{meets})", point(&a), point(&b)));
         format!("{} {what}{}", count(self.count), at.unwrap_or_default())
     }
-}
-
-/// A vertex in the mesh's own coordinates.
-fn place(input: &Input, vertex: u32) -> [f64; 3] {
-    let local = input.mesh.vertex(vertex);
-    [0, 1, 2].map(|axis| local[axis] + input.translation[axis])
 }
 
 /// What is told of a mesh.
@@ -113,8 +89,8 @@ struct Told {
     border: Kind,
     turned: Kind,
     crowded: Kind,
-    t_junctions: Meeting,
-    intersections: Meeting,
+    t_junctions: Kind,
+    intersections: Kind,
     repairs: RepairCounts,
 }
 
@@ -128,10 +104,14 @@ impl Task for CheckArgs {
         let input = Input::load(&self.mesh, self.read, &notes)?;
         notes.stage(format_args!("{}: checking", input.name));
         let edges = input.mesh.edges();
-        let kind = |edges| Kind::new(edges, &input);
+        let kind = |edges: EdgeCount| Kind::new(&input, edges.count, edges.first, Vec::new());
         let scene = Scene::build(&Device::cpu(), &input.mesh, &BuildOptions::default())?;
         let contacts = scene.contacts(&input.mesh)?;
-        let corners = |triangle: u32| input.mesh.triangles()[triangle as usize].to_vec();
+        let meeting = |contacts: ContactCount, met: &dyn Fn(u32) -> Vec<u32>| {
+            let first = contacts.first;
+            let meets = first.map(|first| met(first.other)).unwrap_or_default();
+            Kind::new(&input, contacts.count, first.map(|first| first.edge), meets)
+        };
         let told = Told {
             scene: input.name.clone(),
             triangles: input.mesh.triangles().len(),
@@ -140,8 +120,10 @@ impl Task for CheckArgs {
             border: kind(edges.border),
             turned: kind(edges.turned),
             crowded: kind(edges.crowded),
-            t_junctions: Meeting::new(contacts.t_junctions, &input, |vertex| vec![vertex]),
-            intersections: Meeting::new(contacts.intersections, &input, corners),
+            t_junctions: meeting(contacts.t_junctions, &|vertex| vec![vertex]),
+            intersections: meeting(contacts.intersections, &|triangle| {
+                input.mesh.triangles()[triangle as usize].to_vec()
+            }),
             repairs: RepairCounts::from(&input),
         };
         notes.clear();
@@ -161,17 +143,11 @@ fn print(t: &Told, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
         ("border", &t.border, "edges of a single triangle"),
         ("turned", &t.turned, "edges of two triangles that show different sides"),
         ("crowded", &t.crowded, "edges of more than two triangles"),
-    ] {
-        if kind.count > 0 {
-            line(name, kind.told(what))?;
-        }
-    }
-    for (name, meeting, what) in [
         ("t-joint", &t.t_junctions, "vertices on edges, between their ends"),
         ("through", &t.intersections, "edges through triangles"),
     ] {
-        if meeting.count > 0 {
-            line(name, meeting.told(what))?;
+        if kind.count > 0 {
+            line(name, kind.told(what))?;
         }
     }
     if let Some(told) = t.repairs.told() {

@@ -84,7 +84,7 @@ fn at_once(rays: u64) -> Result<usize, String> {
 }
 
 /// One method in one scene on one device.
-#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Debug, Default, serde::Serialize, serde::Deserialize)]
 struct Row {
     scene: String,
     method: String,
@@ -132,17 +132,8 @@ impl Row {
             scene: scene.to_owned(),
             method: method.name(),
             device: device.kind().to_string(),
-            rays: 0,
-            failures: 0,
-            failures_per_million: 0.0,
-            expected: false,
             ok: true,
-            inexact: 0,
-            kinds: BTreeMap::new(),
-            t_ulp: None,
-            mrays: None,
-            refused: None,
-            example: None,
+            ..Self::default()
         }
     }
 
@@ -177,11 +168,7 @@ impl Task for StressArgs {
             None => stress(self, &methods, &machines, &notes)?,
         };
         notes.clear();
-        if self.json {
-            write_json(out, &rows)?;
-        } else {
-            print(&rows, &machines, out)?;
-        }
+        if self.json { write_json(out, &rows) } else { print(&rows, &machines, out) }?;
         Ok(if rows.iter().all(|row| row.ok) { ExitCode::SUCCESS } else { ExitCode::FAILURE })
     }
 }
@@ -253,13 +240,8 @@ fn stress(
             let methods: Vec<_> = methods.iter().filter(|method| trial.runs(method, device)).collect();
             for method in methods {
                 notes.stage_on(wish.display(), method.name(), device);
-                match row(&mut trial, method, device, args.rays, None) {
-                    Ok(row) => rows.push(row),
-                    Err(error) if machines.can_spare(device, &error) => {
-                        notes.note(format_args!("{error}; going on without"));
-                    }
-                    Err(error) => return Err(error.into()),
-                }
+                let done = row(&mut trial, method, device, args.rays, None);
+                rows.extend(machines.spared(device, done, "without it", notes)?);
             }
         }
     }

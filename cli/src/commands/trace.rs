@@ -214,11 +214,7 @@ impl Task for TraceArgs {
         notes.stage(format_args!("writing {}", hits.display()));
         output::write_whole(hits, |file| found.write(hits, file))?;
         notes.clear();
-        if self.json {
-            write_json(out, &told)?
-        } else {
-            print(&told, hits, out)?
-        }
+        if self.json { write_json(out, &told) } else { print(&told, hits, out) }?;
         Ok(ExitCode::SUCCESS)
     }
 }
