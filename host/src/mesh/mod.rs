@@ -188,7 +188,7 @@ impl Mesh {
 
     /// Reads an OBJ, PLY, STL or glTF file, each of them also gzipped. The format is told by the extension (`.obj`,
     /// `.ply`, `.stl`, `.gltf`, `.glb`, each also with `.gz`), or else by the first bytes. Buffers of a glTF file may
-    /// be files beside it.
+    /// be files beside it, or in folders there.
     ///
     /// No more than [`default_max_bytes`](crate::default_max_bytes) are read, after unpacking too; of a gzipped file
     /// no more than a hundred times its size, or 256 MiB if that is more.

@@ -216,11 +216,17 @@ fn gltf_buffers_in_files_of_their_own() {
     std::fs::write(folder.path().join("a mesh.bin"), [quad_bytes(), vec![1; 100]].concat()).unwrap();
     is_the_quad(&load("a%20mesh.bin").unwrap());
     is_the_quad(&load("a mesh.bin").unwrap());
+    let below = folder.path().join("below");
+    std::fs::create_dir(&below).unwrap();
+    std::fs::write(below.join("a.bin"), quad_bytes()).unwrap();
+    is_the_quad(&load("./below/a.bin").unwrap());
     std::fs::write(folder.path().join("short.bin"), [0; 59]).unwrap();
     for (uri, message) in [
         ("short.bin", "a.gltf, buffer 0: it has 59 bytes of 60 announced"),
         ("missing.bin", "a.gltf, buffer 0: cannot read "),
-        ("/dev/zero", "a.gltf, buffer 0: '/dev/zero' is no file beside this one"),
+        ("/dev/zero", "a.gltf, buffer 0: '/dev/zero' is no file beside this one, or in a folder there"),
+        ("../a mesh.bin", "'../a mesh.bin' is no file beside this one"),
+        ("below/%2e./../a mesh.bin", "'below/%2e./../a mesh.bin' is no file beside this one"),
         (
             "https://example.org/a.bin",
             "a.gltf, buffer 0: 'https://example.org/a.bin' is no file beside this one",

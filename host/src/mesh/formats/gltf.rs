@@ -18,7 +18,7 @@ use std::borrow::Cow;
 use std::cell::{Cell, OnceCell};
 use std::collections::BTreeMap;
 use std::io::Read as _;
-use std::path::{Path, PathBuf};
+use std::path::{self, Path, PathBuf};
 
 #[derive(Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
@@ -549,7 +549,10 @@ impl File<'_> {
     fn beside(&self, uri: &str, length: u64, at: &dyn Fn() -> Place) -> Result<Vec<u8>, MeshError> {
         let short = quoted_bytes(uri.as_bytes());
         let Some(name) = name_beside(uri) else {
-            return Err(malformed(at(), format!("'{short}' is no file beside this one")));
+            return Err(malformed(
+                at(),
+                format!("'{short}' is no file beside this one, or in a folder there"),
+            ));
         };
         let Some(folder) = self.folder else {
             return Err(malformed(
@@ -573,10 +576,13 @@ impl File<'_> {
     }
 }
 
-/// The name of a file beside a glTF file, if the address of a buffer is one.
+/// The name of a file beside a glTF file or in a folder there, if the address of a buffer is one. A file from somebody
+/// else is not to name what lies elsewhere.
 fn name_beside(uri: &str) -> Option<Cow<'_, str>> {
     let name = percent_encoding::percent_decode_str(uri).decode_utf8().ok()?;
-    (!uri.contains(':') && !name.starts_with(['/', '\\'])).then_some(name)
+    let below = |part| matches!(part, path::Component::Normal(_) | path::Component::CurDir);
+    let is_below = Path::new(&*name).components().all(below);
+    (is_below && !uri.contains(':') && !name.starts_with('\\')).then_some(name)
 }
 
 /// The files that a glTF file at a path reads its buffers from; none if it is no such file, or cannot be read. Of the
