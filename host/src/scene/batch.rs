@@ -25,8 +25,6 @@ impl Scene {
         // These may be many at a time: memory of small batches is kept for ever.
         let device = self.device.keeping_nothing();
         let batch = Batch::of_local(&device, &AnyRay::local(rays, self.translation), 1)?;
-        // A GPU would keep what goes there until it has something to run, also of rays that are gone.
-        device.begin(&[])?;
         Ok(ResidentRays { scene: self.clone(), batch, invalid: None })
     }
 }

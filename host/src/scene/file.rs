@@ -179,9 +179,9 @@ impl Parts<'_> {
 /// references, as leaves keep them, 48 bytes each
 /// ([`LeafTriangle`](crate::single::LeafTriangle)); vertices, three `f32` each
 /// ([`Mesh::scaled_positions`](crate::Mesh::scaled_positions)); triangles, three `u32` each; and the numbers of the
-/// triangles that take part, rising, a `u32` each. The first section begins at byte 4096, each other one at the next
-/// multiple of 4096 behind the section before it, which has one byte at least, and so does the SHA-256; zeros lie
-/// between.
+/// triangles that take part, rising, a `u32` each. The first section begins at byte 4096. Every other one, and then the
+/// SHA-256, begins at the next multiple of 4096 behind the section before it, where an empty section counts as a byte.
+/// Zeros lie between.
 impl Scene {
     /// Writes mesh and tree to a file, for [`Scene::open`]: all that is needed to trace by any traversal and triangle
     /// test. Those that were chosen are not written, nor what they need beside the tree. The file appears whole or not
@@ -289,10 +289,7 @@ impl Scene {
             times: BuildTimes { upload: start.elapsed(), ..BuildTimes::default() },
             laid,
         };
-        let scene = Self::assemble(device, mesh, kept, head.translation, built)?;
-        // A GPU would keep what goes there until it has something to run, also of scenes that are gone.
-        device.begin(&[])?;
-        Ok(scene)
+        Self::assemble(device, mesh, kept, head.translation, built)
     }
 }
 

@@ -4,7 +4,10 @@ use crate::Error;
 use std::{
     fmt::Display,
     panic::{AssertUnwindSafe, catch_unwind},
-    sync::{Arc, OnceLock},
+    sync::{
+        Arc, OnceLock,
+        atomic::{AtomicUsize, Ordering::Relaxed},
+    },
     time::{Duration, Instant},
 };
 
@@ -18,7 +21,13 @@ pub(super) struct Link {
     fault: Arc<OnceLock<String>>,
     /// Whether it pays to [`Self::ask`].
     asks: bool,
+    /// Bytes written since commands were last handed over.
+    riding: AtomicUsize,
 }
+
+/// So many bytes may wait for the next submission. wgpu keeps them till then, and the buffers that they go to, even if
+/// nobody else does.
+const MOST_RIDING: usize = 4 << 20;
 
 /// How long the host asks a device whether it is done before it sleeps until it is told: to wake up takes it a tenth of
 /// a millisecond or two, which is much beside what most runs take. A device in software needs the host's cores itself.
@@ -53,12 +62,12 @@ impl Link {
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
             let _ = uncaught.set(flat(error));
         }));
-        Ok(Self { asks: asks(&device), name, device, queue, fault })
+        Ok(Self { asks: asks(&device), name, device, queue, fault, riding: AtomicUsize::new(0) })
     }
 
     /// A device that somebody else opened, whose callbacks are left alone.
     pub(super) fn given(device: wgpu::Device, queue: wgpu::Queue, name: String) -> Self {
-        Self { asks: asks(&device), name, device, queue, fault: Arc::default() }
+        Self { asks: asks(&device), name, device, queue, fault: Arc::default(), riding: AtomicUsize::new(0) }
     }
 
     /// The error that this device failed in some way.
@@ -103,9 +112,19 @@ impl Link {
         self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default())
     }
 
+    /// Writes along with the next submission, which follows at once if much waits for it.
+    pub(super) fn write(&self, buffer: &wgpu::Buffer, offset: u64, data: &[u8]) -> Result<(), Error> {
+        self.guard("writing", || self.queue.write_buffer(buffer, offset, data))?;
+        if self.riding.fetch_add(data.len(), Relaxed) + data.len() > MOST_RIDING {
+            self.submit(self.encoder())?;
+        }
+        Ok(())
+    }
+
     /// Hands commands to the device.
     pub(super) fn submit(&self, encoder: wgpu::CommandEncoder) -> Result<wgpu::SubmissionIndex, Error> {
         self.check()?;
+        self.riding.store(0, Relaxed);
         self.guard("submitting commands", || self.queue.submit([encoder.finish()]))
     }
 

@@ -278,7 +278,7 @@ impl Gpu {
         self.link.check()?;
         self.count(TO, data.len());
         if data.len() <= RIDES_ALONG {
-            return self.link.guard("writing", || self.link.queue.write_buffer(buffer, offset, data));
+            return self.link.write(buffer, offset, data);
         }
         let create = || Slot::upload(&self.link, CHUNK as u64);
         let transfer = |slots: &mut _| staging::upload(&self.link, slots, buffer, offset, data);
