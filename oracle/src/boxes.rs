@@ -26,12 +26,14 @@ impl Boxes {
     pub(crate) fn new(triangles: &[Corners]) -> Self {
         let mut order: Vec<u32> = (0..triangles.len() as u32).collect();
         let mut nodes = Vec::new();
-        split(triangles, &mut order, 0, &mut nodes);
+        if !order.is_empty() {
+            split(triangles, &mut order, 0, &mut nodes);
+        }
         Self { nodes, order }
     }
 
     pub(crate) fn reach(&self, from: [f32; 3]) -> f64 {
-        let root = &self.nodes[0];
+        let Some(root) = self.nodes.first() else { return 0.0 };
         let ends = |i: usize| [root.lo[i], root.hi[i]].map(|x| (f64::from(x) - f64::from(from[i])).abs());
         (0..3).flat_map(ends).fold(0.0, f64::max)
     }
@@ -40,10 +42,8 @@ impl Boxes {
     pub(crate) fn visit(&self, ray: &Ray, mut see: impl FnMut(u32)) {
         let mut waiting = vec![0usize];
         while let Some(number) = waiting.pop() {
-            let node = &self.nodes[number];
-            if !meets(node, ray) {
-                continue;
-            }
+            // Without triangles there is no root.
+            let Some(node) = self.nodes.get(number).filter(|node| meets(node, ray)) else { continue };
             if node.count == 0 {
                 waiting.extend([node.at as usize, number + 1]);
             } else {

@@ -58,8 +58,9 @@ fn triple(x: [f64; 3], y: [f64; 3], z: [f64; 3]) -> Rough {
     Rough { value, error: 16.0 * EPSILON * size }
 }
 
-/// Where a ray hits a triangle: `t` within `2^-40` of its size, or 0 only if it is; `None` if it does not, or not
-/// between `t_min` and `t_max`, which are compared with `t` rounded to 24 bits.
+/// Where a ray hits a triangle, both of finite numbers (but `t_min` and `t_max` may be any): `t` within `2^-40` of its
+/// size, or 0 only if it is; `None` if it does not, or not between `t_min` and `t_max`, which are compared with `t`
+/// rounded to 24 bits.
 pub fn cross(ray: &Ray, corners: &Corners) -> Option<f64> {
     let [a, b, c] = corners.map(|p| [0, 1, 2].map(|i| f64::from(p[i]) - f64::from(ray.origin[i])));
     let d = ray.direction.map(f64::from);
@@ -170,20 +171,29 @@ impl Exact {
     }
 
     /// The ray parameter rounded to 24 bits, however large or small: what hits are ordered by, and what is compared
-    /// with `t_min` and `t_max`. Of a ray that is not parallel to the plane.
+    /// with `t_min` and `t_max`.
+    ///
+    /// # Panics
+    /// The ray is parallel to the plane, or the triangle has no area.
     pub fn rounded_t(&self) -> f64 {
         nearest(&self.numerator, &self.denominator)
     }
 
     /// The ray parameter, and the weights of the second and third corner, as `f32` rounded to nearest even; numbers
-    /// below the normal range are 0, those beyond it infinite. Of a ray that is not parallel to the plane.
+    /// below the normal range are 0, those beyond it infinite.
+    ///
+    /// # Panics
+    /// As [`Self::rounded_t`].
     pub fn rounded(&self) -> [f32; 3] {
         let [u, v] = &self.weights;
         [&self.numerator, u, v].map(|n| narrow(nearest(n, &self.denominator)))
     }
 
-    /// Whether the rounded ray parameter lies between `t_min` and `t_max`, or on one of them.
+    /// Whether there is a rounded ray parameter, and it lies between `t_min` and `t_max`, or on one of them.
     pub fn is_in_range(&self, ray: &Ray) -> bool {
+        if self.denominator.is_zero() {
+            return false;
+        }
         let t = self.rounded_t();
         f64::from(ray.t_min) <= t && t <= f64::from(ray.t_max)
     }

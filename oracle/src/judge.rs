@@ -17,7 +17,7 @@ pub struct Sight {
 pub enum Fault {
     /// A miss, or too far a hit, where the ray meets a triangle.
     Missed,
-    /// A hit of a triangle that the ray passes by.
+    /// A hit of a triangle that the ray passes by, or that is none.
     Invented,
     /// A hit of the right triangle at a wrong place.
     Misplaced,
@@ -99,7 +99,10 @@ impl Oracle {
             if !(ray.t_min <= answer.t && answer.t <= ray.t_max) {
                 return Some(Fault::OutOfRange);
             }
-            let sight = Sight::new(ray, self.corners(answer.triangle), slack);
+            let Some(corners) = self.triangles.get(answer.triangle as usize) else {
+                return Some(Fault::Invented);
+            };
+            let sight = Sight::new(ray, corners, slack);
             if sight.margin < -slack {
                 return Some(Fault::Invented);
             }

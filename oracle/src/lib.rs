@@ -74,7 +74,7 @@ impl Oracle {
     }
 
     /// The largest distance along an axis from a point to a corner of the box around all triangles: what `f32`
-    /// rounding is relative to.
+    /// rounding is relative to. 0 without triangles.
     pub fn reach(&self, from: [f32; 3]) -> f64 {
         self.boxes.reach(from)
     }
@@ -249,6 +249,40 @@ mod tests {
             assert_eq!(judge(Hit::NONE.triangle, 0.0), Some(Fault::Missed));
             assert_eq!(judge(0, 1.0), Some(Fault::Misplaced));
         }
+    }
+
+    #[test]
+    fn without_triangles_nothing_is_hit() {
+        use raykd_shared::Hit;
+        let nothing = Oracle::new(&[[1.0; 3]], &[]);
+        let ends = [f32::NEG_INFINITY, 0.0, f32::INFINITY];
+        for direction in [[1.0, 1.0, 1.0], [-1.0, 2.0, -3.0], [0.0, 0.0, 1.0]] {
+            for (t_min, t_max) in ends.into_iter().flat_map(|a| ends.map(|b| (a, b))) {
+                let ray = Ray { t_min, t_max, ..Ray::new([0.5; 3], direction) };
+                assert!(nothing.crossings(&ray).is_empty(), "{ray:?}");
+                assert_eq!(nothing.judge(&ray, &[], &Hit::NONE, 0.0), None, "{ray:?}");
+            }
+        }
+        assert_eq!(nothing.reach([1.0, -2.0, 3.0]), 0.0);
+    }
+
+    #[test]
+    fn a_triangle_that_is_none_is_invented() {
+        use judge::Fault;
+        use raykd_shared::Hit;
+        let ray = Ray::new([0.0, 0.0, 5.0], [0.1, 0.1, -1.0]);
+        let crossings = corner().crossings(&ray);
+        for triangle in [corner().triangles.len() as u32, u32::MAX - 1] {
+            let hit = Hit { triangle, t: crossings[0].t as f32, u: 0.0, v: 0.0 };
+            assert_eq!(corner().judge(&ray, &crossings, &hit, 1e-6), Some(Fault::Invented));
+        }
+    }
+
+    #[test]
+    fn a_ray_in_a_plane_is_in_no_range() {
+        let ray = Ray { t_min: f32::NEG_INFINITY, ..Ray::new([0.5, 0.5, 0.0], [1.0, 1.0, 0.0]) };
+        let exact = Exact::new(&ray, &[[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+        assert!(!exact.inside() && !exact.is_in_range(&ray) && exact.t().is_nan());
     }
 
     /// What is compared with the ends is `t` rounded, up or down.
