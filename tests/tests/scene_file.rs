@@ -330,6 +330,27 @@ fn other_files_are_told_apart() {
     }
 }
 
+/// Of a file that is none no more is read than tells so, however large it is: there would be no memory for these.
+#[cfg(unix)]
+#[test]
+fn a_large_file_that_is_none_is_not_read() {
+    use std::os::unix::fs::FileExt as _;
+    let (_folder, path) = place();
+    let file = fs::File::create(&path).unwrap();
+    file.set_len(1 << 43).unwrap();
+    for (start, what) in [
+        (&b"raykd-kd"[..], "this is a tree's file, without its mesh"),
+        (&teapot()[..4096], "damaged or truncated scene file: 8796093022208 bytes instead of"),
+        (&b"ply\nform"[..], "not a raykd scene file"),
+    ] {
+        file.write_all_at(start, 0).unwrap();
+        for open in [Scene::open, open_mapped] {
+            let message = open(cpu(), &path).unwrap_err().to_string();
+            assert!(message.contains(what), "{message}");
+        }
+    }
+}
+
 /// To open a pipe waits until somebody writes to it.
 #[cfg(unix)]
 #[test]

@@ -49,6 +49,14 @@ pub(super) fn pages(len: usize) -> io::Result<MmapMut> {
     Ok(map)
 }
 
+/// The first bytes of a file, no more than `most`, and how many it has.
+pub(crate) fn start_of(path: &Path, most: usize) -> io::Result<(Vec<u8>, u64)> {
+    let file = regular(path)?;
+    let (mut start, length) = (Vec::new(), file.metadata()?.len());
+    file.take(most as u64).read_to_end(&mut start)?;
+    Ok((start, length))
+}
+
 /// Opens a file that has a length.
 fn regular(path: &Path) -> io::Result<File> {
     // Asked before it is opened: a pipe would wait for somebody who writes.

@@ -5,7 +5,11 @@ use crate::{
     BuildTimes, Error, TreeError,
     build::{Built, Kept, Laid, MeshBuffers},
     clock::Instant,
-    exec::{Device, cpu::Memory, pages::FileBytes},
+    exec::{
+        Device,
+        cpu::Memory,
+        pages::{FileBytes, start_of},
+    },
     mesh::{Measure, digest},
     output, tree,
 };
@@ -264,10 +268,14 @@ impl Scene {
         bytes: impl FnOnce(&Path) -> io::Result<FileBytes>,
     ) -> Result<Self, Error> {
         let start = Instant::now();
-        let file = bytes(path).map_err(|source| Error::Io { path: path.to_owned(), source })?;
-        let checked = device.install(|| checked(&file));
-        let checked = checked.map_err(|why| Error::Tree { file: Some(path.to_owned()), why });
-        let (head, [nodes, refs, corners, positions, indices, kept]) = checked?;
+        let unread = |source| Error::Io { path: path.to_owned(), source };
+        let damaged = |why| Error::Tree { file: Some(path.to_owned()), why };
+        // There may be no memory for what is no scene file.
+        let (first, length) = start_of(path, size_of::<Head>()).map_err(unread)?;
+        head(&first, length).map_err(damaged)?;
+        let file = bytes(path).map_err(unread)?;
+        let (head, [nodes, refs, corners, positions, indices, kept]) =
+            device.install(|| checked(&file)).map_err(damaged)?;
         let header = TreeHeader { mesh: [0; 2], checksum: 0, ..head.tree };
         let [of_nodes, of_refs, vertices, triangles, count] =
             [header.nodes, header.refs, head.vertices, header.triangles, head.kept]
@@ -293,17 +301,15 @@ impl Scene {
     }
 }
 
-/// The head of a file that is a scene's, whole and undamaged, and where its sections begin.
-fn checked(file: &FileBytes) -> Result<(Head, [usize; SECTIONS]), TreeError> {
-    let all = Memory::part_of(file, 0, file.len()).keep("scene file", file.len() as u64);
-    let all: &[u8] = all.slice();
-    if all.starts_with(tree::MAGIC) {
+/// The head of a file that is a scene's and as long as that says, by its first bytes.
+fn head(first: &[u8], length: u64) -> Result<Head, TreeError> {
+    if first.starts_with(tree::MAGIC) {
         return Err(TreeError::NoMesh);
     }
-    if !all.starts_with(&MAGIC) {
+    if !first.starts_with(&MAGIC) {
         return Err(TreeError::NoSceneFile);
     }
-    let Some(head) = all.get(..size_of::<Head>()) else {
+    let Some(head) = first.get(..size_of::<Head>()) else {
         return Err(TreeError::Damaged(format!("truncated scene file; {AGAIN}")));
     };
     let head: Head = bytemuck::pod_read_unaligned(head);
@@ -312,13 +318,21 @@ fn checked(file: &FileBytes) -> Result<(Head, [usize; SECTIONS]), TreeError> {
         let [found, known] = [given, read].map(|[format, layout]| format!("{format}.{layout}"));
         return Err(TreeError::SceneVersion { found, known });
     }
-    let (sizes, bytes) = (head.sizes(), all.len());
-    let (begins, end) = places(sizes);
-    if bytes as u64 != end + SUM {
-        let expected = end + SUM;
-        let what = format!("damaged or truncated scene file: {bytes} bytes instead of {expected}; {AGAIN}");
+    let expected = places(head.sizes()).1 + SUM;
+    if length != expected {
+        let what = format!("damaged or truncated scene file: {length} bytes instead of {expected}; {AGAIN}");
         return Err(TreeError::Damaged(what));
     }
+    Ok(head)
+}
+
+/// The head of a file that is a scene's, whole and undamaged, and where its sections begin.
+fn checked(file: &FileBytes) -> Result<(Head, [usize; SECTIONS]), TreeError> {
+    let all = Memory::part_of(file, 0, file.len()).keep("scene file", file.len() as u64);
+    let all: &[u8] = all.slice();
+    let head = head(all, all.len() as u64)?;
+    let sizes = head.sizes();
+    let (begins, end) = places(sizes);
     let (data, sum) = all.split_at(end as usize);
     let begins = begins.map(|begin| begin as usize);
     let section = |n: usize| &data[begins[n]..][..sizes[n] as usize];
