@@ -14,7 +14,7 @@ mod trace;
 mod voxels;
 
 use crate::task::{On, Task};
-use clap::{CommandFactory as _, Parser, Subcommand, error::ErrorKind};
+use clap::{Arg, CommandFactory as _, Parser, Subcommand, error::ErrorKind};
 use raykd::internals::mesh_extensions;
 
 const EXAMPLES: &str = "\
@@ -43,9 +43,16 @@ Exit code: 0 success, 1 an error or a difference between devices, 2 wrong usage.
 #[derive(Debug, Parser)]
 #[command(name = "raykd", version, arg_required_else_help = true)]
 #[command(after_help = EXAMPLES.replace("EXTENSIONS", &mesh_extensions()))]
+// So that -1 is a number out of its option's range, not an option that there is none of.
+#[command(mut_subcommands(|command| command.mut_args(takes_negative_numbers)))]
 pub(super) struct Args {
     #[command(subcommand)]
     pub command: Command,
+}
+
+fn takes_negative_numbers(argument: Arg) -> Arg {
+    let option = !argument.is_positional() && argument.get_action().takes_values();
+    argument.allow_negative_numbers(option)
 }
 
 #[derive(Debug, Subcommand)]
@@ -104,6 +111,35 @@ mod tests {
     #[test]
     fn definition_holds_together() {
         Args::command().debug_assert();
+    }
+
+    /// Every option of numbers tells its range of one below it.
+    #[test]
+    fn negative_numbers_are_values() {
+        let told = |line: &str| Args::try_parse_from(line.split(' ')).unwrap_err();
+        for line in [
+            "raykd build m --price -1",
+            "raykd build m --cost-step -0.5",
+            "raykd build m --cost-test -1e3",
+            "raykd build m --budget -2",
+            "raykd build m --empty -0.5",
+            "raykd build m --rays -1",
+            "raykd build m --threads -1",
+            "raykd build m --max-bytes -1",
+            "raykd trace m --rays r --hits h --limit -1",
+            "raykd bench --rays -1",
+            "raykd voxels m -o v --size -1",
+            "raykd render m -o p --fov -40",
+            "raykd render m -o p --samples -1",
+            "raykd render m -o p --size -64x64",
+            "raykd stress --rays -1",
+            "raykd chart --rays -1",
+        ] {
+            assert_eq!(told(line).kind(), ErrorKind::ValueValidation, "{line}: {}", told(line));
+        }
+        for line in ["raykd build -1", "raykd build m --clip -1", "raykd build m --price -x"] {
+            assert_eq!(told(line).kind(), ErrorKind::UnknownArgument, "{line}");
+        }
     }
 
     #[test]

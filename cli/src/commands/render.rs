@@ -45,7 +45,7 @@ pub(crate) struct RenderArgs {
     #[arg(short, long, value_name = "FILE.png")]
     pub output: PathBuf,
     /// Width and height in pixels
-    #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = size)]
+    #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = size, allow_hyphen_values = true)]
     pub size: [u32; 2],
     /// What colours show
     #[arg(long, default_value_t)]
