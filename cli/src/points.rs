@@ -108,6 +108,10 @@ fn text(bytes: &[u8]) -> anyhow::Result<Points> {
             }
             _ => error.into(),
         })?;
+        // csv itself knows comments only where no blank stands before them.
+        if record.get(0).is_some_and(|field| field.starts_with('#')) {
+            continue;
+        }
         let number = |i: usize| record.get(i).and_then(|field| field.parse::<f64>().ok());
         match (number(0), number(1), number(2)) {
             (Some(x), Some(y), Some(z)) => {
@@ -147,7 +151,9 @@ mod tests {
 
     #[test]
     fn lines_keep_their_text() {
-        let found = read("p.csv", b"# made by hand\nx,y,z,name\n1.0, 2,3,a\n-1e-3,0,nan,\"b,c\"\n").unwrap();
+        let found =
+            read("p.csv", b"# made by hand\n \t# twice\nx,y,z,name\n1.0, 2,3,a\n  #c\n-1e-3,0,nan,\"b,c\"\n")
+                .unwrap();
         assert_eq!(found.points[0], [1.0, 2.0, 3.0]);
         assert_eq!((found.points[1][0], found.points[1][2].is_nan()), (-1e-3, true));
         let text = String::from_utf8(written(&found, &[1, 0])).unwrap();
