@@ -28,7 +28,7 @@ use std::{
 const EXAMPLES: &str = "\
 Sets of rays, the same on every machine, by which raykd is compared with others:
   a      50,000 from the sphere around the box to uniform points of the box
-  b      a picture of 1024 x 1024, pixel centres; teapot, dragons and sponza have cameras of their own
+  b      a picture of 1024 x 1024, pixel centres; teapot, dragons and sponza have their own cameras
   c      a cosine-distributed bounce from every hit of b
   d      from the same points to a ball light: its closest hit, and whether there is any
 
@@ -38,7 +38,7 @@ Examples:
   raykd bench dragon --device cpu --threads 1   one thread
   raykd bench dragon --intersector moeller      another triangle test, the same rays
   raykd bench dragon --adapter nvidia --profile kernel by kernel on that GPU
-  raykd bench dragon --quality auto             what auto builds for the random rays, and what that takes
+  raykd bench dragon --quality auto             what auto builds for the random rays, and its time
   raykd bench dragon --json > old.json          then, with a newer raykd:
   raykd bench dragon --compare-with old.json    what has changed, and how sure that is
   raykd bench sponza --json | jq '.[].build_ms'";

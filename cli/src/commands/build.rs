@@ -24,7 +24,7 @@ use std::{
 const EXAMPLES: &str = "\
 Examples:
   raykd build dragon                            statistics of the tree
-  raykd build mesh.ply.gz -o mesh.kd            save it, for raykd trace --tree or the crate raykd-shared
+  raykd build mesh.ply.gz -o mesh.kd            save it, for trace --tree or the crate raykd-shared
   raykd build mesh.obj --cost-test 2 --json     dearer triangle tests: more nodes, shorter leaves
   raykd build sponza --builder exact            the best tree, more slowly
   raykd build --compare dragon                  every builder on CPU and GPU, in a table

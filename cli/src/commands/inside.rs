@@ -25,9 +25,9 @@ use std::{
 };
 
 const EXAMPLES: &str = "\
-Points: a CSV of x,y,z a line (more columns and a line of names are kept, lines that begin with # are
-not), an NPY array of N x 3 f32 or f64, or the vertices of a PLY file. Out come the same points with
-the winding number in one more column: 0 outside, 1 inside a mesh whose triangles are
+Points: a CSV of x,y,z a line (more columns and a line of names are kept, lines that begin with #
+are not), an NPY array of N x 3 f32 or f64, or the vertices of a PLY file. Out come the same points
+with the winding number in one more column: 0 outside, 1 inside a mesh whose triangles are
 counterclockwise seen from outside, -1 if clockwise, more where the mesh overlaps itself.
 
 A file to write whose name ends in .npy becomes an NPY array of f64 with four columns, any other a

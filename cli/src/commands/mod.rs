@@ -113,6 +113,16 @@ mod tests {
         Args::command().debug_assert();
     }
 
+    /// clap breaks longer lines, which leaves a word or two on the next.
+    #[test]
+    fn what_follows_the_help_fits_its_lines() {
+        for command in Args::command().get_subcommands() {
+            let text = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+            let long = text.lines().find(|line| line.chars().count() > 100);
+            assert_eq!(long, None, "{}", command.get_name());
+        }
+    }
+
     /// Every option of numbers tells its range of one below it.
     #[test]
     fn negative_numbers_are_values() {

@@ -24,9 +24,9 @@ use std::{
 };
 
 const EXAMPLES: &str = "\
-They are those of raykd bench, the same on every machine. A file named .npy is an array of N x 8 f32:
-origin x y z, direction x y z, t_min, t_max; any other has these numbers alone, one ray after the
-other. raykd trace takes both. Of a mesh that lies far from zero they are f64 (raykd trace --f64).
+They are those of raykd bench, the same on every machine. A file named .npy is an array of N x 8
+f32: origin x y z, direction x y z, t_min, t_max; any other has these numbers alone, one ray after
+the other. raykd trace takes both. Of a mesh that lies far from zero they are f64 (trace --f64).
 
 Examples:
   raykd rays dragon random -o random.npy

@@ -32,7 +32,7 @@ Examples:
   raykd stress                                  all scenes and methods, a minute or less
   raykd stress --list                           what there is
   raykd stress --scene slivers --method exact   one scene, by all ways with the exact test
-  raykd stress --scene dragon --method exact    rays at a mesh of one's own, against the exact answers
+  raykd stress --scene dragon --method exact    rays at your own mesh, against the exact answers
   raykd stress --scene leaks --rays 1000000000 --method exact/stack --device gpu
                                                 a billion rays at each of five surfaces without gaps
   raykd stress --json > f.json; raykd stress --replay f.json
