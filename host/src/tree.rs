@@ -78,8 +78,8 @@ impl KdTree {
         self.view().validate().map_err(|fault| TreeError::Fault(fault).into())
     }
 
-    /// Writes the tree to a file: magic, layout version, header, nodes, references, SHA-256 of all that.
-    /// The file appears whole or not at all.
+    /// Writes the tree to a file: the bytes `raykd-kd`, [`LAYOUT_VERSION`], [`TreeHeader`], nodes, references, SHA-256
+    /// of all that, with nothing between. The file appears whole or not at all.
     ///
     /// # Errors
     /// The file cannot be written.
