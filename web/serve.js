@@ -18,7 +18,7 @@ const elsewhere = {
 /** A server that listens on this machine alone; port 0 takes any that is free. */
 export function serve(port) {
   const server = createServer((request, response) => {
-    let path = normalize(new URL(request.url, "http://localhost").pathname);
+    let path = normalize(`/${request.url.split("?")[0]}`);
     if (path === "/") path = "/index.html";
     let file = join(here, path);
     if (!existsSync(file) && elsewhere[path]) file = join(here, elsewhere[path]);

@@ -79,21 +79,31 @@ const options = () => ({
   builder: $("builder").value, price: price(), traversal: $("traversal").value, intersector: $("intersector").value,
 });
 
+/** Counts meshes, as a tree that is built meanwhile does not end their loading. */
+let loads = 0;
 async function load(what, name) {
-  const mine = ++choice;
+  const mine = ++loads;
   tell(`${name}: reading`);
   if (what.fetch) {
     const answer = await fetch(what.fetch);
     if (!answer.ok) throw new Error(`${name} is not beside the page: put it at ${what.fetch}`);
     what = { bytes: new Uint8Array(await answer.arrayBuffer()), name: what.fetch };
   }
-  if (mine !== choice) return;
+  if (mine !== loads) return;
   weighing++;
   costs = undefined;
   advise();
-  await pool.all("load", what);
-  if (mine !== choice) return;
+  // Until it has a tree there is nothing to draw.
+  const old = view;
   view = undefined;
+  choice++;
+  try {
+    await pool.all("load", what);
+  } catch (error) {
+    if (mine === loads) view = old;
+    throw error;
+  }
+  if (mine !== loads) return;
   forget();
   await build(name);
 }
@@ -253,7 +263,8 @@ function draw() {
   waiting = true;
   drawing = drawing.then(() => {
     waiting = false;
-    return sharpen().catch(complain);
+    const mine = choice;
+    return sharpen().catch((error) => mine === choice && complain(error));
   });
 }
 
@@ -267,6 +278,7 @@ async function still() {
 }
 
 async function sharpen() {
+  if (!view) return;
   const mine = version;
   const [camera, shading] = [view.camera(), $("shading").value];
   for (let level = first; level < LEVELS.length; level++) {

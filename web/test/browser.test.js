@@ -319,6 +319,34 @@ test("scenes by name, files, and files that are none", async () => {
   assert.deepEqual(stays, [true, true]);
 });
 
+test("what is chosen while a mesh is read is done as well", async () => {
+  let go;
+  const held = new Promise((done) => (go = done));
+  await page.route("**/dragon_res4.ply.gz", (route) => held.then(() => route.continue()));
+  await page.selectOption("#scene", "dragon_res4");
+  await choose("builder", "exact");
+  go();
+  await page.waitForFunction(() => document.getElementById("facts").textContent.includes("11,102"));
+  await measured();
+  const { tree } = await facts();
+  for (const builder of ["binned", "exact"]) await choose("builder", builder);
+  assert.equal((await facts()).tree, tree);
+  await choose("builder", "binned");
+  // There is no tree to be drawn while the next mesh is read.
+  await page.evaluate(async () => {
+    const [scene, overlay] = ["scene", "overlay"].map((id) => document.getElementById(id));
+    scene.value = "teapot:20";
+    scene.dispatchEvent(new Event("change"));
+    for (let i = 0; i < 20; i++) {
+      overlay.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowLeft" }));
+      await new Promise((done) => setTimeout(done, 5));
+    }
+  });
+  await page.waitForFunction(() => document.getElementById("facts").textContent.includes("25,600"));
+  await measured();
+  assert.equal(await page.textContent("#error"), "");
+});
+
 test("a page that cannot start says so", async () => {
   const other = await browser.newPage();
   try {
