@@ -5,7 +5,10 @@ use numpy::{PyArray1, PyArray3, PyArrayMethods as _};
 use pyo3::{exceptions::PyValueError, prelude::*};
 use raykd::{
     Error, Mesh,
-    internals::picture::{self, Shading},
+    internals::{
+        picture::{self, Shading},
+        reserve,
+    },
     rays::Camera,
 };
 
@@ -65,8 +68,14 @@ pub(crate) fn camera_rays<'py>(
     let mesh = scene.shared_mesh(py)?;
     let moved = mesh.translation();
     let camera = view.camera(moved, &mesh.local())?;
-    let rays = py.detach(|| camera.rays(view.0, view.1));
-    let directions: Vec<f32> = rays.iter().flat_map(|ray| ray.direction).collect();
+    let (width, height) = (view.0, view.1);
+    let mut directions: Vec<f32> = Vec::new();
+    reserve(&mut directions, "directions", 3 * u64::from(width) * u64::from(height)).map_err(error)?;
+    py.detach(|| {
+        for row in 0..height {
+            directions.extend(camera.rows(width, height, row..row + 1).iter().flat_map(|ray| ray.direction));
+        }
+    });
     let eye = [0, 1, 2].map(|axis| camera.eye[axis] + moved[axis]);
     Ok((eye, PyArray1::from_vec(py, directions)))
 }

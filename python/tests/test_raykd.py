@@ -227,14 +227,16 @@ def test_memory_that_is_not_there_is_an_error():
             taken = int(pages.read().split()[0]) * resource.getpagesize()
         resource.setrlimit(resource.RLIMIT_AS, (taken + 100_000_000,) * 2)
         asks = [getattr(scene, name) for name in ("closest", "any", "all", "crossings", "steps")]
-        for ask in [*asks, lambda vertices, _: raykd.Mesh(vertices, faces)]:
+        asks += [lambda *_, how=how: raykd.render(scene, 16384, 16384, shading=how) for how in ("normal", "heat")]
+        asks += [lambda *_: raykd.camera_rays(scene, 16384, 16384), lambda vertices, _: raykd.Mesh(vertices, faces)]
+        for ask in asks:
             try:
                 ask(*rays)
             except MemoryError as error:
                 print("no room" in str(error))
     """
     done = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True, timeout=60)
-    assert done.stdout == 6 * "True\n", done.stderr
+    assert done.stdout == 9 * "True\n", done.stderr
 
 
 @pytest.mark.parametrize("device", DEVICES)

@@ -6,6 +6,7 @@ mod legend;
 use crate::{
     Error, Hit, Mesh, Query, Ray, Scene, Stepped, TraceTimes, Traced,
     choices::choices,
+    exec::reserve,
     rays::{Camera, Random, bounces, facing},
     vector::{dot, sub},
 };
@@ -80,6 +81,11 @@ pub fn render_while<E: From<Error>>(
     // Steps of each pixel: only once all are known it is known what the brightest colour stands for.
     let mut heats: Vec<f32> = Vec::new();
     let mut rgb: Vec<u8> = Vec::new();
+    let pixels = u64::from(width) * u64::from(height);
+    reserve(&mut rgb, "picture", 3 * pixels)?;
+    if shading == Shading::Heat {
+        reserve(&mut heats, "steps", pixels)?;
+    }
     for first in (0..height).step_by(band as usize) {
         let part = first..(first + band).min(height);
         let (seen, [hit, none], took) = rows(scene, mesh, camera, size, samples, shading, part)?;
@@ -95,10 +101,10 @@ pub fn render_while<E: From<Error>>(
     }
     if shading == Shading::Heat {
         let full = full_scale(heats.iter().copied());
-        rgb = heats.iter().flat_map(|steps| encode(heat(steps / full))).collect();
+        rgb.extend(heats.iter().flat_map(|steps| encode(heat(steps / full))));
         legend::draw(&mut rgb, [width as usize, height as usize], full, "STEPS PER RAY");
     }
-    let rays = u64::from(width) * u64::from(height) * u64::from(samples * samples);
+    let rays = pixels * u64::from(samples * samples);
     Ok(Picture { rgb, rays, hits, invalid, times })
 }
 
