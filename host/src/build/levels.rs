@@ -264,6 +264,8 @@ pub(super) fn build(
 
 impl Lists {
     fn new(arena: &mut Arena<'_>, given: &BuildParams, from: &Given<'_>) -> Result<Self, Error> {
+        // First: if they fit, no number below is too large for a word.
+        let treelet_refs = arena.alloc("treelet refs", given.treelet_refs, Reference::ELEMENTS)?;
         let words = histograms(given.level_refs) * HIST_WORDS;
         let hists: Buffer<u32> = arena.alloc("histograms", words.div_ceil(4), 4)?;
         let treelets: Buffer<UVec4> =
@@ -313,7 +315,7 @@ impl Lists {
             branch_sizes: treelet_sizes.view(),
             branch_places: places.view(),
             treelets,
-            treelet_refs: arena.alloc("treelet refs", given.treelet_refs, Reference::ELEMENTS)?,
+            treelet_refs,
             treelet_sizes,
             treelet_blocks: arena.alloc("treelet blocks", blocks_of(given.treelets), place::KINDS)?,
             places,
@@ -587,9 +589,30 @@ const _: () =
 mod tests {
     use super::*;
     use crate::{
-        BuildOptions, Mesh,
-        build::retry::{Setting, Stop, Way},
+        BuildOptions, Builder, Mesh,
+        build::{
+            built::Facts,
+            retry::{Setting, Stop, Way},
+        },
     };
+    use raykd_shared::limits::MAX_TRIANGLES;
+
+    #[test]
+    fn lists_that_are_too_long_are_told() -> Result<(), Error> {
+        let (device, mesh) = (Device::cpu(), Mesh::teapot(1));
+        let given = Given::of(&device, &mesh)?;
+        for kept in [180_000_000, MAX_TRIANGLES] {
+            let from =
+                Given { facts: Facts { kept, ..given.facts }, on_device: given.on_device.clone(), ..given };
+            for &builder in Builder::ALL {
+                let options = BuildOptions { builder, ..BuildOptions::default() };
+                let params = Setting::first(&from, &options, Way::Levels).params();
+                let lists = Lists::new(&mut Arena { device: &device, bytes: 0 }, &params, &from);
+                assert!(matches!(lists, Err(Error::TooLarge { buffer: "treelet refs", .. })), "{builder}");
+            }
+        }
+        Ok(())
+    }
 
     /// Around one vertex a branch becomes more than its room holds.
     #[test]
