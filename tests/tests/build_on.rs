@@ -3,7 +3,8 @@
 use num_traits::Zero as _;
 use proptest::prelude::*;
 use raykd::{
-    BuildOptions, BuildTimes, Builder, Device, Error, Hit, KdTree, Mesh, Query, Scene, Traversal,
+    BuildOptions, BuildTimes, Builder, Device, Error, Hit, Intersector, KdTree, Mesh, Query, Scene,
+    Traversal,
     internals::{
         Gpu,
         kernels::{
@@ -22,7 +23,7 @@ use raykd::{
     wgpu,
 };
 use raykd_tests::{
-    Failure, cases, cpu, devices,
+    Failure, any_options, cases, cpu, devices,
     exact::rational,
     gpu,
     meshes::{Family, RANDOM, Recipe, ZOO, any_mesh, small_mesh},
@@ -777,6 +778,161 @@ fn rebuilt_scenes_are_the_usual_ones_and_allocate_nothing() -> Result<(), Failur
         assert!(told(&scene)? == usual(5)?);
     }
     Ok(())
+}
+
+/// What may be done to a scene in memory used again.
+#[derive(Clone, Debug)]
+enum Act {
+    /// It becomes that of another mesh.
+    Become(Recipe),
+    /// It becomes that of the same mesh, which has moved, lost a triangle or got one more, or is worn.
+    Change(u8, u64),
+    /// It is to become that of what is no mesh, in one way or another.
+    Spoil(u8),
+    /// A clone stays.
+    Keep,
+    /// The oldest clone goes.
+    Forget,
+    Ask(Traversal, Intersector),
+}
+
+fn act() -> impl Strategy<Value = Act> {
+    let traversal = prop::sample::select(Traversal::ALL.to_vec());
+    let intersector = prop::sample::select(Intersector::ALL.to_vec());
+    prop_oneof![
+        3 => small_mesh().prop_map(Act::Become),
+        6 => (0u8..5, any::<u64>()).prop_map(|(how, seed)| Act::Change(how, seed)),
+        2 => (0u8..6).prop_map(Act::Spoil),
+        2 => Just(Act::Keep),
+        1 => Just(Act::Forget),
+        2 => (traversal, intersector).prop_map(|(traversal, test)| Act::Ask(traversal, test)),
+    ]
+}
+
+/// Acts with options for a build, and whether the mesh lies on the device.
+fn acts() -> impl Strategy<Value = Vec<(Act, BuildOptions, bool)>> {
+    let options = any_options(prop::sample::select(Builder::ALL.to_vec()));
+    prop::collection::vec((act(), options, any::<bool>()), 2..10)
+}
+
+/// All that a scene keeps of mesh and tree, as in its file, and its hits.
+type Told = (Vec<u8>, Vec<Hit>);
+
+fn all_of(scene: &Scene) -> Result<Told, Failure> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("a.scene");
+    scene.save(&path)?;
+    let (lo, hi, scale) = (scene.header().lo, scene.header().hi, scene.header().scale);
+    let bounds = (lo.map(|x| x / scale), hi.map(|x| x / scale));
+    Ok((std::fs::read(path).expect("a file"), scene.closest(&random(bounds, 100, 1))?))
+}
+
+/// The same of a scene that is built of these numbers on the CPU, for the first time.
+fn fresh(arrays: &Arrays, options: &BuildOptions, of: &Scene) -> Result<Told, Failure> {
+    let mut scene = built(cpu(), arrays, options)?;
+    scene.traverse_by(of.traversal())?;
+    scene.intersect_by(of.intersector())?;
+    all_of(&scene)
+}
+
+/// Another mesh of nearly the same numbers.
+fn changed(arrays: &Arrays, how: u8, seed: u64) -> Arrays {
+    let (mut positions, mut triangles) = arrays.clone();
+    let mut random = Random::new(seed);
+    match how {
+        0 => positions.iter_mut().for_each(|p| p[1] *= 1.0 + 0.01 * random.unit() as f32),
+        1 if triangles.len() > 1 => drop(triangles.pop()),
+        1 | 2 => triangles.push([0, 1, 2].map(|_| random.below(positions.len()) as u32)),
+        3 => triangles.reverse(),
+        _ => (positions, triangles) = worn((positions, triangles), seed),
+    }
+    (positions, triangles)
+}
+
+/// Numbers that are no mesh.
+fn spoilt(arrays: &Arrays, how: u8) -> Arrays {
+    let (mut positions, mut triangles) = arrays.clone();
+    let last = positions.len() - 1;
+    match how {
+        0 => positions[last][2] = f32::NAN,
+        1 => positions[last / 2][0] = f32::INFINITY,
+        2 => triangles[0][1] = positions.len() as u32,
+        3 => triangles.push([u32::MAX; 3]),
+        4 => positions.truncate(1),
+        _ => positions.as_flattened_mut().iter_mut().for_each(|x| *x = x.signum() * 1e-44),
+    }
+    (positions, triangles)
+}
+
+proptest! {
+    #![proptest_config(cases(8))]
+    /// Whatever is done to a scene, one after the other, it is the scene that a first build makes, and so is each
+    /// clone; and what fails changes nothing. Meanwhile a thread traces the scene as it was.
+    #[test]
+    fn a_scene_that_went_through_anything_is_a_fresh_one(
+        recipe in small_mesh(),
+        acts in acts(),
+    ) {
+        let (theirs, _) = gpu().wgpu().expect("a GPU");
+        let mut now = (arrays(&recipe.mesh()), BuildOptions::default());
+        let mut scene = built(gpu(), &now.0, &now.1)?;
+        let mut kept: Vec<(Scene, Told)> = Vec::new();
+        for (act, options, on_device) in acts {
+            let arrays = match act {
+                Act::Become(recipe) => arrays(&recipe.mesh()),
+                Act::Change(how, seed) => changed(&now.0, how, seed),
+                Act::Spoil(how) => spoilt(&now.0, how),
+                Act::Keep => {
+                    kept.push((scene.clone(), fresh(&now.0, &now.1, &scene)?));
+                    continue;
+                }
+                Act::Forget => {
+                    if !kept.is_empty() {
+                        kept.remove(0);
+                    }
+                    continue;
+                }
+                Act::Ask(traversal, test) => {
+                    scene.intersect_by(Intersector::Strict)?;
+                    scene.traverse_by(traversal)?;
+                    if test.goes_with(traversal).is_ok() {
+                        scene.intersect_by(test)?;
+                    }
+                    continue;
+                }
+            };
+            let mesh = Mesh::new(arrays.0.clone(), arrays.1.clone());
+            let old = scene.clone();
+            let rebuilt = std::thread::scope(|threads| {
+                let tracing = threads.spawn(|| all_of(&old));
+                let rebuilt = match (&mesh, on_device) {
+                    (Ok(mesh), false) => scene.rebuild(mesh, &options),
+                    (Err(_), false) => Ok(()),
+                    _ => {
+                        let (buffer, end, next) = own(theirs, &arrays);
+                        scene.rebuild_on(buffer.slice(256..end), buffer.slice(next..), &options)
+                    }
+                };
+                let traced = tracing.join().expect("no panic")?;
+                Ok::<_, Failure>((rebuilt, traced))
+            })?;
+            let (rebuilt, traced) = rebuilt;
+            prop_assert!(traced == fresh(&now.0, &now.1, &old)?, "the scene before");
+            match (mesh, rebuilt) {
+                (Ok(_), rebuilt) => {
+                    rebuilt?;
+                    now = (arrays, options);
+                }
+                (Err(expected), Err(found)) => prop_assert_eq!(expected.to_string(), found.to_string()),
+                (Err(expected), Ok(())) => prop_assert!(!on_device, "{}", expected),
+            }
+            drop(old);
+            prop_assert!(all_of(&scene)? == fresh(&now.0, &now.1, &scene)?, "the scene");
+            for (clone, expected) in &kept {
+                prop_assert!(all_of(clone)? == *expected, "a clone");
+            }
+        }
+    }
 }
 
 /// What crosses the bus while `act` runs.
