@@ -1,8 +1,8 @@
 //! raykd on a device of somebody else's, and on its buffers.
 
 use raykd::{
-    BuildOptions, Crossings, Device, Error, Hit, Intersector, Mesh, Query, Ray, RayCount, Scene, Traversal,
-    internals::hits_digest, rays::random, wgpu,
+    BuildOptions, Builder, Crossings, Device, Error, Hit, Intersector, Mesh, Query, Ray, RayCount, Scene,
+    Traversal, internals::hits_digest, rays::random, wgpu,
 };
 use raykd_tests::{Failure, cpu, same};
 use std::{collections::BTreeSet, sync::LazyLock};
@@ -385,6 +385,69 @@ fn a_large_batch_leaves_little_memory() -> Result<(), Failure> {
     assert_eq!(scene.all(&rays, 1)?.hits.len(), 1);
     let more = memory().saturating_sub(before);
     assert!(more < 1 << 20, "{more} bytes are kept");
+    Ok(())
+}
+
+/// A device that binds little takes rays and points in many batches.
+#[test]
+fn small_buffers_change_no_answer() -> Result<(), Failure> {
+    const MOST: u64 = 160_000;
+    let mesh = Mesh::teapot(3);
+    let limits = wgpu::Limits {
+        max_storage_buffer_binding_size: MOST,
+        ..raykd::required_limits(wgpu::Limits::default())
+    };
+    let (device, queue) = request(raykd::required_features(), limits).expect("a device");
+    let device = Device::from_wgpu(&device, &queue)?;
+    let too_large = |result: Result<Scene, Error>| match result {
+        Err(Error::TooLarge { limit: MOST, .. }) => {}
+        other => panic!("{other:?}"),
+    };
+    for &builder in Builder::ALL {
+        let options = BuildOptions::default().with_builder(builder);
+        too_large(Scene::build(&device, &Mesh::teapot(60), &options));
+        if let Ok(scene) = Scene::build(&device, &mesh, &options) {
+            assert!(scene.tree()? == Scene::build(cpu(), &mesh, &options)?.tree()?, "{builder}");
+        }
+    }
+    let mut rays = random(mesh.bounds(), 16_000, 1);
+    for at in [17, 5000, 15_999] {
+        rays[at].direction = [0.0; 3];
+    }
+    let host = Scene::build(cpu(), &mesh, &BuildOptions::default())?;
+    let scene = Scene::with_tree(&device, &mesh, &host.tree()?)?;
+    assert!(scene.batch_limit() * 3 < rays.len());
+    let both = [&host, &scene];
+    for query in [Query::Closest, Query::Any] {
+        let [a, b] = both.map(|scene| scene.trace(query, &rays));
+        let (a, b) = (a?, b?);
+        same("hits", &a.hits, &b.hits)?;
+        assert_eq!((a.invalid, b.invalid), (3, 3));
+        let excluded: Vec<u32> = a.hits.iter().map(|hit| hit.triangle).collect();
+        let [a, b] = both.map(|scene| scene.trace_except(query, &rays, &excluded));
+        same("others", &a?.hits, &b?.hits)?;
+    }
+    for limit in [0, 1, 7, 8, 9, u32::MAX] {
+        let [a, b] = both.map(|scene| scene.all(&rays, limit));
+        let (a, b) = (a?, b?);
+        same("all hits", &a.hits, &b.hits)?;
+        same("numbers", &a.totals, &b.totals)?;
+        assert_eq!((a.begins, a.invalid), (b.begins, b.invalid));
+    }
+    let [a, b] = both.map(|scene| scene.crossings(&rays));
+    let (a, b) = (a?, b?);
+    assert!((a.counts, a.invalid) == (b.counts, b.invalid));
+    let [a, b] = both.map(|scene| scene.steps(&rays));
+    let (a, b) = (a?, b?);
+    same("hits", &a.hits, &b.hits)?;
+    same("steps", &a.steps, &b.steps)?;
+    same("brute", &host.brute(&rays)?, &scene.brute(&rays)?)?;
+    let points: Vec<[f32; 3]> = rays.iter().map(|ray| ray.origin).collect();
+    for _ in 0..2 {
+        let [a, b] = both.map(|scene| scene.winding(&points));
+        let (a, b) = (a?, b?);
+        assert!((a.counts, a.invalid) == (b.counts, b.invalid));
+    }
     Ok(())
 }
 
