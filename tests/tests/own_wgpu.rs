@@ -340,10 +340,13 @@ fn what_cannot_be_used_is_refused() {
     assert!(host.buffers().is_err());
     let small = raykd::required_limits(wgpu::Limits::default());
     let small = wgpu::Limits { max_buffer_size: 4 << 20, max_storage_buffer_binding_size: 4 << 20, ..small };
+    let tiny = raykd::required_limits(wgpu::Limits::default());
+    let tiny = wgpu::Limits { max_storage_buffer_binding_size: 100_000, ..tiny };
     let lacking = [
         (wgpu::Features::empty(), raykd::required_limits(wgpu::Limits::default()), "PASSTHROUGH_SHADERS"),
         (raykd::required_features(), wgpu::Limits::default(), "max_storage_buffers_per_shader_stage"),
         (raykd::required_features(), small, "max_buffer_size"),
+        (raykd::required_features(), tiny, "max_storage_buffer_binding_size"),
     ];
     for (features, limits, word) in lacking {
         let (device, queue) = request(features, limits).expect("a device");
@@ -403,13 +406,16 @@ fn small_buffers_change_no_answer() -> Result<(), Failure> {
         Err(Error::TooLarge { limit: MOST, .. }) => {}
         other => panic!("{other:?}"),
     };
+    let mut fit = Vec::new();
     for &builder in Builder::ALL {
         let options = BuildOptions::default().with_builder(builder);
         too_large(Scene::build(&device, &Mesh::teapot(60), &options));
         if let Ok(scene) = Scene::build(&device, &mesh, &options) {
             assert!(scene.tree()? == Scene::build(cpu(), &mesh, &options)?.tree()?, "{builder}");
+            fit.push(builder);
         }
     }
+    assert!(fit.contains(&Builder::Binned), "{fit:?}");
     let mut rays = random(mesh.bounds(), 16_000, 1);
     for at in [17, 5000, 15_999] {
         rays[at].direction = [0.0; 3];

@@ -1,6 +1,10 @@
 //! Finding and describing Vulkan adapters.
 
-use super::{CHUNK, Gpu, clock::Clock, probe::AdapterVerdict};
+use super::{
+    CHUNK, Gpu,
+    clock::Clock,
+    probe::{AdapterVerdict, VALUES},
+};
 use crate::Error;
 use raykd_kernels::Kernel;
 use raykd_shared::limits::GROUPS_X;
@@ -69,6 +73,7 @@ pub fn required_limits(limits: wgpu::Limits) -> wgpu::Limits {
         max_compute_workgroup_size_x: limits.max_compute_workgroup_size_x.max(threads),
         max_storage_buffers_per_shader_stage: limits.max_storage_buffers_per_shader_stage.max(buffers),
         max_compute_workgroups_per_dimension: limits.max_compute_workgroups_per_dimension.max(GROUPS_X),
+        max_storage_buffer_binding_size: limits.max_storage_buffer_binding_size.max(4 * VALUES),
         max_buffer_size: limits.max_buffer_size.max(CHUNK as u64),
         ..limits
     }

@@ -11,6 +11,8 @@ use raykd_kernels::{
 
 /// Inputs of the probe, in four families.
 const INPUTS: u32 = 4096;
+/// How many numbers a device computes of them: `u32`s in one buffer.
+pub(super) const VALUES: u64 = (INPUTS * RESULTS) as u64;
 
 /// What the start-up probe says about an adapter.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -63,13 +65,12 @@ fn inputs() -> impl Iterator<Item = [f32; 4]> {
 
 /// What a device makes of the inputs.
 fn results(device: &Device) -> Result<Vec<u32>, Error> {
-    let values = INPUTS * RESULTS;
     let inputs = device.upload("probe inputs", &inputs().map(Vec4::from_array).collect::<Vec<_>>())?;
-    let results = device.alloc("probe results", u64::from(values))?;
+    let results = device.alloc("probe results", VALUES)?;
     let count = device.upload("probe count", &[INPUTS])?;
     let probe = probe::Buffers { inputs: &inputs, results: results.out(), count: &count };
     device.dispatch(&[probe.over(INPUTS)], false)?;
-    device.read(&results.view(), 0, values as usize)
+    device.read(&results.view(), 0, VALUES as usize)
 }
 
 /// Compares what a device computed with what is right, for [`check`].
