@@ -865,7 +865,7 @@ fn spoilt(arrays: &Arrays, how: u8) -> Arrays {
 }
 
 proptest! {
-    #![proptest_config(cases(8))]
+    #![proptest_config(cases(4))]
     /// Whatever is done to a scene, one after the other, it is the scene that a first build makes, and so is each
     /// clone; and what fails changes nothing. Meanwhile a thread traces the scene as it was.
     #[test]

@@ -5,7 +5,14 @@ use crate::Error;
 use raykd_kernels::Host;
 #[cfg(feature = "gpu")]
 use rayon::prelude::*;
-use std::{marker::PhantomData, ops::Deref, sync::Arc};
+use std::{
+    marker::PhantomData,
+    ops::Deref,
+    sync::{
+        Arc,
+        atomic::{Ordering, fence},
+    },
+};
 
 /// Memory on a [`Device`](super::Device). Clones share it.
 #[derive(Clone, Debug)]
@@ -39,7 +46,10 @@ impl AnyBuffer {
             #[cfg(feature = "gpu")]
             Memory::Gpu(_) => false,
         };
-        Arc::strong_count(&self.users) == 1 && !is_read
+        let free = Arc::strong_count(&self.users) == 1 && !is_read;
+        // Counts alone do not say that what others did with it is over.
+        fence(Ordering::Acquire);
+        free
     }
 
     /// Bytes of its memory, of which it may use a part.
