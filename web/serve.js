@@ -29,10 +29,17 @@ export function serve(port) {
     response.writeHead(200, { "content-type": types[extname(file)] ?? "application/octet-stream" });
     createReadStream(file).pipe(response);
   });
-  return new Promise((done) => server.listen(port, "127.0.0.1", () => done(server)));
+  return new Promise((done, failed) => {
+    server.once("error", failed).listen(port, "127.0.0.1", () => done(server));
+  });
 }
 
 if (process.argv[1] === fileURLToPath(import.meta.url)) {
-  const server = await serve(Number(process.argv[2] ?? 8080));
-  console.log(`http://localhost:${server.address().port}/`);
+  try {
+    const server = await serve(Number(process.argv[2] ?? 8080));
+    console.log(`http://localhost:${server.address().port}/`);
+  } catch (error) {
+    console.error(`${error.message}: give another port, as in node serve.js 8081`);
+    process.exitCode = 1;
+  }
 }
