@@ -40,10 +40,15 @@ impl Boxes {
 
     /// Every triangle whose box the ray may meet, and some others.
     pub(crate) fn visit(&self, ray: &Ray, mut see: impl FnMut(u32)) {
+        if self.nodes.is_empty() {
+            return;
+        }
         let mut waiting = vec![0usize];
         while let Some(number) = waiting.pop() {
-            // Without triangles there is no root.
-            let Some(node) = self.nodes.get(number).filter(|node| meets(node, ray)) else { continue };
+            let node = &self.nodes[number];
+            if !meets(node, ray) {
+                continue;
+            }
             if node.count == 0 {
                 waiting.extend([node.at as usize, number + 1]);
             } else {
