@@ -338,12 +338,12 @@ fn what_cannot_be_used_is_refused() {
         own.scene.encode(encoder, Query::Closest, rays.slice(..), hits.slice(..), 10).expect("encoded");
     });
     assert!(host.buffers().is_err());
-    let small = raykd::required_limits(wgpu::Limits::default());
-    let small = wgpu::Limits { max_buffer_size: 4 << 20, max_storage_buffer_binding_size: 4 << 20, ..small };
-    let tiny = raykd::required_limits(wgpu::Limits::default());
-    let tiny = wgpu::Limits { max_storage_buffer_binding_size: 100_000, ..tiny };
+    let enough = raykd::required_limits(wgpu::Limits::default());
+    let small =
+        wgpu::Limits { max_buffer_size: 4 << 20, max_storage_buffer_binding_size: 4 << 20, ..enough.clone() };
+    let tiny = wgpu::Limits { max_storage_buffer_binding_size: 100_000, ..enough.clone() };
     let lacking = [
-        (wgpu::Features::empty(), raykd::required_limits(wgpu::Limits::default()), "PASSTHROUGH_SHADERS"),
+        (wgpu::Features::empty(), enough, "PASSTHROUGH_SHADERS"),
         (raykd::required_features(), wgpu::Limits::default(), "max_storage_buffers_per_shader_stage"),
         (raykd::required_features(), small, "max_buffer_size"),
         (raykd::required_features(), tiny, "max_storage_buffer_binding_size"),
