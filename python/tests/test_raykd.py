@@ -575,6 +575,25 @@ def test_an_interrupt_is_heard(calls):
     assert "KeyboardInterrupt" in errors and time.monotonic() - sent < 15 * seconds
 
 
+def test_a_program_may_end_while_other_threads_trace():
+    program = """
+        import threading, time, numpy as np, raykd
+        scene = raykd.Scene(raykd.Mesh.teapot(4), device="cpu")
+        rays = np.ones((1000, 3))
+        def trace():
+            while True:
+                scene.closest(rays, -rays)
+        for _ in range(2):
+            threading.Thread(target=trace, daemon=True).start()
+        time.sleep(0.5)
+    """
+    for _ in range(4):
+        done = subprocess.run(
+            [sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True, timeout=60
+        )
+        assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_a_forked_process_is_told_to_start_afresh(teapot):
     program = """
         import os, raykd
