@@ -9,7 +9,7 @@ use crate::{
 };
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::{
-    exceptions::{PyOverflowError, PyValueError},
+    exceptions::{PyOverflowError, PyTypeError, PyValueError},
     prelude::*,
     types::{PyBytes, PyDict},
 };
@@ -337,22 +337,38 @@ fn build_options(given: &Bound<'_, PyDict>) -> PyResult<BuildOptions> {
     let mut options = BuildOptions::default();
     for (key, value) in given.iter() {
         let key: String = key.extract()?;
-        match key.as_str() {
-            "builder" => {
-                options.builder = value.extract::<String>()?.parse().map_err(error)?;
+        choose(&mut options, &key, &value).map_err(|error| {
+            // Python's own sentence does not say which option it is about.
+            let py = value.py();
+            if !error.is_instance_of::<PyTypeError>(py) {
+                return error;
             }
-            "cost_step" => options.cost_step = value.extract()?,
-            "cost_test" => options.cost_test = value.extract()?,
-            "price" => options.price = value.extract()?,
-            "long" => options.long = whole(&value, "long")?,
-            "budget" => options.budget = value.extract()?,
-            "empty" => options.empty = value.extract()?,
-            "max_depth" => options.max_depth = whole(&value, "max_depth")?,
-            "clip" => options.clip = value.extract()?,
-            _ => return Err(PyValueError::new_err(format!("there is no build option {key:?}"))),
-        }
+            PyTypeError::new_err(format!("{key}: {}", error.value(py)))
+        })?;
     }
     Ok(options)
+}
+
+/// Sets one of them.
+fn choose(options: &mut BuildOptions, key: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
+    match key {
+        "builder" => options.builder = value.extract::<String>()?.parse().map_err(error)?,
+        "cost_step" => options.cost_step = value.extract()?,
+        "cost_test" => options.cost_test = value.extract()?,
+        "price" => options.price = value.extract()?,
+        "long" => options.long = whole(value, "long")?,
+        "budget" => options.budget = value.extract()?,
+        "empty" => options.empty = value.extract()?,
+        "max_depth" => options.max_depth = whole(value, "max_depth")?,
+        "clip" => options.clip = value.extract()?,
+        _ => {
+            return Err(PyValueError::new_err(format!(
+                "there is no build option {key:?}; there are builder, cost_step, cost_test, price, long, budget, \
+                 empty, max_depth, clip"
+            )));
+        }
+    }
+    Ok(())
 }
 
 /// A whole number of 32 bits; one that is out of range is bad input like any other.

@@ -289,7 +289,7 @@ def test_rays_that_are_none_miss_and_are_counted(teapot):
         (lambda s: raykd.Scene(s.mesh, device="cpu", builder="best"), "builder"),
         (lambda s: raykd.Scene(s.mesh, device="cpu", traversal="best"), "traversal"),
         (lambda s: raykd.Scene(s.mesh, device="cpu", price=-1.0), "price"),
-        (lambda s: raykd.Scene(s.mesh, device="cpu", speed=1.0), "speed"),
+        (lambda s: raykd.Scene(s.mesh, device="cpu", speed=1.0), "speed.*there are builder, cost_step"),
         (lambda s: raykd.Scene(s.mesh, device="cpu", max_depth=-1), "max_depth must be from 0"),
         (lambda s: raykd.Scene(s.mesh, device="cpu", long=1 << 32), "long must be from 0"),
         (lambda s: raykd.Scene(s.mesh, device="gpu", threads=2), "threads"),
@@ -337,6 +337,9 @@ def test_what_is_not_a_mesh_is_refused_in_words(teapot):
         raykd.render(scene, 64.0, 64)
     with pytest.raises(TypeError, match="level must be a whole number"):
         raykd.Mesh.teapot(1.5)
+    for option, value in (("price", "5"), ("clip", 1), ("long", 1.5), ("builder", 5)):
+        with pytest.raises(TypeError, match=f"{option}: "):
+            raykd.Scene(teapot, device="cpu", **{option: value})
 
 
 def write_costs(path, device):
