@@ -31,6 +31,12 @@ pub(crate) fn device(py: Python<'_>, name: &str, threads: Option<usize>) -> PyRe
     type Opened = Mutex<HashMap<(String, Option<usize>), Device>>;
     static OPENED: OnceLock<Opened> = OnceLock::new();
     same_process()?;
+    // Every adapter's name has this in it.
+    if name.is_empty() {
+        return Err(PyValueError::new_err(
+            "the device's name is empty; raykd.devices() lists the devices there are",
+        ));
+    }
     if threads.is_some() && !matches!(name, "cpu" | "auto") {
         return Err(PyValueError::new_err(
             "threads are those of the CPU; leave them out, or say device=\"cpu\"",

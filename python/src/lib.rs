@@ -25,6 +25,9 @@ fn error(error: Error) -> PyErr {
     if matches!(error, Error::Inexact { .. }) {
         text += "; to use it all the same, name it and set RAYKD_ALLOW_INEXACT=1";
     }
+    if matches!(error, Error::NoAdapter { wanted: Some(_) }) {
+        text += " (raykd.devices() lists the devices there are)";
+    }
     match error {
         Error::Io { source, .. }
         | Error::Mesh(MeshError::Read { source, .. } | MeshError::Buffer { source, .. }) => {
