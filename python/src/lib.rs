@@ -16,7 +16,7 @@ use pyo3::{
     exceptions::{PyMemoryError, PyOSError, PyRuntimeError, PyValueError},
     prelude::*,
 };
-use raykd::{Error, mesh::MeshError};
+use raykd::{Error, TreeError, mesh::MeshError};
 use std::io;
 
 /// What Python calls such an error, with raykd's own sentence.
@@ -24,6 +24,19 @@ fn error(error: Error) -> PyErr {
     let mut text = error.to_string();
     if matches!(error, Error::Inexact { .. }) {
         text += "; to use it all the same, name it and set RAYKD_ALLOW_INEXACT=1";
+    }
+    if let Error::Tree { why, .. } = &error {
+        // The functions that raykd's sentences name are Rust's.
+        let own = match why {
+            TreeError::NoSceneFile => "not a raykd scene file (write one by Scene.save)",
+            TreeError::NoMesh => {
+                "this is a tree's file, without its mesh; make a scene of the mesh, and save that"
+            }
+            _ => "",
+        };
+        if !own.is_empty() {
+            text = text.replace(&why.to_string(), own);
+        }
     }
     if matches!(error, Error::NoAdapter { wanted: Some(_) }) {
         text += " (raykd.devices() lists the devices there are)";

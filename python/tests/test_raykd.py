@@ -428,6 +428,16 @@ def test_files_that_are_not_there():
             raykd.Scene(raykd.Mesh.teapot(1), device=device)
 
 
+def test_files_of_another_kind_are_told_in_the_words_of_python(teapot, tmp_path):
+    other = tmp_path / "other"
+    other.write_bytes(b"v 0 0 0")
+    with pytest.raises(ValueError, match=r"other: not a raykd scene file \(write one by Scene\.save\)"):
+        raykd.load(other, device="cpu")
+    other.write_bytes(raykd.Scene(teapot, device="cpu")._scene.tree())
+    with pytest.raises(ValueError, match="other: this is a tree's file, without its mesh; make a scene of the mesh"):
+        raykd.load(other, device="cpu")
+
+
 def test_folders_that_are_not_there(teapot, tmp_path):
     with pytest.raises(FileNotFoundError, match="no such folder"):
         raykd.Scene(teapot, device="cpu").save(tmp_path / "no" / "scene")
