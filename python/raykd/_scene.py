@@ -26,7 +26,7 @@ class Mesh:
     (1, False)
     """
 
-    __slots__ = ("_closed", "_mesh")
+    __slots__ = ("__weakref__", "_closed", "_mesh")
 
     def __init__(self, vertices: Any, faces: Any) -> None:
         vertices, _ = _arrays.points(vertices, "vertices")
@@ -128,7 +128,7 @@ class Scene:
     [1.0, inf]
     """
 
-    __slots__ = ("_device", "_file", "_mesh", "_scene")
+    __slots__ = ("__weakref__", "_device", "_file", "_mesh", "_scene")
 
     def __init__(
         self,

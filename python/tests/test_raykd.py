@@ -10,6 +10,7 @@ import textwrap
 import threading
 import time
 import warnings
+import weakref
 
 import matplotlib.image
 import numpy as np
@@ -672,6 +673,13 @@ def test_devices_are_listed():
         assert raykd.Scene(raykd.Mesh.teapot(1), device=about["device"]).device.startswith(about["name"])
     assert all(it["max_binding_bytes"] > 0 and it["max_buffer_bytes"] > 0 for it in devices if it["kind"] == "gpu")
     assert [it["device"] for it in devices] == ["cpu", *(f"gpu:{number}" for number in range(len(devices) - 1))]
+
+
+def test_meshes_and_scenes_may_be_kept_by_weak_references(teapot):
+    kept = weakref.WeakValueDictionary(mesh=raykd.Mesh(teapot.vertices, teapot.faces))
+    assert "mesh" not in kept
+    scene = raykd.Scene(teapot, device="cpu")
+    assert weakref.ref(scene)() is scene
 
 
 def test_pickles_carry_the_tree(teapot):
