@@ -195,7 +195,10 @@ class Scene:
 
     def using(self, *, traversal: str | None = None, test: str | None = None) -> Scene:
         """The same scene with another traversal or triangle test; both share all memory."""
-        ways = (traversal or self._scene.traversal, test or self._scene.test)
+        ways = (
+            self._scene.traversal if traversal is None else traversal,
+            self._scene.test if test is None else test,
+        )
         return Scene._of(self._scene.using(*ways), self._device, self._file, self._mesh)
 
     def closest(

@@ -289,6 +289,8 @@ def test_rays_that_are_none_miss_and_are_counted(teapot):
         (lambda s: raykd.Mesh(np.zeros((0, 3)), np.zeros((0, 3), int)), "no faces"),
         (lambda s: raykd.Scene(s.mesh, device="cpu", builder="best"), "builder"),
         (lambda s: raykd.Scene(s.mesh, device="cpu", traversal="best"), "traversal"),
+        (lambda s: s.using(traversal=""), "no traversal is named ''"),
+        (lambda s: s.using(test=""), "no triangle test is named ''"),
         (lambda s: raykd.Scene(s.mesh, device="cpu", price=-1.0), "price"),
         (lambda s: raykd.Scene(s.mesh, device="cpu", speed=1.0), "speed.*there are builder, cost_step"),
         (lambda s: raykd.Scene(s.mesh, device="cpu", max_depth=-1), "max_depth must be from 0"),
