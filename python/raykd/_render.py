@@ -27,7 +27,7 @@ def camera_rays(
     Without ``eye`` the camera sees the whole scene from the front, the right and a little above. ``fov`` is the angle
     of view from bottom to top, in degrees.
     """
-    origin, directions = _raykd.camera_rays(scene._scene, _view(width, height, eye, target, up, fov))
+    origin, directions = _raykd.camera_rays(_of(scene), _view(width, height, eye, target, up, fov))
     return np.array(origin), directions.reshape(height, width, 3)
 
 
@@ -51,7 +51,13 @@ def render(
     """
     if samples is not None:
         samples = whole(samples, "samples", 1, 8)
-    return _raykd.render(scene._scene, _view(width, height, **camera), shading, samples)
+    return _raykd.render(_of(scene), _view(width, height, **camera), shading, samples)
+
+
+def _of(scene: Any) -> _raykd.Scene:
+    if not isinstance(scene, Scene):
+        raise TypeError(f"pictures are of a raykd.Scene, but {type(scene).__name__} is given")
+    return scene._scene
 
 
 def _view(

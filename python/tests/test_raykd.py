@@ -337,6 +337,8 @@ def test_what_is_not_a_mesh_is_refused_in_words(teapot):
         with pytest.raises(TypeError, match="vertices and faces"):
             raykd.Scene(given, device="cpu")
     scene = raykd.Scene(teapot, device="cpu")
+    with pytest.raises(TypeError, match=r"raykd\.Scene, but Mesh is given"):
+        raykd.render(teapot)
     with pytest.raises(TypeError, match="width and height must be a whole number"):
         raykd.render(scene, 64.0, 64)
     with pytest.raises(TypeError, match="level must be a whole number"):
