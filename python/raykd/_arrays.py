@@ -129,10 +129,10 @@ def triangles(array: Any, shape: tuple[int, ...]) -> np.ndarray:
 class Hits:
     """What rays hit: of each the triangle, where on the ray, and where on the triangle.
 
-    ``records`` is a structured array, of type ``RECORD``: ``triangle``, ``t``, ``u`` and ``v``, which are also
-    attributes. Of a miss the triangle is ``raykd.MISS``, which no array of triangles has a place for, and ``t`` is
-    infinite. The point hit is ``(1 - u - v) * a + u * b + v * c`` for the triangle's corners. ``invalid`` counts
-    invalid rays; of a part of hits, such as ``hits[:5]``, it is not known, and 0.
+    ``records``, which ``np.asarray(hits)`` gives, is a structured array, of type ``RECORD``: ``triangle``, ``t``, ``u``
+    and ``v``, which are also attributes. Of a miss the triangle is ``raykd.MISS``, which no array of triangles has a
+    place for, and ``t`` is infinite. The point hit is ``(1 - u - v) * a + u * b + v * c`` for the triangle's corners.
+    ``invalid`` counts invalid rays; of a part of hits, such as ``hits[:5]``, it is not known, and 0.
     """
 
     RECORD = np.dtype([("triangle", "<u4"), ("t", "<f4"), ("u", "<f4"), ("v", "<f4")])
@@ -175,6 +175,9 @@ class Hits:
     def digest(self) -> str:
         """SHA-256 of the hits, the same on every machine, as the program ``raykd`` prints it."""
         return _raykd.digest(plain(np.ascontiguousarray(self.records).reshape(-1).view(np.uint32)))
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        return np.array(self.records, dtype=dtype) if copy else np.asarray(self.records, dtype=dtype)
 
     def __len__(self) -> int:
         return len(self.records)

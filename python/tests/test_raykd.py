@@ -77,6 +77,14 @@ def test_hits_are_where_they_say(teapot):
     assert np.isinf(hits.t[~on]).all()
 
 
+def test_hits_become_the_array_of_their_records(teapot):
+    scene = raykd.Scene(teapot, device="cpu")
+    for hits in (scene.closest(*some_rays(9)), scene.closest([0, 0, 50], [0, 0, -1])):
+        array = np.asarray(hits)
+        assert array.dtype == raykd.Hits.RECORD and (array == hits.records).all()
+        assert array.shape == hits.records.shape and not np.shares_memory(np.array(hits), hits.records)
+
+
 def test_every_layout_of_arrays_gives_the_same(teapot):
     scene = raykd.Scene(teapot, device="cpu")
     origins, directions = some_rays(600)
