@@ -9,7 +9,7 @@ use crate::{
 };
 use raykd_kernels::glam::Vec4;
 use raykd_shared::{Node, TreeHeader};
-use std::{sync::Arc, time::Duration};
+use std::{fmt, sync::Arc, time::Duration};
 
 /// A tree on a device.
 #[derive(Debug)]
@@ -114,10 +114,17 @@ impl<'a> Given<'a> {
 }
 
 /// The triangles that take part, as a scene keeps them.
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub(crate) enum Kept {
     Host(Arc<[u32]>),
     Device { list: Buffer<u32>, count: u32 },
+}
+
+/// Without the list, which may be long.
+impl fmt::Debug for Kept {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Kept").field("count", &self.count()).finish_non_exhaustive()
+    }
 }
 
 impl Kept {

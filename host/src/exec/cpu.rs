@@ -9,6 +9,7 @@ use bytemuck::allocation::try_zeroed_vec;
 use raykd_kernels::{Access, Group, Order, RawBuf, Usual};
 use rayon::prelude::*;
 use std::{
+    fmt,
     num::NonZero,
     sync::{
         Arc,
@@ -215,7 +216,6 @@ pub(super) fn memory(buffer: &AnyBuffer) -> &Memory {
 #[derive(Clone, Debug)]
 pub(crate) struct Memory(Arc<Allocation>);
 
-#[derive(Debug)]
 struct Allocation {
     /// Start of the memory; all accesses go through it, never through a reference.
     ptr: *mut u8,
@@ -225,8 +225,14 @@ struct Allocation {
     users: AtomicU32,
 }
 
+/// Without the bytes: a scene has too many to print.
+impl fmt::Debug for Allocation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Allocation").field("len", &self.len).finish_non_exhaustive()
+    }
+}
+
 /// Where memory comes from: to map pages takes longer than to clear a few.
-#[derive(Debug)]
 enum Place {
     Heap(#[expect(dead_code, reason = "owns the memory")] Vec<Line>),
     Pages(#[allow(dead_code, reason = "owns the memory, where there are any")] memmap2::MmapMut),
@@ -234,7 +240,7 @@ enum Place {
 }
 
 /// As much as a processor fetches at once.
-#[derive(Clone, Copy, Debug, bytemuck::Zeroable)]
+#[derive(Clone, Copy, bytemuck::Zeroable)]
 #[repr(align(64))]
 struct Line(#[expect(dead_code, reason = "read by kernels")] [u8; 64]);
 

@@ -182,6 +182,16 @@ mod tests {
         }
     }
 
+    #[test]
+    fn what_is_printed_of_a_scene_does_not_grow_with_it() {
+        let printed = |level| {
+            let scene = Scene::build(&Device::cpu(), &Mesh::teapot(level), &BuildOptions::default()).unwrap();
+            let tracer = scene.tracer().unwrap();
+            format!("{scene:?}{tracer:?}").len()
+        };
+        assert!(printed(20) < printed(2) + 100, "{} and {}", printed(20), printed(2));
+    }
+
     /// As many as there are, where a process has not as many addresses as asked for.
     #[test]
     fn all_hits_take_memory_for_those_there_are() {
