@@ -28,7 +28,9 @@ const fn hint(error: &Error) -> &'static str {
         Error::Lacking { .. } => "; use --device cpu",
         Error::DeviceFailed { .. } => ": --device cpu",
         Error::Calibration { .. } => "; `raykd calibrate` measures anew",
-        Error::Tree { why: TreeError::NoTreeFile, .. } => "; on the command line: raykd build MESH -o FILE",
+        Error::Tree { why: TreeError::NoTreeFile | TreeError::SceneFile, .. } => {
+            "; on the command line: raykd build MESH -o FILE"
+        }
         _ => "",
     }
 }

@@ -188,6 +188,9 @@ pub enum TreeError {
          mesh"
     )]
     NoMesh,
+    /// This is a scene's file where a tree's is wanted.
+    #[error("this is a scene's file; read it by Scene::open, and take the tree by Scene::tree")]
+    SceneFile,
     /// A tree's file has another layout.
     #[error("tree layout version {0}, but this raykd reads {LAYOUT_VERSION}; build the tree again")]
     TreeVersion(u32),

@@ -15,6 +15,8 @@ pub struct KdTree {
 
 /// First bytes of a tree file.
 pub(crate) const MAGIC: &[u8; 8] = b"raykd-kd";
+/// First bytes of a scene file.
+pub(crate) const SCENE_MAGIC: [u8; 8] = *b"raykd-sc";
 /// Bytes of the checksum at the end of a tree file.
 const SUM: usize = 32;
 
@@ -132,7 +134,10 @@ impl KdTree {
         let damaged = |what: &str| Err(TreeError::Damaged(what.to_owned()).into());
         let start = MAGIC.len() + 4;
         let body = start + size_of::<TreeHeader>();
-        if bytes.len() < MAGIC.len() || &bytes[..MAGIC.len()] != MAGIC {
+        if bytes.starts_with(&SCENE_MAGIC) {
+            return Err(TreeError::SceneFile.into());
+        }
+        if !bytes.starts_with(MAGIC) {
             return Err(TreeError::NoTreeFile.into());
         }
         if bytes.len() < body + SUM {

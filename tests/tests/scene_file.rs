@@ -316,7 +316,8 @@ fn other_files_are_told_apart() {
         tell(&path).contains("a.scene: this is a tree's file, without its mesh; read it by KdTree::load")
     );
     scene.save(&path).unwrap();
-    assert!(KdTree::load(&path).unwrap_err().to_string().contains("not a raykd tree file"));
+    let message = KdTree::load(&path).unwrap_err().to_string();
+    assert!(message.contains("a.scene: this is a scene's file; read it by Scene::open"), "{message}");
     for other in ["", "v 0 0 0\n", "raykd-s"] {
         assert!(refusal(other.as_bytes()).contains("not a raykd scene file (write one by Scene::save)"));
     }

@@ -26,8 +26,6 @@ use std::{
     path::Path,
 };
 
-/// First bytes of a scene file.
-const MAGIC: [u8; 8] = *b"raykd-sc";
 /// Version of what a scene file adds to the layouts of `raykd-shared`: head, order of the sections, leaf triangles.
 const VERSION: u32 = 1;
 /// Sections begin at multiples of this.
@@ -212,7 +210,7 @@ impl Scene {
         };
         let mesh = device.install(|| digest(parts.positions, parts.indices, parts.kept));
         let head = Head {
-            magic: MAGIC,
+            magic: tree::SCENE_MAGIC,
             version: VERSION,
             layout: LAYOUT_VERSION,
             translation: self.translation,
@@ -306,7 +304,7 @@ fn head(first: &[u8], length: u64) -> Result<Head, TreeError> {
     if first.starts_with(tree::MAGIC) {
         return Err(TreeError::NoMesh);
     }
-    if !first.starts_with(&MAGIC) {
+    if !first.starts_with(&tree::SCENE_MAGIC) {
         return Err(TreeError::NoSceneFile);
     }
     let Some(head) = first.get(..size_of::<Head>()) else {
