@@ -43,7 +43,8 @@ impl<'a> From<wgpu::BufferSlice<'a>> for RayCount<'a> {
 /// The layouts of [`SceneBuffers`] in WGSL, and a walk through the tree for single rays, to put before a shader's own
 /// text.
 ///
-/// Its first lines say how to bind the buffers, and which digits of a hit may differ from raykd's.
+/// Its first lines say how to bind the buffers, and which digits of a hit may differ from raykd's. wgpu reads WGSL if
+/// its feature `wgsl` is on, which raykd leaves off: name wgpu with it in your own `Cargo.toml`.
 pub const WGSL: &str = include_str!("raykd.wgsl");
 
 /// A scene's buffers on a GPU, for shaders of one's own, which must not write them.

@@ -18,6 +18,9 @@
 // Rays are as `Scene::encode` takes them: in the mesh's units, less its translation. Directions need no unit length, but
 // a normal number for their largest component, between 2^-60 and 2^60 in size; others hit nothing. Numbers that are
 // infinite or NaN have no meaning in WGSL: for a ray without end give `t_max` a large number.
+//
+// `RaykdRay` and `RaykdHit` are for variables. In the buffers of `Scene::encode` a ray is 8 `f32` in another order
+// (origin, direction, `t_min`, `t_max`) and a hit 4 words (triangle, `t`, `u`, `v`): declare structs of your own there.
 
 struct RaykdHeader {
     // Corners of the scene, times scale.
