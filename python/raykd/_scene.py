@@ -49,9 +49,14 @@ class Mesh:
         return cls.__new__(cls)._become(mesh)
 
     @classmethod
-    def load(cls, path: _Path) -> Mesh:
-        """Reads an OBJ, PLY, STL or glTF file, each of them also gzipped."""
-        return cls._of(_raykd.Mesh.load(file_name(path)))
+    def load(cls, path: _Path, *, max_bytes: int | None = None) -> Mesh:
+        """Reads an OBJ, PLY, STL or glTF file, each of them also gzipped.
+
+        If it has more than ``max_bytes``, packed or unpacked, that is an error. Left out, the memory there is sets the
+        limit, and a gzipped file may have a hundred times its size, or 256 MiB if that is more.
+        """
+        most = None if max_bytes is None else whole(max_bytes, "max_bytes", 0, 2**64 - 1)
+        return cls._of(_raykd.Mesh.load(file_name(path), most))
 
     @classmethod
     def scene(cls, name: str) -> Mesh:

@@ -25,6 +25,9 @@ fn error(error: Error) -> PyErr {
     if matches!(error, Error::Inexact { .. }) {
         text += "; to use it all the same, name it and set RAYKD_ALLOW_INEXACT=1";
     }
+    if matches!(error, Error::Mesh(MeshError::TooLong { .. })) {
+        text += " by max_bytes of Mesh.load";
+    }
     if let Error::Tree { why, .. } = &error {
         // The functions that raykd's sentences name are Rust's.
         let own = match why {

@@ -54,9 +54,12 @@ impl Mesh {
     }
 
     #[staticmethod]
-    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+    fn load(py: Python<'_>, path: PathBuf, max_bytes: Option<u64>) -> PyResult<Self> {
         same_process()?;
-        Self::of(py.detach(|| raykd::Mesh::load(&path)))
+        Self::of(py.detach(|| match max_bytes {
+            None => raykd::Mesh::load(&path),
+            Some(most) => raykd::Mesh::load_up_to(&path, most),
+        }))
     }
 
     #[staticmethod]

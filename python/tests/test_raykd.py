@@ -441,6 +441,16 @@ def test_files_that_are_not_there():
             raykd.Scene(raykd.Mesh.teapot(1), device=device)
 
 
+def test_how_much_is_read_may_be_set(tmp_path):
+    file = tmp_path / "mesh.obj"
+    file.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    assert len(raykd.Mesh.load(file, max_bytes=100)) == 1
+    with pytest.raises(ValueError, match="more than 10 bytes.* allow more by max_bytes of Mesh.load"):
+        raykd.Mesh.load(file, max_bytes=10)
+    with pytest.raises(ValueError, match="max_bytes must be from 0"):
+        raykd.Mesh.load(file, max_bytes=-1)
+
+
 def test_files_of_another_kind_are_told_in_the_words_of_python(teapot, tmp_path):
     other = tmp_path / "other"
     other.write_bytes(b"v 0 0 0")
