@@ -140,6 +140,11 @@ class Hits:
     __slots__ = ("invalid", "records")
 
     def __init__(self, records: np.ndarray, invalid: int = 0) -> None:
+        if records.dtype != self.RECORD:
+            raise TypeError(
+                f"hits are records of type Hits.RECORD, but {records.dtype} is given; their fields are attributes, such"
+                " as hits.t"
+            )
         self.records = records
         self.invalid = invalid
 

@@ -85,6 +85,14 @@ def test_hits_become_the_array_of_their_records(teapot):
         assert array.shape == hits.records.shape and not np.shares_memory(np.array(hits), hits.records)
 
 
+def test_what_are_no_hits_is_refused_in_words(teapot):
+    hits = raykd.Scene(teapot, device="cpu").closest(*some_rays(9))
+    with pytest.raises(TypeError, match="float32 is given.* such as hits.t"):
+        hits["t"]
+    with pytest.raises(TypeError, match="float64 is given"):
+        raykd.Hits(np.zeros(3))
+
+
 def test_every_layout_of_arrays_gives_the_same(teapot):
     scene = raykd.Scene(teapot, device="cpu")
     origins, directions = some_rays(600)
