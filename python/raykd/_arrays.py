@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 import os
 import warnings
-from typing import Any, NamedTuple
+from typing import Any, Iterator, NamedTuple
 
 import numpy as np
 
@@ -186,6 +186,9 @@ class Hits:
 
     def __len__(self) -> int:
         return len(self.records)
+
+    def __iter__(self) -> Iterator[Hits]:
+        return map(self.__getitem__, range(len(self)))
 
     def __getitem__(self, index: Any) -> Hits:
         return Hits(self.records[index])

@@ -1,5 +1,6 @@
 """The package as people use it. On a GPU too: a software driver serves, but there must be one."""
 
+import collections.abc
 import json
 import os
 import pickle
@@ -91,6 +92,12 @@ def test_what_are_no_hits_is_refused_in_words(teapot):
         hits["t"]
     with pytest.raises(TypeError, match="float64 is given"):
         raykd.Hits(np.zeros(3))
+
+
+def test_hits_can_be_gone_through(teapot):
+    hits = raykd.Scene(teapot, device="cpu").closest(*some_rays(9))
+    assert isinstance(hits, collections.abc.Iterable)
+    assert [int(hit.triangle) for hit in hits] == hits.triangle.tolist()
 
 
 def test_every_layout_of_arrays_gives_the_same(teapot):
