@@ -71,7 +71,7 @@ class Mesh:
     @property
     def vertices(self) -> np.ndarray:
         """Vertices as they are traced, in the mesh's own coordinates, as float64; but what ``repairs`` counts as
-        ``flushed`` is traced as 0."""
+        ``flushed`` is traced as 0. It is a copy, as that of ``faces`` is: a mesh does not change."""
         return self._mesh.vertices()
 
     @property
