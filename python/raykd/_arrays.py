@@ -70,6 +70,13 @@ def whole(number: Any, name: str, least: int, most: int) -> int:
     return taken
 
 
+def text(given: Any, name: str) -> str:
+    """What is given, if it is text."""
+    if not isinstance(given, str):
+        raise TypeError(f"{name} must be a str, but is {given!r}")
+    return given
+
+
 class Rays(NamedTuple):
     """Rays as the compiled module takes them."""
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from . import _raykd
-from ._arrays import whole
+from ._arrays import text, whole
 from ._scene import Scene
 
 
@@ -51,7 +51,7 @@ def render(
     """
     if samples is not None:
         samples = whole(samples, "samples", 1, 8)
-    return _raykd.render(_of(scene), _view(width, height, **camera), shading, samples)
+    return _raykd.render(_of(scene), _view(width, height, **camera), text(shading, "shading"), samples)
 
 
 def _of(scene: Any) -> _raykd.Scene:

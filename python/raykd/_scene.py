@@ -10,7 +10,7 @@ import numpy as np
 
 from . import _raykd
 from . import _arrays
-from ._arrays import AllHits, Crossings, Hits, Steps, file_name, on_host, plain, rays, triangles, whole
+from ._arrays import AllHits, Crossings, Hits, Steps, file_name, on_host, plain, rays, text, triangles, whole
 
 _Device = Tuple[str, Optional[int]]
 _Path = Union[str, bytes, "os.PathLike[str]", "os.PathLike[bytes]"]
@@ -61,7 +61,7 @@ class Mesh:
     @classmethod
     def scene(cls, name: str) -> Mesh:
         """A scene by the name that the program has for it, or a file: ``teapot:8``, ``dragon``, ``sponza``."""
-        return cls._of(_raykd.Mesh.scene(name))
+        return cls._of(_raykd.Mesh.scene(text(name, "name")))
 
     @classmethod
     def teapot(cls, level: int = 8) -> Mesh:
@@ -164,11 +164,12 @@ class Scene:
         self._device = _on(device, threads)
         self._mesh: Mesh | None = mesh
         self._file: str | None = None
+        test = text(test, "test")
         given = build if builder is None else {"builder": builder, **build}
         if quality == "usual":
             if rays is not None or costs is not None:
                 raise ValueError('rays and costs are for quality="auto"')
-            ways = ("stack" if traversal is None else traversal, test)
+            ways = ("stack" if traversal is None else text(traversal, "traversal"), test)
             self._scene = _raykd.Scene(mesh._mesh, self._device, ways, None, given)
         elif quality == "auto":
             if given or traversal is not None:
@@ -201,8 +202,8 @@ class Scene:
     def using(self, *, traversal: str | None = None, test: str | None = None) -> Scene:
         """The same scene with another traversal or triangle test; both share all memory."""
         ways = (
-            self._scene.traversal if traversal is None else traversal,
-            self._scene.test if test is None else test,
+            self._scene.traversal if traversal is None else text(traversal, "traversal"),
+            self._scene.test if test is None else text(test, "test"),
         )
         return Scene._of(self._scene.using(*ways), self._device, self._file, self._mesh)
 
@@ -328,7 +329,7 @@ def load(path: _Path, *, device: str = "auto", threads: int | None = None) -> Sc
 def _on(device: str, threads: int | None) -> _Device:
     """The device, with as many threads as the program takes, too: of more most only look for work."""
     most = min(64 * (os.cpu_count() or 1), 4096)
-    return device, None if threads is None else whole(threads, "threads", 1, most)
+    return text(device, "device"), None if threads is None else whole(threads, "threads", 1, most)
 
 
 def _moved(positions: np.ndarray, faces: np.ndarray, translation: list[float]) -> Mesh:

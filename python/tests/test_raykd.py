@@ -366,6 +366,19 @@ def test_what_is_not_a_mesh_is_refused_in_words(teapot):
         raykd.render(scene, 64.0, 64)
     with pytest.raises(TypeError, match="level must be a whole number"):
         raykd.Mesh.teapot(1.5)
+    calls = [
+        ("device", lambda name: raykd.Scene(teapot, device=name)),
+        ("device", lambda name: raykd.load("scene", device=name)),
+        ("test", lambda name: raykd.Scene(teapot, device="cpu", test=name)),
+        ("traversal", lambda name: raykd.Scene(teapot, device="cpu", traversal=name)),
+        ("traversal", lambda name: scene.using(traversal=name)),
+        ("test", lambda name: scene.using(test=name)),
+        ("shading", lambda name: raykd.render(scene, shading=name)),
+        ("name", lambda name: raykd.Mesh.scene(name)),
+    ]
+    for what, call in calls:
+        with pytest.raises(TypeError, match=f"{what} must be a str, but is 5"):
+            call(5)
     for option, value in (("price", "5"), ("clip", 1), ("long", 1.5), ("builder", 5)):
         with pytest.raises(TypeError, match=f"{option}: "):
             raykd.Scene(teapot, device="cpu", **{option: value})
