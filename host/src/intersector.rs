@@ -237,11 +237,13 @@ impl WithTest for Find<'_> {
     }
 }
 
-/// Hits by the exact test with a full stack, in three kernels. Both `more` are a buffer of four words a ray.
+/// Hits by the exact test with a full stack, in three kernels, the second by doubles or not. Both `more` are a buffer
+/// of four words a ray.
 #[cfg(feature = "gpu")]
 pub(crate) fn exact_hits<'a, H: Host>(
     query: impl Fn() -> queries::Query<'a, H>,
     asked: Query,
+    by_doubles: bool,
     more: (H::Write<'a, UVec4>, H::Read<'a, UVec4>),
 ) -> [Bound<'a, H>; 3] {
     [
@@ -249,7 +251,11 @@ pub(crate) fn exact_hits<'a, H: Host>(
             Query::Closest => Bound::of(narrow::Buffers { query: query(), more: more.0 }),
             Query::Any => Bound::of(narrow::any::Buffers { query: query(), more: more.0 }),
         },
-        Bound::of(settle::Buffers { query: query(), more: more.1 }),
+        if by_doubles {
+            Bound::of(settle::by_doubles::Buffers { query: query(), more: more.1 })
+        } else {
+            Bound::of(settle::Buffers { query: query(), more: more.1 })
+        },
         Bound { rays: BLOCK, ..Bound::of(rest::Buffers { query: query() }) },
     ]
 }

@@ -262,7 +262,7 @@ pub trait Bindings<'a, H: Host> {
     fn list(self) -> impl Iterator<Item = H::Any<'a>>;
 }
 
-#[cfg(all(target_arch = "spirv", feature = "entry-points"))]
+#[cfg(all(target_arch = "spirv", any(feature = "entry-points", feature = "doubles")))]
 macro_rules! slot {
     (read $t:ty) => { &$crate::mem::Buf<$t> };
     (write $t:ty) => { &mut $crate::mem::Buf<$t> };
@@ -385,12 +385,20 @@ macro_rules! run_twice {
 
 /// Declares a kernel: a SPIR-V entry point on the GPU; on the CPU a [`Kernel`] constant, and `Buffers`, by
 /// which a host binds its buffers. A kernel may begin with those of a struct that [`bindings!`] made, of `'a` and `H`.
+///
+/// A kernel `map_by_doubles` stands in the module for devices that have doubles.
 macro_rules! kernel {
-    ($(#[$doc:meta])* map $name:ident = $body:path, threads $n:tt,
+    ($(#[$doc:meta])* map $($rest:tt)*) => {
+        kernel! { @map "entry-points" $(#[$doc])* $($rest)* }
+    };
+    ($(#[$doc:meta])* map_by_doubles $($rest:tt)*) => {
+        kernel! { @map "doubles" $(#[$doc])* $($rest)* }
+    };
+    (@map $feature:literal $(#[$doc:meta])* $name:ident = $body:path, threads $n:tt,
      $($head:ident: $shared:ty { $($hb:tt $harg:ident: $hmode:ident $ht:ty),+ $(,)? },)?
      { $($b:tt $arg:ident: $mode:ident $t:ty),* $(,)? }) => {
         $(#[$doc])*
-        #[cfg(all(target_arch = "spirv", feature = "entry-points"))]
+        #[cfg(all(target_arch = "spirv", feature = $feature))]
         #[spirv_std::spirv(compute(threads($n), signed_zero_inf_nan_preserve = 32, rounding_mode_rte = 32))]
         pub fn entry(
             #[spirv(workgroup_id)] group: $crate::glam::UVec3,

@@ -76,6 +76,7 @@
 //!
 //! # Features
 //! * `entry-points`: in SPIR-V, every kernel is an entry point. For raykd's own module; on a CPU it changes nothing.
+//! * `doubles`: the same for kernels that need doubles, raykd's second module.
 //! * `traffic`: count the bytes that kernels move on the CPU, which slows them.
 #![no_std]
 #![allow(clippy::too_many_arguments, reason = "one argument per buffer")]
@@ -112,7 +113,7 @@ pub use spirv_std::glam;
 /// Whether this is compiled for a GPU. Where bodies differ, one function or number asks this, and says why.
 const ON_GPU: bool = cfg!(target_arch = "spirv");
 
-/// Every kernel, in pipeline order.
+/// Every kernel that any device can run, in pipeline order.
 #[cfg(not(target_arch = "spirv"))]
 pub const KERNELS: &[&Kernel] = &{
     const LISTS: [&[&Kernel]; 10] = [
@@ -148,7 +149,19 @@ pub const KERNELS: &[&Kernel] = &{
     all
 };
 
-/// All kernels as one SPIR-V module, made by `cargo xtask kernels`; its entry points are
+/// Kernels that need doubles: their results are those of others, sooner where doubles are quick.
+#[cfg(not(target_arch = "spirv"))]
+pub const BY_DOUBLES: &[&Kernel] = &[
+    &probe::doubles::PROBE_DOUBLES,
+    &probe::race::RACE,
+    &trace::traverse::settle::by_doubles::SETTLE_BY_DOUBLES,
+];
+
+/// [`KERNELS`] as one SPIR-V module, made by `cargo xtask kernels`; its entry points are
 /// [`Kernel::entry_point`].
 #[cfg(not(target_arch = "spirv"))]
 pub const SPIRV: &[u8] = include_bytes!("../spv/raykd.spv");
+
+/// [`BY_DOUBLES`] as one SPIR-V module, for devices with the feature `SHADER_F64`.
+#[cfg(not(target_arch = "spirv"))]
+pub const SPIRV_BY_DOUBLES: &[u8] = include_bytes!("../spv/doubles.spv");

@@ -567,13 +567,21 @@ fn head(a: f32) -> f32 {
 #[cfg(target_arch = "spirv")]
 const ROUNDS_ONCE: f32 = f32::from_bits(0xBED1_0F3A);
 
+/// Whether it does.
+#[cfg(target_arch = "spirv")]
+#[inline(always)]
+pub(crate) fn rounds_once() -> bool {
+    use spirv_std::num_traits::Float as _;
+    ROUNDS_ONCE.mul_add(ROUNDS_ONCE, ROUNDS_ONCE) > 0.0
+}
+
 /// `rest`, which is what rounding took from the product `a * b`. A device that rounds once finds it by one instruction.
 #[cfg(target_arch = "spirv")]
 #[inline(always)]
 fn left_of(a: f32, b: f32, product: f32, rest: f32) -> f32 {
     use spirv_std::num_traits::Float as _;
     let once = a.mul_add(b, -product);
-    if ROUNDS_ONCE.mul_add(ROUNDS_ONCE, ROUNDS_ONCE) > 0.0 { once } else { rest }
+    if rounds_once() { once } else { rest }
 }
 #[cfg(not(target_arch = "spirv"))]
 #[inline(always)]

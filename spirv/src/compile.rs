@@ -41,6 +41,7 @@ pub struct Compiler {
     crate_dir: PathBuf,
     target_dir: PathBuf,
     features: Vec<String>,
+    doubles: bool,
 }
 
 /// What a [`Compiler`] made.
@@ -58,7 +59,7 @@ impl Compiler {
     pub fn new(crate_dir: impl Into<PathBuf>) -> Self {
         let crate_dir = crate_dir.into();
         let target_dir = crate_dir.join("target");
-        Self { crate_dir, target_dir, features: Vec::new() }
+        Self { crate_dir, target_dir, features: Vec::new(), doubles: false }
     }
 
     /// Compiles in this folder, by default `target` in the crate's.
@@ -70,6 +71,13 @@ impl Compiler {
     /// Switches on features of the crate.
     pub fn features<T: Into<String>>(mut self, features: impl IntoIterator<Item = T>) -> Self {
         self.features.extend(features.into_iter().map(Into::into));
+        self
+    }
+
+    /// The crate may compute with doubles, and the module is for devices that have them. They are for numbers that
+    /// carry bounds of their errors: of those that Vulkan lets a device round as it likes, `fma` is not refused.
+    pub fn doubles(mut self) -> Self {
+        self.doubles = true;
         self
     }
 
@@ -94,6 +102,9 @@ impl Compiler {
             .shader_crate_features(self.features.clone())
             .capability(Capability::SignedZeroInfNanPreserve)
             .capability(Capability::RoundingModeRTE);
+        if self.doubles {
+            builder = builder.capability(Capability::Float64);
+        }
         builder.toolchain_overwrite = Some(toolchain.name);
         builder.build_script.defaults = false;
         let built = builder.build().map_err(|e| Error::Compile(crate_dir, e.into()))?;

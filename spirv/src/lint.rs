@@ -3,7 +3,7 @@
 use crate::postpass;
 use rspirv::{
     dr::{Function, Instruction, Module, Operand},
-    spirv::{GlslStd450Op, Op, Word},
+    spirv::{Capability, GlslStd450Op, Op, Word},
 };
 use std::{
     collections::{BTreeSet, HashMap, HashSet},
@@ -34,7 +34,7 @@ const DIVISION: &str = "Vulkan allows an error of 2.5 ULP; use raykd_kernels::ma
 const ORDER: &str = "Vulkan leaves order or rounding to the device; write it with + - *";
 const INEXACT: &str = "its precision is up to the device; write it with + - * or in integers";
 const MIN_MAX: &str = "Vulkan leaves open which zero or NaN wins; use raykd_kernels::math::low and high";
-const WIDTH: &str = "only f32 is supported on every device";
+const WIDTH: &str = "only f32 is on every device; see Compiler::doubles";
 const MATRIX: &str = "matrix operations may be evaluated in any order; use vectors";
 const CHOSEN: &str = "Vulkan has no choice between buffers, which spirv-val overlooks and drivers crash on; choose \
                       what is read or written";
@@ -46,14 +46,20 @@ const UNKNOWN: &str = "not on the list of float operations that are exact on eve
 /// a float result is refused, and so are the extended instructions that are not known to be exact, but for
 /// [one](is_rest_of_product), matrices and floats that are not 32 bits wide. And pointers that are anything but a
 /// variable's or a parameter's, or lead into one.
+///
+/// Where the module says that it needs doubles, they may be multiplied and added at once, and converted: they are for
+/// numbers that carry bounds of their errors.
 pub(crate) fn check(module: &Module) -> Vec<Finding> {
     let mut findings = BTreeSet::new();
-    let (mut floats, mut pointers) = (HashSet::new(), HashSet::new());
+    let (mut floats, mut doubles, mut pointers) = (HashSet::new(), HashSet::new(), HashSet::new());
+    let with_doubles = postpass::has_capability(module, Capability::Float64);
     for i in &module.types_global_values {
         let refused = match i.class.opcode {
             Op::TypeFloat => {
                 floats.extend(i.result_id);
-                (i.operands[0] != Operand::LiteralBit32(32)).then_some(WIDTH)
+                let is_double = with_doubles && i.operands[0] == Operand::LiteralBit32(64);
+                doubles.extend(i.result_id.filter(|_| is_double));
+                (!is_double && i.operands[0] != Operand::LiteralBit32(32)).then_some(WIDTH)
             }
             Op::TypeVector => {
                 if i.operands[0].id_ref_any().is_some_and(|component| floats.contains(&component)) {
@@ -80,8 +86,12 @@ pub(crate) fn check(module: &Module) -> Vec<Finding> {
     let answer = postpass::answer(module);
     for (function, entry) in reachable(module) {
         for i in function.all_inst_iter() {
+            let is_double = i.result_type.is_some_and(|t| doubles.contains(&t));
+            let converts = with_doubles && i.class.opcode == Op::FConvert;
             let refused = if i.class.opcode == Op::ExtInst {
-                extended(i, &glsl, |i| is_rest_of_product(i, function, answer))
+                extended(i, &glsl, |i| is_double || is_rest_of_product(i, function, answer))
+            } else if converts {
+                None
             } else if i.result_type.is_some_and(|t| floats.contains(&t)) {
                 float(i.class.opcode)
             } else if i.result_type.is_some_and(|t| pointers.contains(&t)) {
@@ -401,6 +411,35 @@ mod tests {
             drop(b.matrix_times_vector(k.vector, None, m, k.v));
         });
         assert!(product.iter().any(|f| f.instruction == "OpMatrixTimesVector"));
+    }
+
+    #[test]
+    fn doubles_may_be_asked_for() {
+        let lint = |asked: bool| {
+            lint(|b, k| {
+                if asked {
+                    b.capability(Capability::Float64);
+                }
+                let double = b.type_float(64, None);
+                let x = b.f_convert(double, None, k.x).unwrap();
+                let operands = [Operand::IdRef(x), Operand::IdRef(x), Operand::IdRef(x)];
+                let y = b.ext_inst(double, None, k.glsl, GlslStd450Op::Fma as u32, operands).unwrap();
+                b.f_convert(k.float, None, y).unwrap();
+            })
+        };
+        assert_eq!(lint(true), []);
+        let found: Vec<_> = lint(false).into_iter().map(|f| f.instruction).collect();
+        assert_eq!(found, ["OpTypeFloat", "OpExtInst Fma", "OpFConvert"]);
+        // Quotients and half precision are refused all the same.
+        let found = super::tests::lint(|b, k| {
+            b.capability(Capability::Float64);
+            let double = b.type_float(64, None);
+            let x = b.f_convert(double, None, k.x).unwrap();
+            b.type_float(16, None);
+            drop(b.f_div(double, None, x, x));
+        });
+        let found: Vec<_> = found.into_iter().map(|f| f.instruction).collect();
+        assert_eq!(found, ["OpTypeFloat", "OpFDiv"]);
     }
 
     #[test]

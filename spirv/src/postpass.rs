@@ -102,7 +102,7 @@ fn float_controls(module: &mut Module) {
 }
 
 /// Whether the module declares a capability.
-fn has_capability(module: &Module, capability: Capability) -> bool {
+pub(crate) fn has_capability(module: &Module, capability: Capability) -> bool {
     module.capabilities.iter().any(|i| i.operands[0] == Operand::Capability(capability))
 }
 

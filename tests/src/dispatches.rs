@@ -108,6 +108,8 @@ fn look_up(device: &Device, tree: TreeView<'_>, seed: u64) -> Result<(), Error> 
 
 impl Job<'_> {
     fn run(&self, device: &Device) -> Result<(), Error> {
+        let [device, by_doubles] =
+            &[false, true].map(|doubles| device.with_doubles(doubles).expect("the GPU has doubles"));
         // As if the mesh lay on the device. A leaf is enough: the builders follow.
         let leaf = self.options.clone().with_max_depth(0);
         built_from(device, self.mesh.positions(), self.mesh.triangles(), &leaf)?;
@@ -177,6 +179,7 @@ impl Job<'_> {
         }
         look_up(device, tree.view(), self.seed)?;
         exact_queries(device, self.seed)?;
+        exact_queries(by_doubles, self.seed)?;
         number_rays(device, self.seed as u32 % 1000)
     }
 

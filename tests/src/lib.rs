@@ -45,6 +45,23 @@ pub fn devices() -> &'static [Named] {
     &DEVICES
 }
 
+/// The [`devices`], the GPU once by floats alone and once by doubles: the exact test has a kernel for each.
+///
+/// # Panics
+/// As for [`devices`], or the GPU has no doubles.
+pub fn with_doubles() -> &'static [Named] {
+    static DEVICES: LazyLock<Vec<Named>> = LazyLock::new(|| {
+        let [cpus @ .., _] = devices() else { unreachable!("the last is the GPU") };
+        let cpus = cpus.iter().map(|Named { name, device }| Named { name, device: device.clone() });
+        let gpus = [("GPU by floats", false), ("GPU by doubles", true)].map(|(name, doubles)| Named {
+            name,
+            device: gpu().with_doubles(doubles).expect("the tests compare both, but the GPU has no doubles"),
+        });
+        cpus.chain(gpus).collect()
+    });
+    &DEVICES
+}
+
 /// The CPU of [`devices`].
 pub fn cpu() -> &'static Device {
     &devices()[0].device

@@ -248,10 +248,13 @@ fn a_module_older_than_its_sources_is_refused() {
     }
     // As if compiled from what is there.
     let manifest = xtask::Manifest::read(&root).unwrap();
-    let module = xtask::sha256(&fs::read(root.join(xtask::MODULE)).unwrap());
     let text = fs::read_to_string(root.join(xtask::MANIFEST)).unwrap();
-    let text = text.replace(&manifest.sources_sha256, &xtask::sources_digest(&root).unwrap());
-    fs::write(copy.path().join(xtask::MANIFEST), text.replace(&manifest.module_sha256, &module)).unwrap();
+    let mut text = text.replace(&manifest.sources_sha256, &xtask::sources_digest(&root).unwrap());
+    for (module, contents) in xtask::MODULES.iter().zip(&manifest.modules) {
+        let bytes = fs::read(root.join(module.path)).unwrap();
+        text = text.replace(&contents.sha256, &xtask::sha256(&bytes));
+    }
+    fs::write(copy.path().join(xtask::MANIFEST), text).unwrap();
     xtask::verify(copy.path()).unwrap();
     let source = copy.path().join("kernels/src/math.rs");
     let text = fs::read_to_string(&source).unwrap();
@@ -259,11 +262,16 @@ fn a_module_older_than_its_sources_is_refused() {
     let message = xtask::verify(copy.path()).unwrap_err().to_string();
     assert!(message.contains("older than the kernel sources: run `cargo xtask kernels`"), "{message}");
     fs::write(&source, text).unwrap();
-    let module = copy.path().join(xtask::MODULE);
-    let mut bytes = fs::read(&module).unwrap();
-    bytes[1000] ^= 1;
-    fs::write(&module, bytes).unwrap();
-    xtask::verify(copy.path()).unwrap_err();
+    for module in xtask::MODULES {
+        let module = copy.path().join(module.path);
+        let right = fs::read(&module).unwrap();
+        let mut bytes = right.clone();
+        bytes[1000] ^= 1;
+        fs::write(&module, bytes).unwrap();
+        xtask::verify(copy.path()).unwrap_err();
+        fs::write(&module, right).unwrap();
+    }
+    xtask::verify(copy.path()).unwrap();
 }
 
 fn copy_folder(from: &Path, to: &Path) {

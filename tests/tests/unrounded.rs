@@ -9,10 +9,10 @@ use raykd::{
 };
 use raykd_oracle::exact::{Corners, Exact};
 use raykd_tests::{
-    Failure, cases, cpu, devices, gpu,
+    Failure, cases, cpu, gpu,
     meshes::{Family, Recipe, icosphere, loose, small_mesh},
     rays::{of_any_size, rays},
-    same, unless_cut,
+    same, unless_cut, with_doubles,
 };
 
 /// Triangles as the kernels know them, in the mesh's own units: tiny coordinates are 0.
@@ -60,7 +60,7 @@ fn check(mesh: &Mesh, rays: &[Ray]) -> Result<usize, Failure> {
     let rays: Vec<Ray> = rays.iter().filter(|ray| in_range(ray)).copied().collect();
     let scale = mesh.scale();
     let exact: Vec<_> = rays.iter().map(|ray| closest(&known(ray, scale), scale, &corners)).collect();
-    for named in devices() {
+    for named in with_doubles() {
         let mut scene = Scene::build(&named.device, mesh, &BuildOptions::default())?;
         scene.intersect_by(Intersector::Exact)?;
         // Rays along edges of many triangles need more rounds than llvmpipe grants.
@@ -200,7 +200,7 @@ fn t_is_the_nearest_float() {
 /// Closest hits of a scene's rays by the tree, the same by brute force and on every device.
 fn by_all(mesh: &Mesh, intersector: Intersector, rays: &[Ray]) -> Vec<Hit> {
     let mut hits: Option<Vec<Hit>> = None;
-    for named in devices() {
+    for named in with_doubles() {
         let mut scene = Scene::build(&named.device, mesh, &BuildOptions::default()).unwrap();
         scene.intersect_by(intersector).unwrap();
         for found in [scene.closest(rays), scene.brute(rays)] {

@@ -1,17 +1,32 @@
-//! What `cargo xtask kernels` writes next to the committed SPIR-V module, and how anyone checks it without
-//! rust-gpu: the module is current if [`verify`] finds the manifest's hashes in the tree.
+//! What `cargo xtask kernels` writes next to the committed SPIR-V modules, and how anyone checks them without
+//! rust-gpu: they are current if [`verify`] finds the manifest's hashes in the tree.
 
 use anyhow::{Context as _, Result, ensure};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 use std::{
     fs, io,
+    iter::repeat,
     path::{Path, PathBuf},
 };
 
-/// The committed module, from the repository's root.
-pub const MODULE: &str = "kernels/spv/raykd.spv";
-/// Its manifest.
+/// A module that is committed.
+#[derive(Clone, Copy, Debug)]
+pub struct Module {
+    /// The file, from the repository's root.
+    pub path: &'static str,
+    /// The feature of `raykd-kernels` by which its kernels are entry points.
+    pub feature: &'static str,
+    /// Whether these compute with doubles.
+    pub doubles: bool,
+}
+
+/// The modules: that for all devices, and one for those that have doubles.
+pub const MODULES: [Module; 2] = [
+    Module { path: "kernels/spv/raykd.spv", feature: "entry-points", doubles: false },
+    Module { path: "kernels/spv/doubles.spv", feature: "doubles", doubles: true },
+];
+/// Their manifest.
 pub const MANIFEST: &str = "kernels/spv/manifest.json";
 
 /// Packages that `cargo xtask test` leaves out, and whatever shares its builds: with them, dependencies have more
@@ -19,21 +34,28 @@ pub const MANIFEST: &str = "kernels/spv/manifest.json";
 /// else. What makes bindings for JavaScript takes as long and has none. The Python package is tested by Python.
 pub const LEFT_OUT: [&str; 4] = ["raykd-spirv", "xtask-kernels", "xtask-web", "raykd-python"];
 
-/// What the module was made from and what is in it.
+/// What the modules were made from and what is in them.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Manifest {
-    /// [`sources_digest`] of the sources it was compiled from.
+    /// [`sources_digest`] of the sources they were compiled from.
     pub sources_sha256: String,
-    /// SHA-256 of the module.
-    pub module_sha256: String,
-    /// Its size.
-    pub module_bytes: usize,
     /// Version of rust-gpu.
     pub rust_gpu: String,
     /// What its rustc calls itself.
     pub rustc: String,
-    /// SPIR-V target it was compiled for.
+    /// SPIR-V target they were compiled for.
     pub target: String,
+    /// Of each of [`MODULES`], in order.
+    pub modules: Vec<Contents>,
+}
+
+/// What is in a module.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Contents {
+    /// SHA-256 of the module.
+    pub sha256: String,
+    /// Its size.
+    pub bytes: usize,
     /// Float operations that carry `NoContraction`.
     pub exact_float_ops: usize,
     /// Entry points in the module's order.
@@ -59,23 +81,26 @@ impl Manifest {
     }
 }
 
-/// Checks that the committed module is the one the manifest describes and was compiled from the sources as
+/// Checks that the committed modules are those the manifest describes and were compiled from the sources as
 /// they are now. Needs no rust-gpu toolchain.
 pub fn verify(root: &Path) -> Result<Manifest> {
     let manifest = Manifest::read(root)?;
-    let module = fs::read(root.join(MODULE)).with_context(|| format!("reading {MODULE}"))?;
-    ensure!(
-        sha256(&module) == manifest.module_sha256,
-        "{MODULE} is not the module that {MANIFEST} describes: run `cargo xtask kernels`"
-    );
+    let described = manifest.modules.iter().map(|module| module.sha256.as_str());
+    for (path, sha) in MODULES.iter().map(|module| module.path).zip(described.chain(repeat(""))) {
+        let module = fs::read(root.join(path)).with_context(|| format!("reading {path}"))?;
+        ensure!(
+            sha256(&module) == sha,
+            "{path} is not the module that {MANIFEST} describes: run `cargo xtask kernels`"
+        );
+    }
     ensure!(
         sources_digest(root)? == manifest.sources_sha256,
-        "{MODULE} is older than the kernel sources: run `cargo xtask kernels` and commit kernels/spv"
+        "kernels/spv is older than the kernel sources: run `cargo xtask kernels` and commit kernels/spv"
     );
     Ok(manifest)
 }
 
-/// SHA-256 over everything the module is compiled from: manifests and sources of `kernels` and `shared`, with
+/// SHA-256 over everything the modules are compiled from: manifests and sources of `kernels` and `shared`, with
 /// their paths, in order. Line ends are normalised, so that checkouts on every system agree.
 pub fn sources_digest(root: &Path) -> io::Result<String> {
     let mut files = Vec::new();

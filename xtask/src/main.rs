@@ -21,7 +21,7 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Task {
-    /// Compile the kernels to SPIR-V: kernels/spv/raykd.spv and its manifest.
+    /// Compile the kernels to SPIR-V: the modules in kernels/spv and their manifest.
     Kernels(kernels::Args),
     /// Write docs/results.md from the measurements in docs/results.
     Results(results::Args),

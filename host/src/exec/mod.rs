@@ -37,6 +37,9 @@ pub struct Device {
     /// What the last build noted, if the next one is to expect a mesh like it.
     #[cfg(feature = "gpu")]
     notes: Option<Arc<Mutex<Option<Past>>>>,
+    /// Whether the exact test computes with doubles, if that is asked for.
+    #[cfg(feature = "gpu")]
+    doubles: Option<bool>,
     /// Where the memory of scenes goes and comes from, if it is used again.
     pool: Option<Arc<pool::Pool>>,
     /// The same for small batches of rays.
@@ -135,6 +138,8 @@ impl Device {
             machine: Arc::new(machine),
             #[cfg(feature = "gpu")]
             notes: None,
+            #[cfg(feature = "gpu")]
+            doubles: None,
             pool: None,
             few_rays: Arc::default(),
         }
@@ -181,6 +186,23 @@ impl Device {
     #[must_use]
     pub fn expecting(&self) -> Self {
         Self { notes: Some(Arc::default()), ..self.clone() }
+    }
+
+    /// For tests: the same device, on which the exact test computes with doubles, or does not. None if it has none, or
+    /// computes them otherwise than a CPU.
+    #[cfg(feature = "gpu")]
+    #[doc(hidden)]
+    #[must_use]
+    pub fn with_doubles(&self, doubles: bool) -> Option<Self> {
+        let there = self.as_gpu().is_none_or(|gpu| gpu.doubles().0);
+        (there || !doubles).then(|| Self { doubles: Some(doubles), ..self.clone() })
+    }
+
+    /// Whether the exact test computes with doubles on a GPU, or where the CPU does what a GPU does.
+    #[cfg(feature = "gpu")]
+    #[doc(hidden)]
+    pub fn by_doubles(&self) -> bool {
+        self.doubles.unwrap_or_else(|| self.as_gpu().is_some_and(|gpu| gpu.doubles().1))
     }
 
     /// The processor, with all its threads.

@@ -183,7 +183,8 @@ impl Scene {
         let mut more = None;
         let kernels: Vec<Bound<'_, InEncoder>> = if self.intersector.narrows() {
             let more = more.insert(self.device.alloc::<[u32; 4]>("triangles", job.most.into())?).as_wgpu();
-            exact_hits(bound, query, (more.as_entire_binding(), more.as_entire_binding())).into()
+            let more = (more.as_entire_binding(), more.as_entire_binding());
+            exact_hits(bound, query, self.device.by_doubles(), more).into()
         } else {
             vec![self.intersector.stack(bound(), query)]
         };

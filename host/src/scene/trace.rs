@@ -478,7 +478,7 @@ impl Scene {
         #[cfg(feature = "gpu")]
         if self.intersector.narrows() && (!self.device.is_cpu() || watch::is_on()) {
             let more = (batch.counts.out(), &batch.counts);
-            return exact_hits(|| batch.query(self), query, more).into();
+            return exact_hits(|| batch.query(self), query, self.device.by_doubles(), more).into();
         }
         vec![self.intersector.stack(batch.query(self), query)]
     }

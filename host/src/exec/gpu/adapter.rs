@@ -52,11 +52,14 @@ pub fn adapters() -> Vec<AdapterReport> {
 }
 
 /// The features wanted of a device; of these only [`required_features`] must be there.
-pub(super) const WANTED: wgpu::Features = required_features().union(Clock::FEATURES);
+pub(super) const WANTED: wgpu::Features =
+    required_features().union(Clock::FEATURES).union(wgpu::Features::SHADER_F64);
 
 /// The features without which nothing runs: kernels are given to the driver as they were compiled.
 ///
 /// wgpu calls this feature experimental, so that a device with it takes `ExperimentalFeatures::enabled()`, too.
+/// A device that has `SHADER_F64`, `TIMESTAMP_QUERY` and `TIMESTAMP_QUERY_INSIDE_PASSES` besides, and whose doubles are
+/// quick, finds hits by [`Intersector::Exact`](crate::Intersector::Exact) sooner.
 pub const fn required_features() -> wgpu::Features {
     wgpu::Features::PASSTHROUGH_SHADERS
 }

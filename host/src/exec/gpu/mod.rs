@@ -16,7 +16,7 @@ use super::{AnyBuffer, Back, BufferLimit, Device, Groups, Machine, Memory, Step,
 use crate::{Error, lock::lock};
 use clock::Clock;
 use link::Link;
-use raykd_kernels::{Access, Kernel};
+use raykd_kernels::{Access, BY_DOUBLES, KERNELS, Kernel, SPIRV, SPIRV_BY_DOUBLES};
 use raykd_shared::limits::GROUPS_X;
 use rayon::prelude::*;
 use staging::{CHUNK, Slot};
@@ -48,6 +48,10 @@ pub struct Gpu {
     module: wgpu::ShaderModule,
     /// Names of the kernels in the module.
     entry_points: HashSet<String>,
+    /// The module of kernels by doubles, if the device has those and computes them right.
+    doubles: Option<wgpu::ShaderModule>,
+    /// Whether doubles are there, and nearly as quick as floats.
+    quick_doubles: bool,
     pipelines: Mutex<HashMap<&'static str, Pipeline>>,
     /// Staging buffers; taken while in use, and not put back after an error.
     uploads: Kept<[Slot; 2]>,
@@ -68,12 +72,26 @@ const KEPT: usize = 2;
 
 // See the same of `Memory`.
 const _: fn(&Gpu) = |gpu| {
-    let Gpu { link, limit, module, entry_points, pipelines, uploads, downloads, crossed, allocated, clock } =
-        gpu;
+    let Gpu {
+        link,
+        limit,
+        module,
+        entry_points,
+        doubles,
+        quick_doubles,
+        pipelines,
+        uploads,
+        downloads,
+        crossed,
+        allocated,
+        clock,
+    } = gpu;
     checked(link);
     checked(limit);
     checked(module);
     checked(entry_points);
+    checked(doubles);
+    checked(quick_doubles);
     checked(pipelines);
     checked(uploads);
     checked(downloads);
@@ -178,23 +196,26 @@ impl Gpu {
 
     /// Loads the kernels, as for a device that multiplies and adds with one rounding.
     fn over(link: Link) -> Result<Self, Error> {
-        let words = module::words();
+        let words = module::words(SPIRV);
         let entry_points = module::entry_points(&words);
         if entry_points.is_empty() {
             return Err(link.failed("there are no compiled kernels: run `cargo xtask kernels`"));
         }
-        let module = module::load(&link, module::rounding_once(words))?;
+        let module = module::load(&link, module::rounding_once(words), KERNELS)?;
+        let features = link.device.features();
         let limits = link.device.limits();
         let binding = BufferLimit {
             bytes: limits.max_storage_buffer_binding_size,
             name: "the device's max_storage_buffer_binding_size",
         };
         let whole = BufferLimit { bytes: limits.max_buffer_size, name: "the device's max_buffer_size" };
-        let timed = link.device.features().contains(Clock::FEATURES);
-        Ok(Self {
+        let timed = features.contains(Clock::FEATURES);
+        let mut gpu = Self {
             limit: if whole.bytes < binding.bytes { whole } else { binding },
             module,
             entry_points,
+            doubles: None,
+            quick_doubles: false,
             pipelines: Mutex::default(),
             uploads: Mutex::default(),
             downloads: Mutex::default(),
@@ -202,35 +223,58 @@ impl Gpu {
             allocated: AtomicU64::default(),
             clock: timed.then(Mutex::default),
             link,
-        })
+        };
+        gpu.doubles = gpu.load_doubles(true)?;
+        Ok(gpu)
     }
 
     /// Runs the start-up probe, and again if kernels must do without a product and a sum rounded once.
     fn probed(self) -> Result<(Self, AdapterVerdict), Error> {
-        let (mut gpu, verdict, rests) = self.judged()?;
-        if rests {
-            return Ok((gpu, verdict));
+        let (mut gpu, (mut verdict, rests)) = self.asked(probe::check)?;
+        if !rests {
+            gpu.round_twice()?;
+            (gpu, (verdict, _)) = gpu.asked(probe::check)?;
         }
-        gpu.round_twice()?;
-        let (gpu, verdict, _) = gpu.judged()?;
+        if gpu.doubles.is_some() {
+            let (right, quick);
+            (gpu, (right, quick)) = gpu.asked(probe::doubles)?;
+            gpu.doubles = gpu.doubles.filter(|_| right);
+            gpu.quick_doubles = right && quick && gpu.clock.is_some();
+        }
         Ok((gpu, verdict))
+    }
+
+    /// Loads the kernels by doubles, if there are any.
+    fn load_doubles(&self, rounding_once: bool) -> Result<Option<wgpu::ShaderModule>, Error> {
+        if !self.link.device.features().contains(wgpu::Features::SHADER_F64) {
+            return Ok(None);
+        }
+        let words = module::words(SPIRV_BY_DOUBLES);
+        let words = if rounding_once { module::rounding_once(words) } else { words };
+        module::load(&self.link, words, BY_DOUBLES).map(Some)
     }
 
     /// Loads the kernels as for a device that rounds a product, and then a sum.
     fn round_twice(&mut self) -> Result<(), Error> {
-        self.module = module::load(&self.link, module::words())?;
+        self.module = module::load(&self.link, module::words(SPIRV), KERNELS)?;
+        self.doubles = self.load_doubles(false)?;
         self.pipelines = Mutex::default();
         Ok(())
     }
 
-    /// What the probe says of it.
-    fn judged(self) -> Result<(Self, AdapterVerdict, bool), Error> {
+    /// What a probe says of it.
+    fn asked<T>(self, probe: fn(&Device) -> Result<T, Error>) -> Result<(Self, T), Error> {
         let device = Device::from(self);
-        let (verdict, rests) = probe::check(&device)?;
+        let answer = probe(&device)?;
         match Arc::into_inner(device.machine) {
-            Some(Machine::Gpu(gpu)) => Ok((*gpu, verdict, rests)),
+            Some(Machine::Gpu(gpu)) => Ok((*gpu, answer)),
             _ => unreachable!("made above, and nobody keeps a device"),
         }
+    }
+
+    /// Whether it has doubles, and they are right; and whether they are quick, too.
+    pub(super) const fn doubles(&self) -> (bool, bool) {
+        (self.doubles.is_some(), self.quick_doubles)
     }
 
     /// Whether it is a rasteriser in software, with no GPU behind it.
@@ -492,11 +536,14 @@ impl Gpu {
 
     fn compile(&self, kernel: &'static Kernel) -> Result<Pipeline, Error> {
         let (name, entry_point) = (kernel.name(), kernel.entry_point());
+        let by_doubles = BY_DOUBLES.iter().any(|other| other.path == kernel.path);
+        let module = if by_doubles { self.doubles.as_ref() } else { Some(&self.module) };
         // With a name that is not there drivers may do anything.
-        if !self.entry_points.contains(entry_point) {
+        let there = by_doubles || self.entry_points.contains(entry_point);
+        let Some(module) = module.filter(|_| there) else {
             let what = format!("no kernel '{entry_point}' in the compiled module: run `cargo xtask kernels`");
             return Err(self.link.failed(what));
-        }
+        };
         let entries: Vec<_> = (0..)
             .zip(kernel.slots)
             .map(|(binding, slot)| wgpu::BindGroupLayoutEntry {
@@ -524,7 +571,7 @@ impl Gpu {
             let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
                 label: Some(name),
                 layout: Some(&pipeline_layout),
-                module: &self.module,
+                module,
                 entry_point: Some(entry_point),
                 compilation_options: wgpu::PipelineCompilationOptions::default(),
                 cache: None,
@@ -616,7 +663,16 @@ mod tests {
     fn kernels_find_the_rest_of_products_with_two_roundings_too() {
         let mut gpu = Gpu::open(None).unwrap();
         gpu.round_twice().unwrap();
-        let (_, verdict, rests) = gpu.judged().unwrap();
+        let (_, (verdict, rests)) = gpu.asked(super::probe::check).unwrap();
         assert!(rests && matches!(verdict, AdapterVerdict::Exact { .. }), "{verdict:?}");
+    }
+
+    #[test]
+    fn doubles_are_right() {
+        let mut gpu = Gpu::open(None).unwrap();
+        assert!(gpu.doubles().0);
+        gpu.round_twice().unwrap();
+        let (_, (right, _)) = gpu.asked(super::probe::doubles).unwrap();
+        assert!(right);
     }
 }

@@ -1,13 +1,13 @@
-//! The compiled kernels, one module of SPIR-V.
+//! The compiled kernels: a module of SPIR-V, and one for devices that have doubles.
 
 use super::link::Link;
 use crate::Error;
 use raykd_kernels::Kernel;
 use std::collections::HashSet;
 
-/// The words of the module.
-pub(super) fn words() -> Vec<u32> {
-    raykd_kernels::SPIRV.as_chunks().0.iter().map(|word| u32::from_le_bytes(*word)).collect()
+/// Words of a module.
+pub(super) fn words(spirv: &[u8]) -> Vec<u32> {
+    spirv.as_chunks().0.iter().map(|word| u32::from_le_bytes(*word)).collect()
 }
 
 /// Its instructions: where they begin, and their words, the first of which is length and opcode.
@@ -44,8 +44,12 @@ pub(super) fn rounding_once(mut words: Vec<u32>) -> Vec<u32> {
     words
 }
 
-/// Hands the words to the device.
-pub(super) fn load(link: &Link, words: Vec<u32>) -> Result<wgpu::ShaderModule, Error> {
+/// Hands the words of a module of these kernels to the device.
+pub(super) fn load(
+    link: &Link,
+    words: Vec<u32>,
+    kernels: &[&'static Kernel],
+) -> Result<wgpu::ShaderModule, Error> {
     link.guard("loading the kernels", || {
         let entry = |kernel: &&Kernel| wgpu::PassthroughShaderEntryPoint {
             name: kernel.entry_point().into(),
@@ -54,7 +58,7 @@ pub(super) fn load(link: &Link, words: Vec<u32>) -> Result<wgpu::ShaderModule, E
         let descriptor = wgpu::ShaderModuleDescriptorPassthrough {
             label: Some("raykd"),
             spirv: Some(words.into()),
-            entry_points: raykd_kernels::KERNELS.iter().map(entry).collect(),
+            entry_points: kernels.iter().map(entry).collect(),
             ..Default::default()
         };
         // SAFETY: the module was validated by spirv-val when it was made, and no other value of its constant makes it
@@ -67,23 +71,39 @@ pub(super) fn load(link: &Link, words: Vec<u32>) -> Result<wgpu::ShaderModule, E
 mod tests {
     use super::*;
 
+    use raykd_kernels::{BY_DOUBLES, KERNELS, SPIRV, SPIRV_BY_DOUBLES};
+
+    const MODULES: [(&[u8], &[&Kernel]); 2] = [(SPIRV, KERNELS), (SPIRV_BY_DOUBLES, BY_DOUBLES)];
+
     #[test]
-    fn module_has_one_word_for_rounding_once() {
-        let (before, after) = (words(), rounding_once(words()));
-        let changed: Vec<_> = before.iter().zip(&after).filter(|(a, b)| a != b).collect();
-        assert_eq!(changed, [(&0, &1.0_f32.to_bits())]);
-        assert_eq!(instructions(&before).filter(|(_, i)| i[0] & 0xFFFF == 50).count(), 1);
+    fn modules_have_one_word_for_rounding_once() {
+        for (module, _) in MODULES {
+            let (before, after) = (words(module), rounding_once(words(module)));
+            let changed: Vec<_> = before.iter().zip(&after).filter(|(a, b)| a != b).collect();
+            assert_eq!(changed, [(&0, &1.0_f32.to_bits())]);
+            assert_eq!(instructions(&before).filter(|(_, i)| i[0] & 0xFFFF == 50).count(), 1);
+        }
     }
 
     #[test]
-    fn module_holds_every_kernel() {
-        let names = entry_points(&words());
-        for kernel in raykd_kernels::KERNELS {
-            assert!(
-                names.contains(kernel.entry_point()),
-                "{}: run `cargo xtask kernels`",
-                kernel.entry_point()
-            );
+    fn modules_hold_every_kernel() {
+        for (module, kernels) in MODULES {
+            let names = entry_points(&words(module));
+            for kernel in kernels {
+                let name = kernel.entry_point();
+                assert!(names.contains(name), "{name}: run `cargo xtask kernels`");
+            }
         }
+    }
+
+    #[test]
+    fn doubles_are_in_their_own_module() {
+        const OP_TYPE_FLOAT: u32 = 22;
+        let widths = MODULES.map(|(module, _)| {
+            let words = words(module);
+            let floats = instructions(&words).map(|(_, i)| i).filter(|i| i[0] & 0xFFFF == OP_TYPE_FLOAT);
+            floats.map(|i| i[2]).max()
+        });
+        assert_eq!(widths, [Some(32), Some(64)]);
     }
 }

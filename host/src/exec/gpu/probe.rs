@@ -6,8 +6,9 @@ use crate::{
 };
 use raykd_kernels::{
     glam::Vec4,
-    probe::{self, RESULTS},
+    probe::{self, RESULTS, doubles, race},
 };
+use std::time::Duration;
 
 /// Inputs of the probe, in four families.
 const INPUTS: u32 = 4096;
@@ -71,6 +72,40 @@ fn results(device: &Device) -> Result<Vec<u32>, Error> {
     let probe = probe::Buffers { inputs: &inputs, results: results.out(), count: &count };
     device.dispatch(&[probe.over(INPUTS)], false)?;
     device.read(&results.view(), 0, VALUES as usize)
+}
+
+/// Whether a device computes doubles as the CPU does, by such numbers; and whether a product and a sum of them take it
+/// at most twice the time of one of floats, by its own clock.
+pub(super) fn doubles(device: &Device) -> Result<(bool, bool), Error> {
+    let right = results_of_doubles(device)? == results_of_doubles(&Device::cpu())?;
+    Ok((right, right && quick(device)?))
+}
+
+/// What a device makes of the inputs by doubles.
+fn results_of_doubles(device: &Device) -> Result<Vec<u32>, Error> {
+    let inputs = device.upload("probe inputs", &inputs().map(Vec4::from_array).collect::<Vec<_>>())?;
+    let values = u64::from(INPUTS * doubles::RESULTS);
+    let results = device.alloc("probe results", values)?;
+    let count = device.upload("probe count", &[INPUTS])?;
+    let probe = doubles::Buffers { inputs: &inputs, results: results.out(), count: &count };
+    device.dispatch(&[probe.over(INPUTS)], false)?;
+    device.read(&results.view(), 0, values as usize)
+}
+
+/// See [`doubles`].
+fn quick(device: &Device) -> Result<bool, Error> {
+    /// Enough for a card to be busy with.
+    const LANES: u32 = 1 << 16;
+    let results = device.alloc("race results", u64::from(LANES))?;
+    let mut times = [Duration::MAX; 2];
+    for _ in 0..4 {
+        for (doubles, time) in times.iter_mut().enumerate() {
+            let by = device.upload("race by", &[doubles as u32])?;
+            let race = race::Buffers { by: &by, results: results.out() };
+            *time = (*time).min(device.dispatch(&[race.over(LANES)], false)?.total);
+        }
+    }
+    Ok(times[1] <= 2 * times[0])
 }
 
 /// Compares what a device computed with what is right, for [`check`].
@@ -171,5 +206,19 @@ mod tests {
                 assert!(value.is_normal() || value == 0.0, "{value}");
             }
         }
+    }
+
+    #[test]
+    fn doubles_are_looked_at_to_the_last_digit() {
+        let results = results_of_doubles(&Device::cpu()).unwrap();
+        let mut seen = [0; doubles::RESULTS as usize];
+        for row in results.chunks(doubles::RESULTS as usize) {
+            for (seen, &bits) in seen.iter_mut().zip(row) {
+                let value = f32::from_bits(bits);
+                assert!(value.is_normal() || value == 0.0, "{value}");
+                *seen += u32::from(value != 0.0);
+            }
+        }
+        assert!(seen.iter().all(|&seen| seen > 50), "{seen:?}");
     }
 }

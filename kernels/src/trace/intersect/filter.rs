@@ -42,17 +42,11 @@ pub(in crate::trace) struct Line<N: Digits> {
 impl Line<f32> {
     #[inline(always)]
     pub(super) fn of(ray: &Frame) -> Self {
-        let long = cycle(ray.heading, ray.main);
-        // What is left out here is below the bounds.
-        let shorter = |x: f32| {
-            let bits = x.to_bits().wrapping_sub((HEADING as u32) << 23);
-            if exponent(x) < HEADING - 64 { 0.0 } else { f32::from_bits(bits) }
-        };
-        let way = Turned { x: shorter(long.x), y: shorter(long.y), z: shorter(long.z) };
+        let (way, whole) = way_of(ray);
         Self {
             from: turned(ray.origin, ray.main),
             way,
-            whole: ((way.x != 0.0) | (long.x == 0.0)) & ((way.y != 0.0) | (long.y == 0.0)),
+            whole,
             along: way.z.inverse(),
             far: ray.pad * exp2(19),
             t_min: ray.t_min,
@@ -61,10 +55,23 @@ impl Line<f32> {
     }
 }
 
+/// [`Line::way`], and whether that is all of the direction.
+#[inline(always)]
+pub(super) fn way_of(ray: &Frame) -> (Turned<f32>, bool) {
+    let long = cycle(ray.heading, ray.main);
+    // What is left out here is below the bounds.
+    let shorter = |x: f32| {
+        let bits = x.to_bits().wrapping_sub((HEADING as u32) << 23);
+        if exponent(x) < HEADING - 64 { 0.0 } else { f32::from_bits(bits) }
+    };
+    let way = Turned { x: shorter(long.x), y: shorter(long.y), z: shorter(long.z) };
+    (way, ((way.x != 0.0) | (long.x == 0.0)) & ((way.y != 0.0) | (long.y == 0.0)))
+}
+
 impl<N: Digits> Turned<N> {
     /// From here to a point, exactly.
     #[inline(always)]
-    fn to(&self, p: &Self) -> [Pair<N>; 3] {
+    pub(super) fn to(&self, p: &Self) -> [Pair<N>; 3] {
         [Pair::sum(p.x, -self.x), Pair::sum(p.y, -self.y), Pair::sum(p.z, -self.z)]
     }
 }

@@ -7,6 +7,7 @@
 
 pub mod baldwin;
 pub(super) mod bounds;
+mod by_doubles;
 mod double;
 pub mod exact;
 pub(in crate::trace) mod filter;
@@ -17,6 +18,7 @@ pub mod plane;
 pub mod strict;
 pub mod triple;
 pub mod unit;
+pub(crate) mod wide;
 pub mod woop;
 
 kernels! {

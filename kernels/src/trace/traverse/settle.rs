@@ -1,4 +1,5 @@
-//! Hits of the exact test, second kernel: the triangles that [`narrow`](super::narrow) found are tested.
+//! Hits of the exact test, second kernel: the triangles that [`narrow`](super::narrow) found are tested. On GPUs whose
+//! doubles are quick, [`by_doubles`] takes its place, with the same answers.
 
 use super::narrow::{LISTED, LONG, OTHER, TOO_MANY};
 use crate::{
@@ -14,7 +15,7 @@ use crate::{
 use raykd_shared::{MISS, TreeHeader, status};
 
 /// Settles which of its triangles is the hit of ray `i`.
-pub fn settle(
+pub fn settle<const DOUBLES: bool>(
     i: u32,
     job: &Buf<u32>,
     header: &Buf<TreeHeader>,
@@ -42,7 +43,12 @@ pub fn settle(
             while running {
                 let at = listed.first();
                 let (a, b, c) = corners.three(3 * (at & !OTHER));
-                running = Exact.settle(&ray, a.w.to_bits() & !NORMAL, (a, b, c), &mut best);
+                let id = a.w.to_bits() & !NORMAL;
+                running = if DOUBLES {
+                    Exact.settle_by_doubles(&ray, id, (a, b, c), &mut best)
+                } else {
+                    Exact.settle(&ray, id, (a, b, c), &mut best)
+                };
                 listed.pass();
                 // Any hits are those of one leaf.
                 let enough = (best.triangle != MISS) & ((listed.first() ^ at) & OTHER != 0);
@@ -62,6 +68,18 @@ pub fn settle(
 of_query! {
     kernel {
         /// [`settle`] over all rays.
-        map SETTLE = settle, threads 64, query:
+        map SETTLE = settle::<false>, threads 64, query:
     } { , { 7 more: read UVec4 } }
+}
+
+/// By doubles.
+pub mod by_doubles {
+    use super::*;
+
+    of_query! {
+        kernel {
+            /// [`settle`] over all rays.
+            map_by_doubles SETTLE_BY_DOUBLES = settle::<true>, threads 64, query:
+        } { , { 7 more: read UVec4 } }
+    }
 }
