@@ -60,6 +60,8 @@ struct Vulkan {
     subgroup: [u32; 2],
     passthrough: bool,
     timestamps: bool,
+    /// Whether the exact test computes with doubles.
+    doubles: bool,
     /// Whether subnormal results survive; raykd does not depend on it.
     subnormals: Option<bool>,
 }
@@ -124,6 +126,7 @@ fn adapters() -> Vec<Told> {
             subgroup: report.subgroup,
             passthrough: report.passthrough,
             timestamps: report.timestamps,
+            doubles: report.doubles,
             subnormals,
         };
         Told {
@@ -170,9 +173,10 @@ fn print(t: &Told, out: &mut StdoutLock<'_>) -> anyhow::Result<()> {
         )?;
         writeln!(
             out,
-            "     features   SPIR-V passthrough {}, timestamps {}",
+            "     features   SPIR-V passthrough {}, timestamps {}, quick doubles {}",
             yes(v.passthrough),
-            yes(v.timestamps)
+            yes(v.timestamps),
+            yes(v.doubles)
         )?;
         let subnormals = match v.subnormals {
             Some(true) => "; keeps subnormals",

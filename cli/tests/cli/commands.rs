@@ -540,7 +540,7 @@ fn software_adapter_is_named_as_such() {
     assert_eq!(devices.iter().filter(|device| device["default"] == true).count(), 1);
     assert_eq!(devices.last().unwrap()["device"], "cpu");
     for device in &devices[..devices.len() - 1] {
-        for key in ["adapter", "driver", "kind", "probe", "max_binding_bytes", "timestamps"] {
+        for key in ["adapter", "driver", "kind", "probe", "max_binding_bytes", "timestamps", "doubles"] {
             assert!(!device[key].is_null(), "{key}");
         }
     }

@@ -42,6 +42,8 @@ pub struct AdapterReport {
     pub passthrough: bool,
     /// Kernels are timed on the device.
     pub timestamps: bool,
+    /// Doubles are quick, and [`Intersector::Exact`](crate::Intersector::Exact) computes with them.
+    pub doubles: bool,
     /// Result of the start-up probe.
     pub verdict: AdapterVerdict,
 }
@@ -155,7 +157,8 @@ const fn kind(kind: wgpu::DeviceType) -> (u32, &'static str) {
 
 fn report(adapter: &wgpu::Adapter) -> AdapterReport {
     let (info, limits, features) = (adapter.get_info(), adapter.limits(), adapter.features());
-    let verdict = Gpu::on(adapter).and_then(Gpu::probed).map(|(_, verdict)| verdict);
+    let probed = Gpu::on(adapter).and_then(Gpu::probed);
+    let doubles = probed.as_ref().is_ok_and(|(gpu, _)| gpu.doubles().1);
     AdapterReport {
         device_type: kind(info.device_type).1,
         backend: info.backend.to_str(),
@@ -171,7 +174,9 @@ fn report(adapter: &wgpu::Adapter) -> AdapterReport {
         subgroup: [info.subgroup_min_size, info.subgroup_max_size],
         passthrough: features.contains(wgpu::Features::PASSTHROUGH_SHADERS),
         timestamps: features.contains(Clock::FEATURES),
-        verdict: verdict.unwrap_or_else(|error| AdapterVerdict::Unusable(error.to_string())),
+        doubles,
+        verdict: probed
+            .map_or_else(|error| AdapterVerdict::Unusable(error.to_string()), |(_, verdict)| verdict),
     }
 }
 
