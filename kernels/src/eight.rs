@@ -8,7 +8,7 @@ use crate::{
     glam::{UVec4, Vec3, Vec4},
     math::{Digits, Listed, Number, Row, Sides},
     mem::Buf,
-    pair::{Long, Pair},
+    pair::{Double, Pair},
 };
 use core::{
     arch::x86_64::*,
@@ -277,80 +277,89 @@ macro_rules! both {
     };
 }
 
-impl From<Eight> for Doubles {
+impl Add for Doubles {
+    type Output = Self;
     #[inline(always)]
-    fn from(Eight(floats): Eight) -> Self {
+    fn add(self, other: Self) -> Self {
+        both!(_mm256_add_pd(self, other))
+    }
+}
+
+impl Sub for Doubles {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        both!(_mm256_sub_pd(self, other))
+    }
+}
+
+impl Mul for Doubles {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        both!(_mm256_mul_pd(self, other))
+    }
+}
+
+impl Neg for Doubles {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        let zero = Self::all(-0.0);
+        both!(_mm256_xor_pd(self, zero))
+    }
+}
+
+impl Double for Doubles {
+    type One = Eight;
+    // What they do not tell is told of each ray alone.
+    const VOLUME: bool = false;
+
+    #[inline(always)]
+    fn of(Eight(floats): Eight) -> Self {
         avx2!(Self(
             _mm256_cvtps_pd(_mm256_castps256_ps128(floats)),
             _mm256_cvtps_pd(_mm256_extractf128_ps::<1>(floats))
         ))
     }
-}
-
-/// As one double.
-impl Long for Doubles {
-    type One = Eight;
-    const CORNER: f32 = f64::CORNER;
-    const CORNER_FAR: f32 = f64::CORNER_FAR;
-    const EDGE: f32 = f64::EDGE;
-    const EDGE_FAR: f32 = f64::EDGE_FAR;
-    const DEPTH: f32 = f64::DEPTH;
-    const WEIGHT: f32 = f64::WEIGHT;
-    const WHOLE: bool = f64::WHOLE;
-    // What they do not tell is told of each ray alone.
-    const VOLUME: bool = false;
-
     #[inline(always)]
-    fn of(pair: Pair<Eight>) -> Self {
-        Self::from(pair.hi).plus(Self::from(pair.lo))
+    fn all(x: f64) -> Self {
+        avx2!(Self(_mm256_set1_pd(x), _mm256_set1_pd(x)))
     }
     #[inline(always)]
-    fn pair(self) -> Pair<Eight> {
-        let hi = self.hi();
-        Pair { hi, lo: self.plus(Self::from(-hi)).hi() }
-    }
-    #[inline(always)]
-    fn hi(self) -> Eight {
+    fn float(self) -> Eight {
         Eight(avx2!(_mm256_set_m128(_mm256_cvtpd_ps(self.1), _mm256_cvtpd_ps(self.0))))
     }
     #[inline(always)]
-    fn negative(self) -> Self {
-        let zero = avx2!(Self(_mm256_set1_pd(-0.0), _mm256_set1_pd(-0.0)));
-        both!(_mm256_xor_pd(self, zero))
+    fn size(self) -> Self {
+        let zero = Self::all(-0.0);
+        both!(_mm256_andnot_pd(zero, self))
     }
     #[inline(always)]
-    fn by_power(self, power: Eight) -> Self {
-        self.times(Self::from(power))
+    fn exceeds(self, other: Self) -> Mask {
+        Mask(avx2!({
+            let one = _mm256_castpd_ps(_mm256_cmp_pd::<_CMP_GT_OQ>(self.0, other.0));
+            let two = _mm256_castpd_ps(_mm256_cmp_pd::<_CMP_GT_OQ>(self.1, other.1));
+            // Half of each answer, and these in order.
+            let mixed = _mm256_castps_pd(_mm256_shuffle_ps::<0b10_00_10_00>(one, two));
+            _mm256_castpd_ps(_mm256_permute4x64_pd::<0b11_01_10_00>(mixed))
+        }))
     }
     #[inline(always)]
-    fn plus(self, other: Self) -> Self {
-        both!(_mm256_add_pd(self, other))
+    fn product_difference(a: Self, b: Self, c: Self, d: Self) -> Self {
+        let product = c * d;
+        let (found, left) = (both!(_mm256_fmsub_pd(a, b, product)), both!(_mm256_fmsub_pd(c, d, product)));
+        found - left
     }
     #[inline(always)]
-    fn times(self, other: Self) -> Self {
-        both!(_mm256_mul_pd(self, other))
+    fn inverse(self) -> Self {
+        let one = Self::all(1.0);
+        both!(_mm256_div_pd(one, self))
     }
+    /// Not asked.
     #[inline(always)]
-    fn over(self, divisor: Self, _reciprocal: Eight) -> Self {
-        both!(_mm256_div_pd(self, divisor))
-    }
-    #[inline(always)]
-    fn across(x: Pair<Eight>, z: Pair<Eight>, main: Eight, side: Eight) -> (Self, Mask) {
-        let (p, q) = (Self::of(x).times(Self::from(main)), Self::from(side).times(Self::of(z)));
-        // Whether these are floats is not asked.
-        (p.plus(q.negative()), main.below(main))
-    }
-    #[inline(always)]
-    fn choose(Mask(mask): Mask, a: Self, b: Self) -> Self {
-        // A choice is by the highest bit, which is that of the same float.
-        let wide = avx2!({
-            let mask = _mm256_castps_si256(mask);
-            Self(
-                _mm256_castsi256_pd(_mm256_cvtepi32_epi64(_mm256_castsi256_si128(mask))),
-                _mm256_castsi256_pd(_mm256_cvtepi32_epi64(_mm256_extracti128_si256::<1>(mask))),
-            )
-        });
-        both!(_mm256_blendv_pd(b, a, wide))
+    fn volume(_corners: [[Pair<Eight>; 3]; 3]) -> (Self, Eight) {
+        (Self::all(0.0), Eight::all(f32::INFINITY))
     }
 }
 
@@ -493,39 +502,33 @@ pub(crate) mod tests {
         let mut seed = 0x5EED;
         for _ in 0..1000 {
             let [a, b, c, d] = [(); 4].map(|()| numbers(&mut seed));
-            let each = |of: fn(Pair, Pair) -> f64| {
+            // Numbers of more digits than floats, and what a double rounds from them.
+            let each = |of: fn([f64; 4]) -> f64| {
                 core::array::from_fn::<_, 8, _>(|i| {
-                    let Pair { hi, lo } = of(Pair::sum(a[i], b[i]), Pair::sum(c[i], d[i])).pair();
-                    [hi, lo].map(f32::to_bits)
+                    let found = of([a[i], b[i], c[i], d[i]].map(f64::from));
+                    [found as f32, (found - f64::from(found as f32)) as f32].map(f32::to_bits)
                 })
             };
-            let eight = |of: fn(Pair<Eight>, Pair<Eight>) -> Doubles| {
-                let [a, b, c, d] = [&a, &b, &c, &d].map(<Eight as Sides>::of);
-                let Pair { hi, lo } = of(Pair::sum(a, b), Pair::sum(c, d)).pair();
-                let (hi, lo) = (hi.numbers(), lo.numbers());
+            let eight = |of: fn([Doubles; 4]) -> Doubles| {
+                let found = of([&a, &b, &c, &d].map(|x| Doubles::of(<Eight as Sides>::of(x))));
+                let hi = found.float();
+                let (hi, lo) = (hi.numbers(), (found - Doubles::of(hi)).float().numbers());
                 core::array::from_fn::<_, 8, _>(|i| [hi[i], lo[i]].map(f32::to_bits))
             };
-            assert_eq!(eight(|a, _| Doubles::of(a)), each(|a, _| f64::of(a)));
+            assert_eq!(eight(|[a, b, c, _]| a * b + c), each(|[a, b, c, _]| a * b + c));
+            assert_eq!(eight(|[a, b, c, _]| -(a * b - c)), each(|[a, b, c, _]| -(a * b - c)));
+            assert_eq!(eight(|[a, b, ..]| (a * b).size()), each(|[a, b, ..]| (a * b).abs()));
+            assert_eq!(eight(|[a, ..]| a.inverse()), each(|[a, ..]| 1.0 / a));
+            // Of products that are exact, Kahan's difference is rounded once.
             assert_eq!(
-                eight(|a, b| Doubles::of(a).plus(Doubles::of(b).negative())),
-                each(|a, b| f64::of(a).plus(f64::of(b).negative()))
+                eight(|[a, b, c, d]| Doubles::product_difference(a, b, c, d)),
+                each(|[a, b, c, d]| a * b - c * d)
             );
-            assert_eq!(
-                eight(|a, b| Doubles::of(a).times(Doubles::of(b)).by_power(b.hi.unit())),
-                each(|a, b| f64::of(a).times(f64::of(b)).by_power(b.hi.unit()))
-            );
-            assert_eq!(
-                eight(|a, b| Doubles::of(a).over(Doubles::of(b), a.hi)),
-                each(|a, b| f64::of(a).over(f64::of(b), a.hi))
-            );
-            assert_eq!(
-                eight(|a, b| Doubles::across(a, b, a.hi, b.hi).0),
-                each(|a, b| f64::across(a, b, a.hi, b.hi).0)
-            );
-            assert_eq!(
-                eight(|a, b| Doubles::choose(a.hi.exceeds(b.hi), Doubles::of(a), Doubles::of(b))),
-                each(|a, b| f64::choose(a.hi > b.hi, f64::of(a), f64::of(b)))
-            );
+            let [x, y] = [[&a, &b], [&c, &d]]
+                .map(|[a, b]| Doubles::of(<Eight as Sides>::of(a)) * Doubles::of(<Eight as Sides>::of(b)));
+            let more = |i: usize| f64::from(a[i]) * f64::from(b[i]) > f64::from(c[i]) * f64::from(d[i]);
+            let right = (0..8).fold(0, |bits, i| bits | u32::from(more(i)) << i);
+            assert_eq!(<Eight as Sides>::bits(x.exceeds(y)), right);
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Numbers as sums of two floats, about 48 bits (Dekker 1971; Knuth 1969).
 
 use crate::math::{Digits, Number, exp2};
+use core::ops::{Add, Mul, Neg, Sub};
 
 /// What a [`Long`] consists of.
 pub(crate) type One<L> = <L as Long>::One;
@@ -62,6 +63,32 @@ pub trait Long: Copy {
     -> (Self, Mask<Self>);
     /// `a` where the answer is yes, else `b`.
     fn choose(mask: Mask<Self>, a: Self, b: Self) -> Self;
+}
+
+/// Doubles: one, or some side by side.
+pub(crate) trait Double:
+    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Neg<Output = Self>
+{
+    /// Floats, as many.
+    type One: Digits;
+    /// Whether a `t` next to 0 is found by [`Double::volume`].
+    const VOLUME: bool;
+    /// These floats.
+    fn of(x: Self::One) -> Self;
+    /// The same number everywhere.
+    fn all(x: f64) -> Self;
+    /// Rounded to floats.
+    fn float(self) -> Self::One;
+    /// Without the sign.
+    fn size(self) -> Self;
+    /// Whether it is larger.
+    fn exceeds(self, other: Self) -> <Self::One as Number>::Mask;
+    /// `a * b - c * d` within three last bits of it and `2^-102` of its products.
+    fn product_difference(a: Self, b: Self, c: Self, d: Self) -> Self;
+    /// The reciprocal within `2^-51` of it, of a number that is normal as a float.
+    fn inverse(self) -> Self;
+    /// Six times the volume of a triangle and a point, given the corners as seen from there, and what it may be off by.
+    fn volume(corners: [[Pair<Self::One>; 3]; 3]) -> (Self, Self::One);
 }
 
 /// `hi + lo`, `hi` being that rounded.

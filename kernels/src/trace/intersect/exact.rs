@@ -53,7 +53,11 @@ impl Exact {
         corners: Corners,
         best: &mut Best,
     ) -> bool {
-        let found = by_doubles(ray, vertices(corners), best.t, id > best.triangle);
+        let vertices = vertices(corners);
+        let (line, turned_corners) = (Line::of(ray), all_turned(vertices, ray.main));
+        let (from, own) = (turned(ray.origin, 2), all_turned(vertices, 2));
+        let after = id > best.triangle;
+        let found = by_doubles::<f64>(&line, &turned_corners, (&from, &own), best.t, after);
         self.go_on::<Wide>(found, ray, id, corners, best)
     }
 
@@ -273,7 +277,7 @@ mod tests {
                 by::<f64>(&line, &corners, (&line.from, &corners), f32::INFINITY, false),
                 by::<Pair>(&line, &corners, (&line.from, &corners), f32::INFINITY, false),
                 by::<Triple>(&line, &corners, (&line.from, &corners), f32::INFINITY, false),
-                by_doubles(&frame, (a, b, c), f32::INFINITY, false),
+                by_doubles::<f64>(&line, &corners, (&line.from, &corners), f32::INFINITY, false),
                 by::<Wide>(&line, &corners, (&line.from, &corners), f32::INFINITY, false),
             ]
             .iter()

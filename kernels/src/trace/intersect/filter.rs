@@ -42,30 +42,23 @@ pub(in crate::trace) struct Line<N: Digits> {
 impl Line<f32> {
     #[inline(always)]
     pub(super) fn of(ray: &Frame) -> Self {
-        let (way, whole) = way_of(ray);
+        let long = cycle(ray.heading, ray.main);
+        // What is left out here is below the bounds.
+        let shorter = |x: f32| {
+            let bits = x.to_bits().wrapping_sub((HEADING as u32) << 23);
+            if exponent(x) < HEADING - 64 { 0.0 } else { f32::from_bits(bits) }
+        };
+        let way = Turned { x: shorter(long.x), y: shorter(long.y), z: shorter(long.z) };
         Self {
             from: turned(ray.origin, ray.main),
             way,
-            whole,
+            whole: ((way.x != 0.0) | (long.x == 0.0)) & ((way.y != 0.0) | (long.y == 0.0)),
             along: way.z.inverse(),
             far: ray.pad * exp2(19),
             t_min: ray.t_min,
             t_max: ray.t_max,
         }
     }
-}
-
-/// [`Line::way`], and whether that is all of the direction.
-#[inline(always)]
-pub(super) fn way_of(ray: &Frame) -> (Turned<f32>, bool) {
-    let long = cycle(ray.heading, ray.main);
-    // What is left out here is below the bounds.
-    let shorter = |x: f32| {
-        let bits = x.to_bits().wrapping_sub((HEADING as u32) << 23);
-        if exponent(x) < HEADING - 64 { 0.0 } else { f32::from_bits(bits) }
-    };
-    let way = Turned { x: shorter(long.x), y: shorter(long.y), z: shorter(long.z) };
-    (way, ((way.x != 0.0) | (long.x == 0.0)) & ((way.y != 0.0) | (long.y == 0.0)))
 }
 
 impl<N: Digits> Turned<N> {
@@ -362,7 +355,7 @@ impl<L: Long> Met<L> {
 
 /// Origin and corners in any cyclic order of axes. A GPU gets them in another one than the line's: else its compiler
 /// keeps differences in registers that are needed seldom.
-type Place<'a, N> = (&'a Turned<N>, &'a [Turned<N>; 3]);
+pub(in crate::trace) type Place<'a, N> = (&'a Turned<N>, &'a [Turned<N>; 3]);
 
 /// The answer by doubles, pairs or triples, given the best `t` so far, and whether at the same `t` the triangle comes
 /// after it. A page loads every byte of each copy, so there compilers choose.

@@ -7,7 +7,7 @@
 
 pub mod baldwin;
 pub(super) mod bounds;
-mod by_doubles;
+pub(in crate::trace) mod by_doubles;
 mod double;
 pub mod exact;
 pub(in crate::trace) mod filter;

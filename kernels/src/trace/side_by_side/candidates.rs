@@ -17,10 +17,10 @@ use crate::{
     kernel::Bits,
     math::Sides,
     mem::{Buf, Slots, Stack},
-    pair::Long,
+    pair::Double,
     trace::{
         frame::{Frame, flush},
-        intersect::{Best, Glance, NORMAL, exact::Exact, filter::by},
+        intersect::{Best, Glance, NORMAL, by_doubles::by_doubles, exact::Exact},
         job::{JOB_ANY, Left, SPAN, THREADS, record},
         traverse::{
             leaf::{self, Choice, Filter, LeafTriangle},
@@ -101,7 +101,7 @@ impl Answers<'_> {
 
     /// Answers those that wait, eight at a time.
     #[inline(always)]
-    fn settle<D: Long<One: Sides>>(&mut self) {
+    fn settle<D: Double<One: Sides>>(&mut self) {
         let mut first = 0;
         while first < self.count {
             let some = SIDE_BY_SIDE.min(self.count - first);
@@ -124,7 +124,7 @@ impl Answers<'_> {
 
     /// Answers some of eight rays, which have one candidate each.
     #[inline(always)]
-    fn settle_eight<D: Long<One = N>, N: Sides>(
+    fn settle_eight<D: Double<One = N>, N: Sides>(
         &mut self,
         scaled: &Scaled<N>,
         rays: &[(u32, u32); SIDES],
@@ -141,7 +141,7 @@ impl Answers<'_> {
         let line = scaled.line(&mains, header);
         let corners = [mains.turned(&rows[0]), mains.turned(&rows[1]), mains.turned(&rows[2])];
         let none = N::all(f32::INFINITY);
-        let found = by::<D>(&line, &corners, (&line.from, &corners), none, none.below(none));
+        let found = by_doubles::<D>(&line, &corners, (&line.from, &corners), none, none.below(none));
         let (certain, hit) = (N::bits(found.certain) & scaled.rays, N::bits(found.hit));
         // What is subnormal is 0, and so is a negative zero.
         let zero = N::all(0.0);
@@ -180,18 +180,17 @@ struct Together<'a, N, const ANY: bool> {
     least: N,
     /// Of rays with one candidate, which floats are sure of, the reference that lists it.
     one: N,
-    /// The other rays that have any: theirs are in lists.
+    /// The other rays that have any: theirs are in lists. What is in those of others means nothing.
     listed: u32,
-    lists: [List; SIDES],
+    lists: &'a mut [List; SIDES],
     /// Which rays are done.
     done: u32,
 }
 
 impl<'a, N: Sides, const ANY: bool> Together<'a, N, ANY> {
     #[inline(always)]
-    fn new(scene: Scene<'a>, packet: &Packet<N>) -> Self {
+    fn new(scene: Scene<'a>, packet: &Packet<N>, lists: &'a mut [List; SIDES]) -> Self {
         let none = N::all(f32::INFINITY);
-        let lists = [[0; WORDS]; SIDES];
         Self {
             scene,
             first: packet.first,
@@ -207,7 +206,7 @@ impl<'a, N: Sides, const ANY: bool> Together<'a, N, ANY> {
 
     /// Answers some rays, or later, and returns which are left.
     #[inline(always)]
-    fn end<D: Long<One = N>>(&self, packet: &Packet<N>, rays: u32, answers: &mut Answers<'_>) -> u32 {
+    fn end<D: Double<One = N>>(&self, packet: &Packet<N>, rays: u32, answers: &mut Answers<'_>) -> u32 {
         let one = self.one.numbers();
         let single = N::bits(self.least.below(N::all(f32::INFINITY))) & !self.listed & rays;
         let mut left = 0;
@@ -324,6 +323,8 @@ impl<N: Sides, const ANY: bool> Leaves<N> for Together<'_, N, ANY> {
 struct By<'a, 'b, const ANY: bool> {
     answers: &'a mut Answers<'b>,
     lists: [List; LANES],
+    /// The same of rays that go together.
+    together: [List; SIDES],
 }
 
 /// Adds to a list what may be hit.
@@ -375,7 +376,7 @@ impl<const ANY: bool> Packets<Eight> for By<'_, '_, ANY> {
 
     #[inline(always)]
     fn answer(&mut self, scene: &Scene<'_>, packet: &mut Packet<Eight>) -> u32 {
-        let mut found = Together::<Eight, ANY>::new(*scene, packet);
+        let mut found = Together::<Eight, ANY>::new(*scene, packet, &mut self.together);
         let gone = packet.walk_together::<ANY>(scene, &mut found);
         gone & !found.end::<Doubles>(packet, gone, self.answers)
     }
@@ -394,7 +395,7 @@ unsafe fn by_eight<const ANY: bool>(
     outcome: &mut Buf<u32>,
 ) -> Left {
     let answers = &mut Answers { scene, hits, waiting: Stack::new(), count: 0 };
-    let by = &mut By::<ANY> { answers, lists: [[0; WORDS]; LANES] };
+    let by = &mut By::<ANY> { answers, lists: [[0; WORDS]; LANES], together: [[0; WORDS]; SIDES] };
     let left = scene.side_by_side(range, outcome, by);
     answers.settle::<Doubles>();
     left
