@@ -205,7 +205,8 @@ fn what_is_never_traced_leaves_no_memory() -> Result<(), Failure> {
     }
     let one_by_one = taken();
     let together: Vec<_> = (0..40).map(|_| scene.resident(&rays)).collect::<Result<_, _>>()?;
-    assert!(taken() > one_by_one + 64);
+    // As what is kept is seen.
+    assert!(taken() > begin + 64);
     drop(together);
     scene.closest(&rays[..10])?;
     let in_the_end = taken();
