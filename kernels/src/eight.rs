@@ -8,7 +8,7 @@ use crate::{
     glam::{UVec4, Vec3, Vec4},
     math::{Digits, Listed, Number, Row, Sides},
     mem::Buf,
-    pair::{Double, Pair},
+    pair::Double,
 };
 use core::{
     arch::x86_64::*,
@@ -218,13 +218,6 @@ impl Digits for Eight {
         self.only(0x7FFF_FFFF)
     }
     #[inline(always)]
-    fn same(self, other: Self) -> Mask {
-        Mask(avx2!(_mm256_castsi256_ps(_mm256_cmpeq_epi32(
-            _mm256_castps_si256(self.0),
-            _mm256_castps_si256(other.0)
-        ))))
-    }
-    #[inline(always)]
     fn two_product(self, other: Self) -> (Self, Self) {
         // A fused multiplication rounds once: the same two numbers.
         let product = self * other;
@@ -312,8 +305,6 @@ impl Neg for Doubles {
 
 impl Double for Doubles {
     type One = Eight;
-    // What they do not tell is told of each ray alone.
-    const VOLUME: bool = false;
 
     #[inline(always)]
     fn of(Eight(floats): Eight) -> Self {
@@ -355,11 +346,6 @@ impl Double for Doubles {
     fn inverse(self) -> Self {
         let one = Self::all(1.0);
         both!(_mm256_div_pd(one, self))
-    }
-    /// Not asked.
-    #[inline(always)]
-    fn volume(_corners: [[Pair<Eight>; 3]; 3]) -> (Self, Eight) {
-        (Self::all(0.0), Eight::all(f32::INFINITY))
     }
 }
 

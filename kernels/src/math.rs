@@ -45,8 +45,6 @@ pub trait Digits: Number + Neg<Output = Self> {
     fn below(self, other: Self) -> Self::Mask;
     /// [`abs()`].
     fn abs(self) -> Self;
-    /// Whether its bits are the same.
-    fn same(self, other: Self) -> Self::Mask;
     /// [`two_product()`].
     fn two_product(self, other: Self) -> (Self, Self);
     /// [`is_small()`].
@@ -172,10 +170,6 @@ impl Digits for f32 {
     #[inline(always)]
     fn abs(self) -> Self {
         abs(self)
-    }
-    #[inline(always)]
-    fn same(self, other: Self) -> bool {
-        self.to_bits() == other.to_bits()
     }
     #[inline(always)]
     fn two_product(self, other: Self) -> (Self, Self) {
@@ -567,25 +561,17 @@ fn head(a: f32) -> f32 {
 #[cfg(target_arch = "spirv")]
 const ROUNDS_ONCE: f32 = f32::from_bits(0xBED1_0F3A);
 
-/// Whether it does.
+/// `rest`, which is `a * b` less a `product`, rounded. A device that rounds once finds that by one instruction.
 #[cfg(target_arch = "spirv")]
 #[inline(always)]
-pub(crate) fn rounds_once() -> bool {
-    use spirv_std::num_traits::Float as _;
-    ROUNDS_ONCE.mul_add(ROUNDS_ONCE, ROUNDS_ONCE) > 0.0
-}
-
-/// `rest`, which is what rounding took from the product `a * b`. A device that rounds once finds it by one instruction.
-#[cfg(target_arch = "spirv")]
-#[inline(always)]
-fn left_of(a: f32, b: f32, product: f32, rest: f32) -> f32 {
+pub(crate) fn left_of<F: spirv_std::num_traits::Float>(a: F, b: F, product: F, rest: F) -> F {
     use spirv_std::num_traits::Float as _;
     let once = a.mul_add(b, -product);
-    if rounds_once() { once } else { rest }
+    if ROUNDS_ONCE.mul_add(ROUNDS_ONCE, ROUNDS_ONCE) > 0.0 { once } else { rest }
 }
 #[cfg(not(target_arch = "spirv"))]
 #[inline(always)]
-fn left_of(_a: f32, _b: f32, _product: f32, rest: f32) -> f32 {
+pub(crate) fn left_of<F>(_a: F, _b: F, _product: F, rest: F) -> F {
     rest
 }
 

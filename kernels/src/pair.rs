@@ -1,18 +1,11 @@
 //! Numbers as sums of two floats, about 48 bits (Dekker 1971; Knuth 1969).
 
-use crate::math::{Digits, Number, exp2};
+use crate::math::{Digits, Number, exp2, is_small, two_product};
 use core::ops::{Add, Mul, Neg, Sub};
-
-/// What a [`Long`] consists of.
-pub(crate) type One<L> = <L as Long>::One;
-/// Answers of those.
-pub(crate) type Mask<L> = <One<L> as Number>::Mask;
 
 /// Numbers of more digits than a float. What bounds the errors that `trace/intersect/filter.rs` makes stands with each
 /// kind.
 pub trait Long: Copy {
-    /// The floats of which it is the sum, or as many side by side.
-    type One: Digits;
     /// Twice what corners across the ray may be off by: a part of their size, and one of the scene's.
     const CORNER: f32;
     /// See [`Long::CORNER`].
@@ -32,37 +25,31 @@ pub trait Long: Copy {
     const VOLUME: bool;
 
     /// The same number.
-    fn of(pair: Pair<Self::One>) -> Self;
+    fn of(pair: Pair) -> Self;
     /// `a + b + c`, each far smaller than the one before: within `2^-47`, of triples exactly.
     #[inline(always)]
-    fn of_sum(a: Self::One, b: Self::One, c: Self::One) -> Self {
+    fn of_sum(a: f32, b: f32, c: f32) -> Self {
         Self::of(Pair { hi: a, lo: b + c })
     }
-    /// Rounded to a pair, within `2^-24` of its lower part.
-    fn pair(self) -> Pair<Self::One>;
     /// Rounded to a float, nearly: 0 only if the number is.
-    fn hi(self) -> Self::One;
+    fn hi(self) -> f32;
     /// With another sign.
     fn negative(self) -> Self;
     /// Times a power of two.
-    fn by_power(self, power: Self::One) -> Self;
+    fn by_power(self, power: f32) -> Self;
     /// The sum.
     fn plus(self, other: Self) -> Self;
     /// The product.
     fn times(self, other: Self) -> Self;
     /// Between which numbers it lies when rounded, if it may be off by `error`.
-    #[inline(always)]
-    fn rounded(self, error: Self::One) -> (Self::One, Self::One) {
-        self.pair().rounded(error)
-    }
+    fn rounded(self, error: f32) -> (f32, f32);
     /// The quotient, by the divisor's reciprocal to within `2^-22`.
-    fn over(self, divisor: Self, reciprocal: Self::One) -> Self;
+    fn over(self, divisor: Self, reciprocal: f32) -> Self;
     /// `x * main - side * z`, where the lower parts are far smaller than the others, which may cancel; and where it is
     /// surely a float, exactly.
-    fn across(x: Pair<Self::One>, z: Pair<Self::One>, main: Self::One, side: Self::One)
-    -> (Self, Mask<Self>);
+    fn across(x: Pair, z: Pair, main: f32, side: f32) -> (Self, bool);
     /// `a` where the answer is yes, else `b`.
-    fn choose(mask: Mask<Self>, a: Self, b: Self) -> Self;
+    fn choose(mask: bool, a: Self, b: Self) -> Self;
 }
 
 /// Doubles: one, or some side by side.
@@ -71,8 +58,6 @@ pub(crate) trait Double:
 {
     /// Floats, as many.
     type One: Digits;
-    /// Whether a `t` next to 0 is found by [`Double::volume`].
-    const VOLUME: bool;
     /// These floats.
     fn of(x: Self::One) -> Self;
     /// The same number everywhere.
@@ -87,29 +72,27 @@ pub(crate) trait Double:
     fn product_difference(a: Self, b: Self, c: Self, d: Self) -> Self;
     /// The reciprocal within `2^-51` of it, of a number that is normal as a float.
     fn inverse(self) -> Self;
-    /// Six times the volume of a triangle and a point, given the corners as seen from there, and what it may be off by.
-    fn volume(corners: [[Pair<Self::One>; 3]; 3]) -> (Self, Self::One);
 }
 
 /// `hi + lo`, `hi` being that rounded.
 #[derive(Clone, Copy, Debug)]
-pub struct Pair<N = f32> {
+pub struct Pair {
     /// The number, rounded.
-    pub hi: N,
+    pub hi: f32,
     /// What rounding took.
-    pub lo: N,
+    pub lo: f32,
 }
 
-impl<N: Digits> Pair<N> {
+impl Pair {
     /// A float.
     #[inline(always)]
-    pub fn float(hi: N) -> Self {
-        Self { hi, lo: N::all(0.0) }
+    pub fn float(hi: f32) -> Self {
+        Self { hi, lo: 0.0 }
     }
 
     /// `a + b`, exactly.
     #[inline(always)]
-    pub fn sum(a: N, b: N) -> Self {
+    pub fn sum(a: f32, b: f32) -> Self {
         let hi = a + b;
         let from_b = hi - a;
         Self { hi, lo: (a - (hi - from_b)) + (b - from_b) }
@@ -117,23 +100,15 @@ impl<N: Digits> Pair<N> {
 
     /// The same where `b` is no larger in size, or `a` is 0.
     #[inline(always)]
-    pub fn quick_sum(a: N, b: N) -> Self {
+    pub fn quick_sum(a: f32, b: f32) -> Self {
         let hi = a + b;
         Self { hi, lo: b - (hi - a) }
     }
 
-    /// Between which numbers it lies when rounded, if it may be off by `error`, and by what a device that flushes
-    /// subnormal numbers may take on the way.
-    #[inline(always)]
-    pub fn rounded(self, error: N) -> (N, N) {
-        let wide = error + self.lo.abs() * N::all(exp2(-20)) + N::all(exp2(-100));
-        (self.hi + (self.lo - wide), self.hi + (self.lo + wide))
-    }
-
     /// `a * b`, exactly where [`two_product()`](crate::math::two_product) is.
     #[inline(always)]
-    pub fn product(a: N, b: N) -> Self {
-        let (hi, lo) = a.two_product(b);
+    pub fn product(a: f32, b: f32) -> Self {
+        let (hi, lo) = two_product(a, b);
         Self { hi, lo }
     }
 }
@@ -142,34 +117,32 @@ impl<N: Digits> Pair<N> {
 pub(crate) const PAIR_FLOOR: f32 = exp2(-36);
 
 /// `p - q + r - s` is `x * main - side * z`.
-pub(crate) struct Across<N> {
-    pub p: Pair<N>,
-    pub q: Pair<N>,
-    pub r: Pair<N>,
-    pub s: Pair<N>,
+pub(crate) struct Across {
+    pub p: Pair,
+    pub q: Pair,
+    pub r: Pair,
+    pub s: Pair,
 }
 
-impl<N: Digits> Across<N> {
+impl Across {
     /// And whether it is a float, exactly.
     #[inline(always)]
-    pub(crate) fn new(x: Pair<N>, z: Pair<N>, main: N, side: N) -> (Self, N::Mask) {
+    pub(crate) fn new(x: Pair, z: Pair, main: f32, side: f32) -> (Self, bool) {
         let (p, q) = (Pair::product(x.hi, main), Pair::product(side, z.hi));
         let (r, s) = (Pair::product(x.lo, main), Pair::product(side, z.lo));
         let first = Pair::sum(p.hi, -q.hi);
         let second = Pair::sum(p.lo, -q.lo);
-        let zero = N::all(0.0);
-        let simple = x.lo.is(zero)
-            & z.lo.is(zero)
-            & !x.hi.is_small(PAIR_FLOOR)
-            & !z.hi.is_small(PAIR_FLOOR)
-            & !side.is_small(PAIR_FLOOR);
-        let known = simple & first.lo.is(zero) & second.hi.is(zero) & second.lo.is(zero);
+        let simple = (x.lo == 0.0)
+            & (z.lo == 0.0)
+            & !is_small(x.hi, PAIR_FLOOR)
+            & !is_small(z.hi, PAIR_FLOOR)
+            & !is_small(side, PAIR_FLOOR);
+        let known = simple & (first.lo == 0.0) & (second.hi == 0.0) & (second.lo == 0.0);
         (Self { p, q, r, s }, known)
     }
 }
 
-impl<N: Digits> Long for Pair<N> {
-    type One = N;
+impl Long for Pair {
     const CORNER: f32 = exp2(-44);
     const CORNER_FAR: f32 = exp2(-61);
     const EDGE: f32 = exp2(-44);
@@ -185,23 +158,25 @@ impl<N: Digits> Long for Pair<N> {
     }
 
     #[inline(always)]
-    fn pair(self) -> Self {
-        self
-    }
-
-    #[inline(always)]
-    fn hi(self) -> N {
+    fn hi(self) -> f32 {
         self.hi
     }
 
+    /// It may also be off by what a device that flushes subnormal numbers takes on the way.
     #[inline(always)]
-    fn by_power(self, power: N) -> Self {
+    fn rounded(self, error: f32) -> (f32, f32) {
+        let wide = error + self.lo.abs() * exp2(-20) + exp2(-100);
+        (self.hi + (self.lo - wide), self.hi + (self.lo + wide))
+    }
+
+    #[inline(always)]
+    fn by_power(self, power: f32) -> Self {
         Self { hi: self.hi * power, lo: self.lo * power }
     }
 
     /// Within `2^-48` of its size and `2^-65` of the largest product.
     #[inline(always)]
-    fn across(x: Self, z: Self, main: N, side: N) -> (Self, N::Mask) {
+    fn across(x: Self, z: Self, main: f32, side: f32) -> (Self, bool) {
         let (Across { p, q, r, s }, known) = Across::new(x, z, main, side);
         let first = Self::sum(p.hi, -q.hi);
         let second = Self::sum(p.lo, -q.lo);
@@ -236,7 +211,7 @@ impl<N: Digits> Long for Pair<N> {
 
     /// Within `2^-42` of its size.
     #[inline(always)]
-    fn over(self, divisor: Self, reciprocal: N) -> Self {
+    fn over(self, divisor: Self, reciprocal: f32) -> Self {
         let first = self.hi * reciprocal;
         let taken = Self::product(first, divisor.hi);
         let left = ((self.hi - taken.hi) - taken.lo) + (self.lo - first * divisor.lo);
@@ -244,7 +219,7 @@ impl<N: Digits> Long for Pair<N> {
     }
 
     #[inline(always)]
-    fn choose(mask: N::Mask, a: Self, b: Self) -> Self {
-        Self { hi: N::choose(mask, a.hi, b.hi), lo: N::choose(mask, a.lo, b.lo) }
+    fn choose(mask: bool, a: Self, b: Self) -> Self {
+        Self { hi: f32::choose(mask, a.hi, b.hi), lo: f32::choose(mask, a.lo, b.lo) }
     }
 }

@@ -107,9 +107,7 @@ fn look_up(device: &Device, tree: TreeView<'_>, seed: u64) -> Result<(), Error> 
 }
 
 impl Job<'_> {
-    fn run(&self, device: &Device) -> Result<(), Error> {
-        let [device, by_doubles] =
-            &[false, true].map(|doubles| device.with_doubles(doubles).expect("the GPU has doubles"));
+    fn run(&self, [device, by_doubles]: &[Device; 2]) -> Result<(), Error> {
         // As if the mesh lay on the device. A leaf is enough: the builders follow.
         let leaf = self.options.clone().with_max_depth(0);
         built_from(device, self.mesh.positions(), self.mesh.triangles(), &leaf)?;
@@ -214,7 +212,9 @@ impl Job<'_> {
                 if found.borrow().is_none() { Ok(()) } else { Err(Error::Kernel("enough was seen")) }
             }
         };
-        let done = watching(Box::new(watcher), || self.run(device));
+        // A GPU is probed before it is watched.
+        let both = [false, true].map(|doubles| device.with_doubles(doubles).expect("the GPU has doubles"));
+        let done = watching(Box::new(watcher), || self.run(&both));
         found.take().map_or_else(|| done.map(|()| None), |found| Ok(Some(found)))
     }
 

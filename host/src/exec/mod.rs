@@ -194,15 +194,17 @@ impl Device {
     #[doc(hidden)]
     #[must_use]
     pub fn with_doubles(&self, doubles: bool) -> Option<Self> {
-        let there = self.as_gpu().is_none_or(|gpu| gpu.doubles().0);
-        (there || !doubles).then(|| Self { doubles: Some(doubles), ..self.clone() })
+        let there = |gpu: &Gpu| gpu.judge_doubles(&self.keeping_nothing()).0;
+        (!doubles || self.as_gpu().is_none_or(there)).then(|| Self { doubles: Some(doubles), ..self.clone() })
     }
 
-    /// Whether the exact test computes with doubles on a GPU, or where the CPU does what a GPU does.
+    /// Whether the exact test computes with doubles on a GPU, or where the CPU does what a GPU does. Asked first, a GPU
+    /// is probed.
     #[cfg(feature = "gpu")]
     #[doc(hidden)]
     pub fn by_doubles(&self) -> bool {
-        self.doubles.unwrap_or_else(|| self.as_gpu().is_some_and(|gpu| gpu.doubles().1))
+        let quick = |gpu: &Gpu| gpu.judge_doubles(&self.keeping_nothing()).1;
+        self.doubles.unwrap_or_else(|| self.as_gpu().is_some_and(quick))
     }
 
     /// The processor, with all its threads.

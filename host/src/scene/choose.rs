@@ -43,6 +43,11 @@ impl Scene {
             self.device.dispatch(&[transforms.over(self.header.refs)], false)?;
             self.transforms = Some(made);
         }
+        #[cfg(feature = "gpu")]
+        if intersector.narrows() {
+            // Probes a GPU now, not when rays wait.
+            self.device.by_doubles();
+        }
         self.intersector = intersector;
         Ok(())
     }

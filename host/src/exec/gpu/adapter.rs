@@ -5,7 +5,7 @@ use super::{
     clock::Clock,
     probe::{AdapterVerdict, VALUES},
 };
-use crate::Error;
+use crate::{Device, Error};
 use raykd_kernels::Kernel;
 use raykd_shared::limits::GROUPS_X;
 use std::sync::LazyLock;
@@ -158,7 +158,10 @@ const fn kind(kind: wgpu::DeviceType) -> (u32, &'static str) {
 fn report(adapter: &wgpu::Adapter) -> AdapterReport {
     let (info, limits, features) = (adapter.get_info(), adapter.limits(), adapter.features());
     let probed = Gpu::on(adapter).and_then(Gpu::probed);
-    let doubles = probed.as_ref().is_ok_and(|(gpu, _)| gpu.doubles().1);
+    let (doubles, verdict) = probed.map_or_else(
+        |error| (false, AdapterVerdict::Unusable(error.to_string())),
+        |(gpu, verdict)| (Device::from(gpu).by_doubles(), verdict),
+    );
     AdapterReport {
         device_type: kind(info.device_type).1,
         backend: info.backend.to_str(),
@@ -175,8 +178,7 @@ fn report(adapter: &wgpu::Adapter) -> AdapterReport {
         passthrough: features.contains(wgpu::Features::PASSTHROUGH_SHADERS),
         timestamps: features.contains(Clock::FEATURES),
         doubles,
-        verdict: probed
-            .map_or_else(|error| AdapterVerdict::Unusable(error.to_string()), |(_, verdict)| verdict),
+        verdict,
     }
 }
 

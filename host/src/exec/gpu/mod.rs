@@ -23,7 +23,7 @@ use staging::{CHUNK, Slot};
 use std::{
     collections::{HashMap, HashSet},
     sync::{
-        Arc, Mutex,
+        Arc, Mutex, OnceLock,
         atomic::{AtomicU64, Ordering::Relaxed},
     },
     time::Instant,
@@ -48,10 +48,12 @@ pub struct Gpu {
     module: wgpu::ShaderModule,
     /// Names of the kernels in the module.
     entry_points: HashSet<String>,
-    /// The module of kernels by doubles, if the device has those and computes them right.
-    doubles: Option<wgpu::ShaderModule>,
-    /// Whether doubles are there, and nearly as quick as floats.
-    quick_doubles: bool,
+    /// Whether kernels may count on a product and a sum rounded once.
+    rounds_once: bool,
+    /// The module of kernels by doubles, once it is wanted, if the device takes it.
+    doubles: OnceLock<Option<wgpu::ShaderModule>>,
+    /// Whether these are right, and quick, once that is asked.
+    judged_doubles: OnceLock<(bool, bool)>,
     pipelines: Mutex<HashMap<&'static str, Pipeline>>,
     /// Staging buffers; taken while in use, and not put back after an error.
     uploads: Kept<[Slot; 2]>,
@@ -77,8 +79,9 @@ const _: fn(&Gpu) = |gpu| {
         limit,
         module,
         entry_points,
+        rounds_once,
         doubles,
-        quick_doubles,
+        judged_doubles,
         pipelines,
         uploads,
         downloads,
@@ -90,8 +93,9 @@ const _: fn(&Gpu) = |gpu| {
     checked(limit);
     checked(module);
     checked(entry_points);
+    checked(rounds_once);
     checked(doubles);
-    checked(quick_doubles);
+    checked(judged_doubles);
     checked(pipelines);
     checked(uploads);
     checked(downloads);
@@ -202,20 +206,20 @@ impl Gpu {
             return Err(link.failed("there are no compiled kernels: run `cargo xtask kernels`"));
         }
         let module = module::load(&link, module::rounding_once(words), KERNELS)?;
-        let features = link.device.features();
         let limits = link.device.limits();
         let binding = BufferLimit {
             bytes: limits.max_storage_buffer_binding_size,
             name: "the device's max_storage_buffer_binding_size",
         };
         let whole = BufferLimit { bytes: limits.max_buffer_size, name: "the device's max_buffer_size" };
-        let timed = features.contains(Clock::FEATURES);
-        let mut gpu = Self {
+        let timed = link.device.features().contains(Clock::FEATURES);
+        Ok(Self {
             limit: if whole.bytes < binding.bytes { whole } else { binding },
             module,
             entry_points,
-            doubles: None,
-            quick_doubles: false,
+            rounds_once: true,
+            doubles: OnceLock::new(),
+            judged_doubles: OnceLock::new(),
             pipelines: Mutex::default(),
             uploads: Mutex::default(),
             downloads: Mutex::default(),
@@ -223,63 +227,62 @@ impl Gpu {
             allocated: AtomicU64::default(),
             clock: timed.then(Mutex::default),
             link,
-        };
-        gpu.doubles = gpu.load_doubles(true);
-        Ok(gpu)
+        })
     }
 
     /// Runs the start-up probe, and again if kernels must do without a product and a sum rounded once.
     fn probed(self) -> Result<(Self, AdapterVerdict), Error> {
-        let (mut gpu, answer) = self.asked(probe::check);
-        let (mut verdict, rests) = answer?;
-        if !rests {
-            gpu.round_twice()?;
-            let answer;
-            (gpu, answer) = gpu.asked(probe::check);
-            (verdict, _) = answer?;
+        let (mut gpu, verdict, rests) = self.judged()?;
+        if rests {
+            return Ok((gpu, verdict));
         }
-        if gpu.doubles.is_some() {
-            let answer;
-            (gpu, answer) = gpu.asked(probe::doubles);
-            // A driver that fails at doubles does without them.
-            let (right, quick) = answer.unwrap_or_default();
-            gpu.doubles = gpu.doubles.filter(|_| right);
-            gpu.quick_doubles = right && quick && gpu.clock.is_some();
-        }
+        gpu.round_twice()?;
+        let (gpu, verdict, _) = gpu.judged()?;
         Ok((gpu, verdict))
-    }
-
-    /// Loads the kernels by doubles, if the device has any and takes them.
-    fn load_doubles(&self, rounding_once: bool) -> Option<wgpu::ShaderModule> {
-        if !self.link.device.features().contains(wgpu::Features::SHADER_F64) {
-            return None;
-        }
-        let words = module::words(SPIRV_BY_DOUBLES);
-        let words = if rounding_once { module::rounding_once(words) } else { words };
-        module::load(&self.link, words, BY_DOUBLES).ok()
     }
 
     /// Loads the kernels as for a device that rounds a product, and then a sum.
     fn round_twice(&mut self) -> Result<(), Error> {
         self.module = module::load(&self.link, module::words(SPIRV), KERNELS)?;
-        self.doubles = self.load_doubles(false);
+        self.rounds_once = false;
+        self.doubles = OnceLock::new();
         self.pipelines = Mutex::default();
         Ok(())
     }
 
-    /// What a probe says of it.
-    fn asked<T>(self, probe: fn(&Device) -> Result<T, Error>) -> (Self, Result<T, Error>) {
+    /// What the probe says of it.
+    fn judged(self) -> Result<(Self, AdapterVerdict, bool), Error> {
         let device = Device::from(self);
-        let answer = probe(&device);
+        let (verdict, rests) = probe::check(&device)?;
         match Arc::into_inner(device.machine) {
-            Some(Machine::Gpu(gpu)) => (*gpu, answer),
+            Some(Machine::Gpu(gpu)) => Ok((*gpu, verdict, rests)),
             _ => unreachable!("made above, and nobody keeps a device"),
         }
     }
 
-    /// Whether it has doubles, and they are right; and whether they are quick, too.
-    pub(super) const fn doubles(&self) -> (bool, bool) {
-        (self.doubles.is_some(), self.quick_doubles)
+    /// The kernels by doubles, if it has doubles and takes them.
+    fn doubles(&self) -> Option<&wgpu::ShaderModule> {
+        let load = || {
+            if !self.link.device.features().contains(wgpu::Features::SHADER_F64) {
+                return None;
+            }
+            let words = module::words(SPIRV_BY_DOUBLES);
+            let words = if self.rounds_once { module::rounding_once(words) } else { words };
+            module::load(&self.link, words, BY_DOUBLES).ok()
+        };
+        self.doubles.get_or_init(load).as_ref()
+    }
+
+    /// Whether it computes doubles right, and whether quickly, as far as its clock tells. Asked once of this `device`,
+    /// which is it; a driver that fails at doubles does without them.
+    pub(super) fn judge_doubles(&self, device: &Device) -> (bool, bool) {
+        if let Some(&judged) = self.judged_doubles.get() {
+            return judged;
+        }
+        // Not within the lock: other threads' work may run here meanwhile.
+        let right = self.doubles().is_some() && probe::doubles_are_right(device).unwrap_or(false);
+        let quick = right && self.clock.is_some() && probe::doubles_are_quick(device).unwrap_or(false);
+        *self.judged_doubles.get_or_init(|| (right, quick))
     }
 
     /// Whether it is a rasteriser in software, with no GPU behind it.
@@ -542,7 +545,7 @@ impl Gpu {
     fn compile(&self, kernel: &'static Kernel) -> Result<Pipeline, Error> {
         let (name, entry_point) = (kernel.name(), kernel.entry_point());
         let by_doubles = BY_DOUBLES.iter().any(|other| other.path == kernel.path);
-        let module = if by_doubles { self.doubles.as_ref() } else { Some(&self.module) };
+        let module = if by_doubles { self.doubles() } else { Some(&self.module) };
         // With a name that is not there drivers may do anything.
         let there = by_doubles || self.entry_points.contains(entry_point);
         let Some(module) = module.filter(|_| there) else {
@@ -668,15 +671,18 @@ mod tests {
     fn kernels_find_the_rest_of_products_with_two_roundings_too() {
         let mut gpu = Gpu::open(None).unwrap();
         gpu.round_twice().unwrap();
-        let (verdict, rests) = gpu.asked(super::probe::check).1.unwrap();
+        let (_, verdict, rests) = gpu.judged().unwrap();
         assert!(rests && matches!(verdict, AdapterVerdict::Exact { .. }), "{verdict:?}");
     }
 
     #[test]
-    fn doubles_are_right() {
-        let mut gpu = Gpu::open(None).unwrap();
-        assert!(gpu.doubles().0);
-        gpu.round_twice().unwrap();
-        assert!(gpu.asked(super::probe::doubles).1.unwrap().0);
+    fn doubles_are_right_with_two_roundings_too() {
+        for twice in [false, true] {
+            let mut gpu = Gpu::open(None).unwrap();
+            if twice {
+                gpu.round_twice().unwrap();
+            }
+            assert!(Device::from(gpu).with_doubles(true).is_some());
+        }
     }
 }

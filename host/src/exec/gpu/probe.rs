@@ -2,7 +2,7 @@
 
 use crate::{
     Error,
-    exec::{Device, Launch},
+    exec::{Buffer, Device, Launch, Out, Step},
 };
 use raykd_kernels::{
     glam::Vec4,
@@ -66,42 +66,45 @@ fn inputs() -> impl Iterator<Item = [f32; 4]> {
 
 /// What a device makes of the inputs.
 fn results(device: &Device) -> Result<Vec<u32>, Error> {
-    let inputs = device.upload("probe inputs", &inputs().map(Vec4::from_array).collect::<Vec<_>>())?;
-    let results = device.alloc("probe results", VALUES)?;
-    let count = device.upload("probe count", &[INPUTS])?;
-    let probe = probe::Buffers { inputs: &inputs, results: results.out(), count: &count };
-    device.dispatch(&[probe.over(INPUTS)], false)?;
-    device.read(&results.view(), 0, VALUES as usize)
+    asked(device, RESULTS, |inputs, results, count| probe::Buffers { inputs, results, count }.over(INPUTS))
 }
 
-/// Whether a device computes doubles as the CPU does, by such numbers; and whether a product and a sum of them take it
-/// at most twice the time of one of floats, by its own clock.
-pub(super) fn doubles(device: &Device) -> Result<(bool, bool), Error> {
-    let right = results_of_doubles(device)? == results_of_doubles(&Device::cpu())?;
-    Ok((right, right && quick(device)?))
-}
-
-/// What a device makes of the inputs by doubles.
+/// The same by doubles.
 fn results_of_doubles(device: &Device) -> Result<Vec<u32>, Error> {
+    asked(device, doubles::RESULTS, |inputs, results, count| {
+        doubles::Buffers { inputs, results, count }.over(INPUTS)
+    })
+}
+
+/// What a probe of so many results an input makes of the inputs.
+fn asked(
+    device: &Device,
+    each: u32,
+    probe: impl for<'a> Fn(&'a Buffer<Vec4>, Out<'a, f32>, &'a Buffer<u32>) -> Step<'a>,
+) -> Result<Vec<u32>, Error> {
+    let values = u64::from(INPUTS * each);
     let inputs = device.upload("probe inputs", &inputs().map(Vec4::from_array).collect::<Vec<_>>())?;
-    let values = u64::from(INPUTS * doubles::RESULTS);
     let results = device.alloc("probe results", values)?;
     let count = device.upload("probe count", &[INPUTS])?;
-    let probe = doubles::Buffers { inputs: &inputs, results: results.out(), count: &count };
-    device.dispatch(&[probe.over(INPUTS)], false)?;
+    device.dispatch(&[probe(&inputs, results.out(), &count)], false)?;
     device.read(&results.view(), 0, values as usize)
 }
 
-/// See [`doubles`].
-fn quick(device: &Device) -> Result<bool, Error> {
+/// Whether a device computes doubles as the CPU does, by such numbers.
+pub(super) fn doubles_are_right(device: &Device) -> Result<bool, Error> {
+    Ok(results_of_doubles(device)? == results_of_doubles(&Device::cpu())?)
+}
+
+/// Whether a product and a sum of doubles take it at most twice the time of one of floats.
+pub(super) fn doubles_are_quick(device: &Device) -> Result<bool, Error> {
     /// Enough for a card to be busy with.
     const LANES: u32 = 1 << 16;
     let results = device.alloc("race results", u64::from(LANES))?;
+    let by = [device.upload("race by", &[0])?, device.upload("race by", &[1])?];
     let mut times = [Duration::MAX; 2];
     for _ in 0..4 {
-        for (doubles, time) in times.iter_mut().enumerate() {
-            let by = device.upload("race by", &[doubles as u32])?;
-            let race = race::Buffers { by: &by, results: results.out() };
+        for (by, time) in by.iter().zip(&mut times) {
+            let race = race::Buffers { by, results: results.out() };
             *time = (*time).min(device.dispatch(&[race.over(LANES)], false)?.total);
         }
     }

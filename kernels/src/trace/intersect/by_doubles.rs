@@ -4,7 +4,7 @@
 //! stage at once.
 
 use super::{
-    filter::{Line, Place, Turned, Verdict},
+    filter::{Line, Place, Turned, Verdict, volume},
     wide::{self, Wide},
 };
 use crate::{
@@ -17,7 +17,6 @@ type Mask<D> = <<D as Double>::One as Number>::Mask;
 
 impl Double for f64 {
     type One = f32;
-    const VOLUME: bool = true;
 
     #[inline(always)]
     fn of(x: f32) -> Self {
@@ -51,22 +50,6 @@ impl Double for f64 {
         let r = r + r * (1.0 - r * self);
         r + r * (1.0 - r * self)
     }
-    #[inline(always)]
-    fn volume([[ax, ay, az], [bx, by, bz], [cx, cy, cz]]: [[Pair; 3]; 3]) -> (Self, f32) {
-        let x = part([ax, by, cz, bz, cy]);
-        let y = part([ay, bz, cx, bx, cz]);
-        let z = part([az, bx, cy, by, cx]);
-        let six = x.0.plus_about(y.0).plus_about(z.0);
-        (six.short(), exp2(-94) * (x.1 + y.1 + z.1) + exp2(-100))
-    }
-}
-
-/// `a * (b * c - d * e)`, and the size of its products.
-#[inline(always)]
-fn part([a, b, c, d, e]: [Pair; 5]) -> (Wide, f32) {
-    let size = a.hi.abs() * ((b.hi * c.hi).abs() + (d.hi * e.hi).abs());
-    let (bc, de) = (Wide::of(b).times(Wide::of(c)), Wide::of(d).times(Wide::of(e)));
-    (bc.plus_about(de.negative()).times(Wide::of(a)), size)
 }
 
 /// A power of two.
@@ -124,21 +107,30 @@ fn far_from_0<N: Digits>(t: N) -> N::Mask {
     t.abs().exceeds(N::all(exp2(-60)))
 }
 
-/// The answer, given the best `t` so far, and whether at the same `t` the triangle comes after it.
-///
+/// What is told of a triangle's border.
+struct Looked<D: Double> {
+    /// Whether the ray surely passes it by.
+    missed: Mask<D>,
+    /// Whether it surely passes through.
+    passes: Mask<D>,
+    /// Whether the numbers are large enough to tell where, and it is not missed.
+    told: Mask<D>,
+    /// Edge functions, their sum, and what each may be off by.
+    edges: (D, D, D),
+    det: D,
+    error: D,
+    /// Depths of the corners, and what those may be off by.
+    depths: (D, D, D),
+    off: D,
+}
+
 /// With `e = 2^-53` and `M` the scene's size as seen from the origin, corners across the ray have coordinates `x`
 /// within `3 e |x|` and `off`. That is `2^-100 M` where differences are exact and the direction has all its digits,
 /// else at most `4 e M` and `2^-64 M`. So an edge function `x y' - y x'` is off by at most
 /// `8 e (|x y'| + |y x'|) + off (|x| + |y| + |x'| + |y'| + 2 off)`.
 #[inline(always)]
-pub(in crate::trace) fn by_doubles<D: Double>(
-    line: &Line<D::One>,
-    corners: &[Turned<D::One>; 3],
-    (from, own): Place<'_, D::One>,
-    best: D::One,
-    after: Mask<D>,
-) -> Verdict<D::One> {
-    let (all, every, float) = (D::all, D::One::every, D::One::all);
+fn look<D: Double>(line: &Line<D::One>, corners: &[Turned<D::One>; 3]) -> Looked<D> {
+    let (all, float) = (D::all, D::One::all);
     let [a, b, c] = corners;
     let ((ax, ay, az), (bx, by, bz), (cx, cy, cz)) =
         (seen::<D>(line, a), seen::<D>(line, b), seen::<D>(line, c));
@@ -160,46 +152,115 @@ pub(in crate::trace) fn by_doubles<D: Double>(
     let passes = (positive.0 & positive.1 & positive.2) | (negative.0 & negative.1 & negative.2);
     let det = (u + v) + w;
     let told = det.size().exceeds(all(128.0) * error) & !missed;
-    let zero = float(0.0);
-    if every(!told) {
-        return Verdict { certain: missed, hit: told, t: zero, u: zero, v: zero };
+    Looked { missed, passes, told, edges: (u, v, w), det, error, depths: (az, bz, cz), off }
+}
+
+/// Where the ray meets a triangle's plane.
+struct Met<D: Double> {
+    /// Between which numbers `t` lies when rounded.
+    near: D::One,
+    later: D::One,
+    /// Whether `t` is surely what it is rounded to.
+    sure: Mask<D>,
+    /// The reciprocal of the weights' sum, and of that what a weight and the sum may be off by.
+    inverse: D,
+    part: D,
+}
+
+impl<D: Double> Looked<D> {
+    #[inline(always)]
+    fn meet(&self, line: &Line<D::One>, [a, b, c]: &[Turned<D::One>; 3]) -> Met<D> {
+        let (all, zero) = (D::all, D::One::all(0.0));
+        let ((u, v, w), (az, bz, cz)) = (self.edges, self.depths);
+        let main = D::of(line.way.z);
+        let along = (self.det * main).inverse();
+        let inverse = along * main;
+        // A weight and the sum, both off, the latter by a 40th at most: 40 / 39, and room for rounding.
+        let part = all(1.25) * self.error * inverse.size();
+        let deep = (az.size() + bz.size()) + cz.size();
+        // `t` hangs on weights by how far the corners' depths are apart.
+        let spread = (bz - az).size() + (cz - az).size();
+        let t = ((u * az + v * bz) + w * cz) * along;
+        let error = all(3.0) * part * spread + power::<D>(-49) * deep + self.off + power(-100);
+        let (near, later) = rounded(t, error);
+        // Where origin and corners are in one plane across an axis.
+        let from = &line.from;
+        let on = level(a.x, b.x, c.x, from.x) | level(a.y, b.y, c.y, from.y) | level(a.z, b.z, c.z, from.z);
+        let (near, later) = (D::One::choose(on, zero, near), D::One::choose(on, zero, later));
+        Met { near, later, sure: near.is(later) & (on | far_from_0(near)), inverse, part }
     }
 
-    let main = D::of(line.way.z);
-    let along = (det * main).inverse();
-    let inverse = along * main;
-    // A weight and the sum, both off, the latter by a 40th at most: 40 / 39, and room for rounding.
-    let part = all(1.25) * error * inverse.size();
-    let deep = (az.size() + bz.size()) + cz.size();
-    // `t` hangs on weights by how far the corners' depths are apart.
-    let spread = (bz - az).size() + (cz - az).size();
-    let t = ((u * az + v * bz) + w * cz) * along;
-    let (near, later) = rounded(t, all(3.0) * part * spread + power::<D>(-49) * deep + off + power(-100));
-    // Where origin and corners are in one plane across an axis.
-    let from_line = &line.from;
-    let on = level(a.x, b.x, c.x, from_line.x)
-        | level(a.y, b.y, c.y, from_line.y)
-        | level(a.z, b.z, c.z, from_line.z);
-    let (mut near, mut later) = (D::One::choose(on, zero, near), D::One::choose(on, zero, later));
-    let mut sure = near.is(later) & (on | far_from_0(near));
-    if D::VOLUME && !every(sure | !told) {
-        // The mean of depths has lost its digits near the triangle's plane.
-        let (six, by) = D::volume([from.to(&own[0]), from.to(&own[1]), from.to(&own[2])]);
-        let t = -(six * main) * inverse;
-        let off =
-            t.size() * (all(3.0) * part + power(-48)) + all(2.5) * D::of(by) * inverse.size() + power(-100);
-        let closer = rounded(t, off);
-        near = D::One::choose(sure, near, closer.0);
-        later = D::One::choose(sure, later, closer.1);
-        sure = near.is(later) & (on | far_from_0(near));
+    /// The answer, given the best `t` so far, and whether at the same `t` the triangle comes after it.
+    #[inline(always)]
+    fn answer(&self, line: &Line<D::One>, met: &Met<D>, best: D::One, after: Mask<D>) -> Verdict<D::One> {
+        let zero = D::One::all(0.0);
+        let Met { near, later, sure, inverse, part } = *met;
+        let behind = near.exceeds(best) | (near.is(later) & near.is(best) & after);
+        let outside = behind | near.exceeds(line.t_max) | later.below(line.t_min);
+        let (passed, hit) = (self.missed | (self.told & outside), self.told & !outside);
+        if D::One::every(!hit) {
+            return Verdict { certain: passed, hit, t: zero, u: zero, v: zero };
+        }
+        let (u, v) = (weight(self.edges.1, inverse, part), weight(self.edges.2, inverse, part));
+        let certain = passed | (hit & self.passes & sure & u.0.is(u.1) & v.0.is(v.1));
+        Verdict { certain, hit, t: near, u: u.0, v: v.0 }
     }
-    let behind = near.exceeds(best) | (near.is(later) & near.is(best) & after);
-    let outside = behind | near.exceeds(line.t_max) | later.below(line.t_min);
-    let (passed, hit) = (missed | (told & outside), told & !outside);
-    if every(!hit) {
-        return Verdict { certain: passed, hit, t: zero, u: zero, v: zero };
+
+    /// If nothing is told of any ray but that it misses.
+    #[inline(always)]
+    fn nothing(&self) -> Verdict<D::One> {
+        let zero = D::One::all(0.0);
+        Verdict { certain: self.missed, hit: self.told, t: zero, u: zero, v: zero }
     }
-    let (u, v) = (weight(v, inverse, part), weight(w, inverse, part));
-    let certain = passed | (hit & passes & sure & u.0.is(u.1) & v.0.is(v.1));
-    Verdict { certain, hit, t: near, u: u.0, v: v.0 }
+}
+
+impl Met<f64> {
+    /// Finds a `t` that is not sure by the volume of the triangle and the ray's origin: near the triangle's plane the
+    /// mean of depths has lost its digits.
+    #[inline(always)]
+    fn near_plane(&mut self, line: &Line<f32>, place: Place<'_>) {
+        let term = |[a, b, c, d, e]: [Pair; 5]| Wide::product_difference(b, c, d, e).times(Wide::of(a));
+        let (six, size) = volume(place, term, Wide::plus_about);
+        let by = exp2(-94) * size + exp2(-100);
+        let t = -(six.short() * f64::from(line.way.z)) * self.inverse;
+        let off = t.size() * (3.0 * self.part + power::<f64>(-48))
+            + 2.5 * f64::from(by) * self.inverse.size()
+            + power::<f64>(-100);
+        (self.near, self.later) = rounded(t, off);
+        self.sure = (self.near == self.later) & far_from_0(self.near);
+    }
+}
+
+/// The answer for one ray, given the best `t` so far, and whether at the same `t` the triangle comes after it.
+#[inline(always)]
+pub(super) fn by_doubles(
+    line: &Line<f32>,
+    corners: &[Turned<f32>; 3],
+    place: Place<'_>,
+    best: f32,
+    after: bool,
+) -> Verdict {
+    let looked = look::<f64>(line, corners);
+    if !looked.told {
+        return looked.nothing();
+    }
+    let mut met = looked.meet(line, corners);
+    if !met.sure {
+        met.near_plane(line, place);
+    }
+    looked.answer(line, &met, best, after)
+}
+
+/// The same for rays side by side, without a best hit. Of a `t` next to 0 nothing is certain.
+#[inline(always)]
+pub(in crate::trace) fn side_by_side<D: Double>(
+    line: &Line<D::One>,
+    corners: &[Turned<D::One>; 3],
+) -> Verdict<D::One> {
+    let looked = look::<D>(line, corners);
+    if D::One::every(!looked.told) {
+        return looked.nothing();
+    }
+    let none = D::One::all(f32::INFINITY);
+    looked.answer(line, &looked.meet(line, corners), none, none.below(none))
 }

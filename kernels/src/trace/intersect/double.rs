@@ -10,7 +10,6 @@ use crate::{
 };
 
 impl Long for f64 {
-    type One = f32;
     const CORNER: f32 = exp2(-50);
     const CORNER_FAR: f32 = exp2(-49);
     const EDGE: f32 = exp2(-50);
@@ -26,9 +25,9 @@ impl Long for f64 {
     }
 
     #[inline(always)]
-    fn pair(self) -> Pair {
+    fn rounded(self, error: f32) -> (f32, f32) {
         let hi = self as f32;
-        Pair { hi, lo: (self - Self::from(hi)) as f32 }
+        Pair { hi, lo: (self - Self::from(hi)) as f32 }.rounded(error)
     }
 
     #[inline(always)]

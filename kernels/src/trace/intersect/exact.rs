@@ -17,7 +17,7 @@ use super::{
     Best, Corners, Glance, Intersector,
     bounds::{Edges, bounds},
     by_doubles::by_doubles,
-    filter::{First, Line, Verdict, all_turned, by, turned},
+    filter::{First, Line, Place, Turned, Verdict, all_turned, by, turned},
     integers,
     strict::Mirrored,
     triple::Triple,
@@ -53,17 +53,15 @@ impl Exact {
         corners: Corners,
         best: &mut Best,
     ) -> bool {
-        let vertices = vertices(corners);
-        let (line, turned_corners) = (Line::of(ray), all_turned(vertices, ray.main));
-        let (from, own) = (turned(ray.origin, 2), all_turned(vertices, 2));
+        let seen = Placed::new(ray, corners);
         let after = id > best.triangle;
-        let found = by_doubles::<f64>(&line, &turned_corners, (&from, &own), best.t, after);
+        let found = by_doubles(&seen.line, &seen.corners, seen.place(), best.t, after);
         self.go_on::<Wide>(found, ray, id, corners, best)
     }
 
     /// The stages after the second, of which the first is by these numbers, if that left something open.
     #[inline(always)]
-    fn go_on<L: Long<One = f32>>(
+    fn go_on<L: Long>(
         self,
         mut found: Verdict,
         ray: &Frame,
@@ -89,11 +87,37 @@ impl Exact {
 
     /// What numbers of this kind tell of the triangle.
     #[inline(always)]
-    fn stage<L: Long<One = f32>>(self, ray: &Frame, id: u32, corners: Corners, best: &Best) -> Verdict {
+    fn stage<L: Long>(self, ray: &Frame, id: u32, corners: Corners, best: &Best) -> Verdict {
+        let seen = Placed::new(ray, corners);
+        by::<L>(&seen.line, &seen.corners, seen.place(), best.t, id > best.triangle)
+    }
+}
+
+/// A ray and a triangle for the stages after the first.
+struct Placed {
+    line: Line<f32>,
+    /// The corners with the ray's main axis last.
+    corners: [Turned<f32>; 3],
+    /// The ray's origin and the corners with axes in their own order.
+    from: Turned<f32>,
+    own: [Turned<f32>; 3],
+}
+
+impl Placed {
+    #[inline(always)]
+    fn new(ray: &Frame, corners: Corners) -> Self {
         let vertices = vertices(corners);
-        let (line, corners) = (Line::of(ray), all_turned(vertices, ray.main));
-        let (from, own) = (turned(ray.origin, 2), all_turned(vertices, 2));
-        by::<L>(&line, &corners, (&from, &own), best.t, id > best.triangle)
+        Self {
+            line: Line::of(ray),
+            corners: all_turned(vertices, ray.main),
+            from: turned(ray.origin, 2),
+            own: all_turned(vertices, 2),
+        }
+    }
+
+    #[inline(always)]
+    fn place(&self) -> Place<'_> {
+        (&self.from, &self.own)
     }
 }
 
@@ -277,7 +301,7 @@ mod tests {
                 by::<f64>(&line, &corners, (&line.from, &corners), f32::INFINITY, false),
                 by::<Pair>(&line, &corners, (&line.from, &corners), f32::INFINITY, false),
                 by::<Triple>(&line, &corners, (&line.from, &corners), f32::INFINITY, false),
-                by_doubles::<f64>(&line, &corners, (&line.from, &corners), f32::INFINITY, false),
+                by_doubles(&line, &corners, (&line.from, &corners), f32::INFINITY, false),
                 by::<Wide>(&line, &corners, (&line.from, &corners), f32::INFINITY, false),
             ]
             .iter()

@@ -2,21 +2,21 @@
 //! arithmetic", with simpler sums).
 
 use crate::{
-    math::{Digits, exp2},
+    math::{Digits, Number, exp2},
     pair::{Across, Long, Pair},
 };
 
 /// `a + b + c`, each far smaller than the one before.
 #[derive(Clone, Copy, Debug)]
-pub struct Triple<N = f32> {
-    a: N,
-    b: N,
-    c: N,
+pub struct Triple {
+    a: f32,
+    b: f32,
+    c: f32,
 }
 
 /// `a + b + c` with its digits in order, exactly.
 #[inline(always)]
-fn sorted<N: Digits>(a: N, b: N, c: N) -> Triple<N> {
+fn sorted(a: f32, b: f32, c: f32) -> Triple {
     let low = Pair::sum(b, c);
     let top = Pair::sum(a, low.hi);
     let low = Pair::sum(top.lo, low.lo);
@@ -28,7 +28,7 @@ fn sorted<N: Digits>(a: N, b: N, c: N) -> Triple<N> {
 
 /// `a + b`, and what rounding took.
 #[inline(always)]
-fn two<N: Digits>(a: N, b: N) -> (N, N) {
+fn two(a: f32, b: f32) -> (f32, f32) {
     let sum = Pair::sum(a, b);
     (sum.hi, sum.lo)
 }
@@ -36,7 +36,7 @@ fn two<N: Digits>(a: N, b: N) -> (N, N) {
 /// The same sum with the larger part in front: each term takes what it can of the one behind it, exactly. Written out,
 /// since llvmpipe counts the rounds of loops.
 #[inline(always)]
-fn settle7<N: Digits>([b, c, d, e, f, g, h]: [N; 7]) -> [N; 7] {
+fn settle7([b, c, d, e, f, g, h]: [f32; 7]) -> [f32; 7] {
     let (g, h) = two(g, h);
     let (f, g) = two(f, g);
     let (e, f) = two(e, f);
@@ -48,16 +48,16 @@ fn settle7<N: Digits>([b, c, d, e, f, g, h]: [N; 7]) -> [N; 7] {
 
 /// The same of eight.
 #[inline(always)]
-fn settle8<N: Digits>([a, b, c, d, e, f, g, h]: [N; 8]) -> [N; 8] {
+fn settle8([a, b, c, d, e, f, g, h]: [f32; 8]) -> [f32; 8] {
     let [b, c, d, e, f, g, h] = settle7([b, c, d, e, f, g, h]);
     let (a, b) = two(a, b);
     [a, b, c, d, e, f, g, h]
 }
 
-impl<N: Digits> Triple<N> {
+impl Triple {
     /// `a * b - c * d`, within `2^-64` of its products.
     #[inline(always)]
-    pub(super) fn product_difference(a: Pair<N>, b: Pair<N>, c: Pair<N>, d: Pair<N>) -> Self {
+    pub(super) fn product_difference(a: Pair, b: Pair, c: Pair, d: Pair) -> Self {
         let (p, q) = (Pair::product(a.hi, b.hi), Pair::product(c.hi, d.hi));
         let (r, s) = (Pair::product(a.hi, b.lo), Pair::product(a.lo, b.hi));
         let (t, u) = (Pair::product(c.hi, d.lo), Pair::product(c.lo, d.hi));
@@ -76,19 +76,19 @@ impl<N: Digits> Triple<N> {
 
     /// As a number of any kind.
     #[inline(always)]
-    pub(super) fn long<L: Long<One = N>>(self) -> L {
+    pub(super) fn long<L: Long>(self) -> L {
         L::of_sum(self.a, self.b, self.c)
     }
 
     /// The product, within `2^-64` of its size.
     #[inline(always)]
-    pub(super) fn times_pair(self, other: Pair<N>) -> Self {
+    pub(super) fn times_pair(self, other: Pair) -> Self {
         self.product(other, self.c * other.hi)
     }
 
     /// The product with a number of which `low` is what the third floats add.
     #[inline(always)]
-    fn product(self, other: Pair<N>, low: N) -> Self {
+    fn product(self, other: Pair, low: f32) -> Self {
         let p = Pair::product(self.a, other.hi);
         let (q, r) = (Pair::product(self.a, other.lo), Pair::product(self.b, other.hi));
         let both = Pair::sum(q.hi, r.hi);
@@ -100,26 +100,25 @@ impl<N: Digits> Triple<N> {
     /// The sum with a small number, rounded. Where half of the last digit is left, what is smaller still decides; where
     /// nothing is, a little more to that side.
     #[inline(always)]
-    fn beside(self, by: N) -> N {
+    fn beside(self, by: f32) -> f32 {
         let rest = Pair::sum(self.b, self.c + by);
         let sum = Pair::sum(self.a, rest.hi);
-        let (left, half) = (sum.lo.abs(), sum.hi.unit().unit() * N::all(exp2(-24)));
+        let (left, half) = (sum.lo.abs(), sum.hi.unit().unit() * exp2(-24));
         // Below a power of two numbers are half as far apart.
-        let tie = left.is(half) | left.is(half * N::all(0.5));
-        let side = N::choose(rest.lo.is(N::all(0.0)), by, rest.lo);
-        let more = (rest.hi.abs() * N::all(exp2(-20))).signed(side);
-        N::choose(tie, self.a + (rest.hi + more), sum.hi)
+        let tie = (left == half) | (left == half * 0.5);
+        let side = f32::choose(rest.lo == 0.0, by, rest.lo);
+        let more = (rest.hi.abs() * exp2(-20)).signed(side);
+        f32::choose(tie, self.a + (rest.hi + more), sum.hi)
     }
 
     /// Less the product of another and a float, within `2^-67` of the larger of both.
     #[inline(always)]
-    fn less(self, other: Self, by: N) -> Self {
+    fn less(self, other: Self, by: f32) -> Self {
         self.plus(other.times(Self::of(Pair::float(-by))))
     }
 }
 
-impl<N: Digits> Long for Triple<N> {
-    type One = N;
+impl Long for Triple {
     const CORNER: f32 = exp2(-60);
     const CORNER_FAR: f32 = exp2(-77);
     const EDGE: f32 = exp2(-59);
@@ -130,29 +129,24 @@ impl<N: Digits> Long for Triple<N> {
     const VOLUME: bool = true;
 
     #[inline(always)]
-    fn of(pair: Pair<N>) -> Self {
-        Self { a: pair.hi, b: pair.lo, c: N::all(0.0) }
+    fn of(pair: Pair) -> Self {
+        Self { a: pair.hi, b: pair.lo, c: 0.0 }
     }
 
     #[inline(always)]
-    fn of_sum(a: N, b: N, c: N) -> Self {
+    fn of_sum(a: f32, b: f32, c: f32) -> Self {
         Self { a, b, c }
     }
 
     #[inline(always)]
-    fn pair(self) -> Pair<N> {
-        Pair { hi: self.a, lo: self.b + self.c }
-    }
-
-    #[inline(always)]
-    fn hi(self) -> N {
+    fn hi(self) -> f32 {
         self.a
     }
 
     /// All digits count: by pairs one in `2^20` would be too near the middle between two floats.
     #[inline(always)]
-    fn rounded(self, error: N) -> (N, N) {
-        let wide = error + N::all(exp2(-100));
+    fn rounded(self, error: f32) -> (f32, f32) {
+        let wide = error + exp2(-100);
         (self.beside(-wide), self.beside(wide))
     }
 
@@ -162,7 +156,7 @@ impl<N: Digits> Long for Triple<N> {
     }
 
     #[inline(always)]
-    fn by_power(self, power: N) -> Self {
+    fn by_power(self, power: f32) -> Self {
         Self { a: self.a * power, b: self.b * power, c: self.c * power }
     }
 
@@ -179,7 +173,7 @@ impl<N: Digits> Long for Triple<N> {
     }
 
     #[inline(always)]
-    fn over(self, divisor: Self, reciprocal: N) -> Self {
+    fn over(self, divisor: Self, reciprocal: f32) -> Self {
         let first = self.a * reciprocal;
         let left = self.less(divisor, first);
         let second = left.a * reciprocal;
@@ -190,7 +184,7 @@ impl<N: Digits> Long for Triple<N> {
     /// Within `2^-62` of its size and `2^-79` of the largest product: passes over all terms leave the first float and,
     /// in the others, all that it lacks (Ogita, Rump & Oishi 2005, "Accurate sum and dot product", section 4).
     #[inline(always)]
-    fn across(x: Pair<N>, z: Pair<N>, main: N, side: N) -> (Self, N::Mask) {
+    fn across(x: Pair, z: Pair, main: f32, side: f32) -> (Self, bool) {
         let (Across { p, q, r, s }, known) = Across::new(x, z, main, side);
         let all = [p.hi, -q.hi, p.lo, -q.lo, r.hi, -s.hi, r.lo, -s.lo];
         let [first, b, c, d, e, f, g, h] = settle8(settle8(settle8(all)));
@@ -199,8 +193,8 @@ impl<N: Digits> Long for Triple<N> {
     }
 
     #[inline(always)]
-    fn choose(mask: N::Mask, a: Self, b: Self) -> Self {
-        let each = |a, b| N::choose(mask, a, b);
+    fn choose(mask: bool, a: Self, b: Self) -> Self {
+        let each = |a, b| f32::choose(mask, a, b);
         Self { a: each(a.a, b.a), b: each(a.b, b.b), c: each(a.c, b.c) }
     }
 }

@@ -1,9 +1,7 @@
 //! Numbers as sums of two doubles, about 106 bits: pairs as in `pair.rs`, for devices that have doubles.
 
-#[cfg(target_arch = "spirv")]
-use crate::math::rounds_once;
 use crate::{
-    math::exp2,
+    math::{exp2, left_of},
     pair::{Long, Pair},
 };
 
@@ -46,41 +44,12 @@ pub(crate) fn product(a: f64, b: f64) -> (f64, f64) {
     (all, left_of(a, b, all, rest))
 }
 
-/// As for floats: `rest`, by one instruction on a device that rounds once.
-#[cfg(target_arch = "spirv")]
-#[inline(always)]
-fn left_of(a: f64, b: f64, product: f64, rest: f64) -> f64 {
-    use spirv_std::num_traits::Float as _;
-    let once = a.mul_add(b, -product);
-    if rounds_once() { once } else { rest }
-}
-#[cfg(not(target_arch = "spirv"))]
-#[inline(always)]
-fn left_of(_a: f64, _b: f64, _product: f64, rest: f64) -> f64 {
-    rest
-}
-
 /// `a * b - c * d` within three last bits of it and `2^-102` of its products; where a device rounds once, by Kahan's
 /// algorithm (Jeannerod, Louvet & Muller 2013).
 #[inline(always)]
 pub(super) fn product_difference(a: f64, b: f64, c: f64, d: f64) -> f64 {
     let ((p, left_of_p), (q, left_of_q)) = (product(a, b), product(c, d));
-    let found = (p - q) + (left_of_p - left_of_q);
-    by_kahan(a, b, (q, left_of_q), found)
-}
-
-/// `a * b` less a product and what rounding took from that, on a device that rounds once, else what was `found`.
-#[cfg(target_arch = "spirv")]
-#[inline(always)]
-fn by_kahan(a: f64, b: f64, (product, left): (f64, f64), found: f64) -> f64 {
-    use spirv_std::num_traits::Float as _;
-    let once = a.mul_add(b, -product) - left;
-    if rounds_once() { once } else { found }
-}
-#[cfg(not(target_arch = "spirv"))]
-#[inline(always)]
-fn by_kahan(_a: f64, _b: f64, _product: (f64, f64), found: f64) -> f64 {
-    found
+    left_of(a, b, q, (p - q) + left_of_p) - left_of_q
 }
 
 /// The float next to `hi + lo`, of which `lo` is at most half of the last digit of `hi`.
@@ -103,6 +72,13 @@ impl Wide {
         self.hi + self.lo
     }
 
+    /// `a * b - c * d`, within `2^-100` of its products.
+    #[inline(always)]
+    pub(super) fn product_difference(a: Pair, b: Pair, c: Pair, d: Pair) -> Self {
+        let (p, q) = (Self::of(a).times(Self::of(b)), Self::of(c).times(Self::of(d)));
+        p.plus_about(q.negative())
+    }
+
     /// The sum, within `2^-102` of the larger number.
     #[inline(always)]
     pub(super) fn plus_about(self, other: Self) -> Self {
@@ -112,7 +88,6 @@ impl Wide {
 }
 
 impl Long for Wide {
-    type One = f32;
     const CORNER: f32 = exp2(-96);
     const CORNER_FAR: f32 = exp2(-110);
     const EDGE: f32 = exp2(-94);
@@ -126,12 +101,6 @@ impl Long for Wide {
     #[inline(always)]
     fn of(pair: Pair) -> Self {
         quick_sum(f64::from(pair.hi), f64::from(pair.lo))
-    }
-
-    #[inline(always)]
-    fn pair(self) -> Pair {
-        let hi = self.hi as f32;
-        Pair { hi, lo: ((self.hi - f64::from(hi)) + self.lo) as f32 }
     }
 
     #[inline(always)]

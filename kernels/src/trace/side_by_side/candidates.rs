@@ -20,7 +20,7 @@ use crate::{
     pair::Double,
     trace::{
         frame::{Frame, flush},
-        intersect::{Best, Glance, NORMAL, by_doubles::by_doubles, exact::Exact},
+        intersect::{Best, Glance, NORMAL, by_doubles::side_by_side, exact::Exact},
         job::{JOB_ANY, Left, SPAN, THREADS, record},
         traverse::{
             leaf::{self, Choice, Filter, LeafTriangle},
@@ -140,8 +140,7 @@ impl Answers<'_> {
         let mains = scaled.mains();
         let line = scaled.line(&mains, header);
         let corners = [mains.turned(&rows[0]), mains.turned(&rows[1]), mains.turned(&rows[2])];
-        let none = N::all(f32::INFINITY);
-        let found = by_doubles::<D>(&line, &corners, (&line.from, &corners), none, none.below(none));
+        let found = side_by_side::<D>(&line, &corners);
         let (certain, hit) = (N::bits(found.certain) & scaled.rays, N::bits(found.hit));
         // What is subnormal is 0, and so is a negative zero.
         let zero = N::all(0.0);
