@@ -505,11 +505,20 @@ pub(crate) mod tests {
             assert_eq!(eight(|[a, b, c, _]| -(a * b - c)), each(|[a, b, c, _]| -(a * b - c)));
             assert_eq!(eight(|[a, b, ..]| (a * b).size()), each(|[a, b, ..]| (a * b).abs()));
             assert_eq!(eight(|[a, ..]| a.inverse()), each(|[a, ..]| 1.0 / a));
-            // Of products that are exact, Kahan's difference is rounded once.
+            // Of products that are exact, a difference is rounded once.
             assert_eq!(
                 eight(|[a, b, c, d]| Doubles::product_difference(a, b, c, d)),
                 each(|[a, b, c, d]| a * b - c * d)
             );
+            // Of others that cancel it keeps its digits.
+            let cancelled = |[a, b, c, d]: [Doubles; 4]| {
+                let (p, q) = (a * b, c * d);
+                let r = q * Doubles::all(1.0 + f64::from(exp2(-30)));
+                let right = p * (q - r);
+                (Doubles::product_difference(p, q, r, p) - right, right * Doubles::all(f64::from(exp2(-51))))
+            };
+            let (off, most) = cancelled([&a, &b, &c, &d].map(|x| Doubles::of(<Eight as Sides>::of(x))));
+            assert_eq!(<Eight as Sides>::bits(off.size().exceeds(most.size())), 0);
             let [x, y] = [[&a, &b], [&c, &d]]
                 .map(|[a, b]| Doubles::of(<Eight as Sides>::of(a)) * Doubles::of(<Eight as Sides>::of(b)));
             let more = |i: usize| f64::from(a[i]) * f64::from(b[i]) > f64::from(c[i]) * f64::from(d[i]);
