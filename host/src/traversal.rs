@@ -1,12 +1,15 @@
 //! The ways through the tree that there are to choose from, and what each needs and binds on a device.
 
 use crate::{
-    Error,
+    Error, Query as Asked,
     choices::choices,
     exec::{Buffer, Device, Launch, OnDevice, Out, Step},
+    intersector::Bound,
+    wide::{Triangle, Wide},
 };
 use raykd_kernels::{
-    glam::UVec4,
+    Host,
+    glam::{UVec4, Vec4},
     trace::{
         prepare::{node_boxes, parents, rope_links},
         queries::Query,
@@ -15,14 +18,15 @@ use raykd_kernels::{
             ropes::{self, optimised_ropes},
             sequential,
             shortstack::{self, shortstack1, shortstack2, shortstack4, shortstack8},
+            wide::{self, wide_any, wide_steps},
         },
     },
 };
-use raykd_shared::{TreeHeader, limits::MAX_DEPTH};
+use raykd_shared::{TreeHeader, WideNode, limits::MAX_DEPTH};
 
 choices! {
-    /// How rays find their way through the tree. All find the same closest hits, bit for bit.
-    /// [`Traversal::Stack`] is the first, [`Traversal::Brute`] the last.
+    /// How rays find their way through the tree. All find the same closest hits, bit for bit; any hits of
+    /// [`Traversal::Wide`] may be of other triangles. [`Traversal::Stack`] is the first, [`Traversal::Brute`] the last.
     pub enum Traversal {
         /// A full stack: the fastest
         Stack = "stack",
@@ -46,6 +50,8 @@ choices! {
         OptimisedRopes = "optimised-ropes",
         /// Locates every leaf from the root (Kaplan 1985)
         Sequential = "sequential",
+        /// Boxes instead of the tree, eight a node (Ylitie et al. 2017): on a GPU the fastest through small triangles
+        Wide = "wide",
         /// No tree: tests every triangle
         Brute = "brute",
     }
@@ -59,6 +65,14 @@ enum Needs {
     Nothing,
     Boxes,
     Ropes { optimised: bool },
+    Wide,
+}
+
+/// Nodes of eight children, and the triangles in their order: what queries bind instead of a tree.
+#[derive(Clone, Debug)]
+pub(crate) struct WideBuffers {
+    pub nodes: Buffer<UVec4>,
+    pub corners: Buffer<Vec4>,
 }
 
 /// What traversals need on the device beside the tree, each made once.
@@ -68,6 +82,7 @@ pub(crate) struct Extras {
     boxes: Option<Buffer<UVec4>>,
     /// As they are, and optimised.
     ropes: [Option<Buffer<UVec4>>; 2],
+    wide: Option<WideBuffers>,
 }
 
 impl Traversal {
@@ -86,6 +101,8 @@ impl Traversal {
             Self::Backtrack => backtrack::STATE,
             Self::Ropes | Self::OptimisedRopes => ropes::STATE,
             Self::Sequential => sequential::STATE,
+            // Eight bytes an entry, a group, and how many entries there are.
+            Self::Wide => 8 * WideNode::MAX_DEPTH + 12,
             Self::Brute => 0,
         }
     }
@@ -95,12 +112,13 @@ impl Traversal {
             Self::Backtrack => Needs::Boxes,
             Self::Ropes => Needs::Ropes { optimised: false },
             Self::OptimisedRopes => Needs::Ropes { optimised: true },
+            Self::Wide => Needs::Wide,
             _ => Needs::Nothing,
         }
     }
 
     /// Of so many rays, counting steps too; `stack` and `brute` have kernels of their own. [`Extras::make`] was
-    /// called for it.
+    /// called for it, and `query` binds [`Extras::wide`].
     pub(crate) fn step<'a>(
         self,
         query: Query<'a, OnDevice>,
@@ -126,11 +144,34 @@ impl Traversal {
                 optimised_ropes::Buffers { query, counts, parents, links }.over(count)
             }
             Self::Sequential => sequential::Buffers { query, counts }.over(count),
+            Self::Wide => wide_steps::Buffers { query, counts }.over(count),
         })
+    }
+
+    /// The kernel that does not count steps, where that is another one; `query` binds [`Extras::wide`].
+    pub(crate) fn uncounted<'a, H: Host>(self, query: Query<'a, H>, asked: Asked) -> Option<Bound<'a, H>> {
+        match (self, asked) {
+            (Self::Wide, Asked::Any) => Some(Bound::of(wide_any::Buffers { query })),
+            (Self::Wide, _) => Some(Bound::of(wide::Buffers { query })),
+            _ => None,
+        }
     }
 }
 
 impl Extras {
+    /// Whether a traversal needs something made of the mesh, and that is not there yet.
+    pub(crate) fn lacks_wide(&self, traversal: Traversal) -> bool {
+        traversal.needs() == Needs::Wide && self.wide.is_none()
+    }
+
+    /// Makes what [`Extras::lacks_wide`] tells of.
+    pub(crate) fn make_wide(&mut self, device: &Device, triangles: &[Triangle]) -> Result<(), Error> {
+        let Wide { nodes, corners } = device.install(|| Wide::of(triangles));
+        let nodes = device.upload("wide nodes", &nodes)?.view();
+        self.wide = Some(WideBuffers { nodes, corners: device.upload("wide triangles", &corners)? });
+        Ok(())
+    }
+
     /// Makes what a traversal needs of a tree of `count` nodes, if that is not there yet.
     pub(crate) fn make(
         &mut self,
@@ -139,7 +180,7 @@ impl Extras {
         (header, pairs, count): (&Buffer<TreeHeader>, &Buffer<UVec4>, u32),
     ) -> Result<(), Error> {
         let needs = traversal.needs();
-        if needs == Needs::Nothing {
+        if matches!(needs, Needs::Nothing | Needs::Wide) {
             return Ok(());
         }
         let parents = match self.parents.take() {
@@ -176,17 +217,26 @@ impl Extras {
             Needs::Nothing => 0,
             Needs::Boxes => self.boxes().bytes(),
             Needs::Ropes { optimised } => self.parents().bytes() + self.ropes(optimised).bytes(),
+            Needs::Wide => self.wide.as_ref().map_or(0, |wide| wide.nodes.bytes()),
         }
     }
 
     /// Bytes of all that was made.
     pub(crate) fn all_bytes(&self) -> u64 {
         let links = self.ropes.iter().chain([&self.boxes]).flatten();
-        links.map(|buffer| buffer.bytes()).sum::<u64>() + self.parents.as_ref().map_or(0, |it| it.bytes())
+        let wide = self.wide.as_ref().map_or(0, |wide| wide.nodes.bytes() + wide.corners.bytes());
+        links.map(|buffer| buffer.bytes()).sum::<u64>()
+            + self.parents.as_ref().map_or(0, |it| it.bytes())
+            + wide
     }
 
     fn parents(&self) -> &Buffer<u32> {
         self.parents.as_ref().expect("made for the traversal")
+    }
+
+    /// What a traversal binds instead of a tree.
+    pub(crate) fn wide(&self, traversal: Traversal) -> Option<&WideBuffers> {
+        self.wide.as_ref().filter(|_| traversal.needs() == Needs::Wide)
     }
 
     fn boxes(&self) -> &Buffer<UVec4> {

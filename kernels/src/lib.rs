@@ -78,6 +78,7 @@
 //! * `entry-points`: in SPIR-V, every kernel is an entry point. For raykd's own module; on a CPU it changes nothing.
 //! * `doubles`: the same for kernels that need doubles, raykd's second module.
 //! * `traffic`: count the bytes that kernels move on the CPU, which slows them.
+#![cfg_attr(target_arch = "spirv", feature(asm_experimental_arch))]
 #![no_std]
 #![allow(clippy::too_many_arguments, reason = "one argument per buffer")]
 #![cfg_attr(

@@ -368,6 +368,59 @@ pub fn high(a: f32, b: f32) -> f32 {
     if b > a { b } else { a }
 }
 
+/// [`high`] where neither a zero's sign nor what is no number matters: one instruction of a GPU.
+#[inline(always)]
+pub(crate) fn higher(a: f32, b: f32) -> f32 {
+    #[cfg(target_arch = "spirv")]
+    return chosen!("40", a, b);
+    #[cfg(not(target_arch = "spirv"))]
+    high(a, b)
+}
+
+/// [`low`] where neither a zero's sign nor what is no number matters: one instruction of a GPU.
+#[inline(always)]
+pub(crate) fn lower(a: f32, b: f32) -> f32 {
+    #[cfg(target_arch = "spirv")]
+    return chosen!("37", a, b);
+    #[cfg(not(target_arch = "spirv"))]
+    low(a, b)
+}
+
+/// An instruction of the extended set for two numbers: `FMax` is number 40, `FMin` 37. `f32::max` and `f32::min` become
+/// branches.
+#[cfg(target_arch = "spirv")]
+macro_rules! chosen {
+    ($number:literal, $a:expr, $b:expr) => {{
+        let (a, b, chosen): (f32, f32, f32);
+        (a, b) = ($a, $b);
+        // SAFETY: the instruction takes two numbers and gives one.
+        unsafe {
+            core::arch::asm!(
+                "%glsl = OpExtInstImport \"GLSL.std.450\"",
+                "%float = OpTypeFloat 32",
+                concat!("{chosen} = OpExtInst %float %glsl ", $number, " {a} {b}"),
+                a = in(reg) a,
+                b = in(reg) b,
+                chosen = out(reg) chosen,
+            );
+        }
+        chosen
+    }};
+}
+#[cfg(target_arch = "spirv")]
+use chosen;
+
+/// `a * b + c` with one rounding or two, as a device likes: for bounds that have room for both, never for results.
+#[inline(always)]
+pub(crate) fn about(a: f32, b: f32, c: f32) -> f32 {
+    #[cfg(target_arch = "spirv")]
+    return spirv_std::num_traits::Float::mul_add(a, b, c);
+    #[cfg(not(target_arch = "spirv"))]
+    {
+        a * b + c
+    }
+}
+
 /// The smallest of three.
 #[inline(always)]
 pub(crate) fn least<N: Digits>(a: N, b: N, c: N) -> N {

@@ -8,6 +8,7 @@
 //! | [`TreeHeader`] | 64 | bounds, counts, depth, scale and SAH costs of one tree |
 //! | [`Ray`] | 32 | origin, direction, `t_min`, `t_max` |
 //! | [`Hit`] | 16 | triangle, `t`, barycentric `u`, `v` |
+//! | [`WideNode`] | 80 | eight boxes of a byte a face, for the traversal `wide` |
 //!
 //! A tree is a header, `nodes: [Node]` with the root at 0, and `refs: [u32]`, the triangle list its leaves
 //! index. [`TreeView`] borrows the three and [`TreeView::validate`] checks them.
@@ -58,11 +59,13 @@ mod params;
 mod ray;
 pub mod status;
 mod tree;
+mod wide;
 
 pub use node::{Content, Node};
 pub use params::{BuildParams, rule};
 pub use ray::{Crossings, Hit, MISS, Ray};
 pub use tree::{Fault, LAYOUT_VERSION, Report, TreeHeader, TreeView};
+pub use wide::WideNode;
 
 // The layouts are defined as little-endian bytes and used as they lie in memory.
 #[cfg(all(target_endian = "big", not(target_arch = "spirv")))]

@@ -89,7 +89,9 @@ pub(crate) fn check(module: &Module) -> Vec<Finding> {
             let is_double = i.result_type.is_some_and(|t| doubles.contains(&t));
             let converts = with_doubles && i.class.opcode == Op::FConvert;
             let refused = if i.class.opcode == Op::ExtInst {
-                extended(i, &glsl, |i| is_double || is_rest_of_product(i, function, answer))
+                extended(i, &glsl, |i| {
+                    is_compared(i, function) || is_double || is_rest_of_product(i, function, answer)
+                })
             } else if converts {
                 None
             } else if i.result_type.is_some_and(|t| floats.contains(&t)) {
@@ -161,7 +163,27 @@ fn is_rest_of_product(i: &Instruction, function: &Function, answer: Option<Word>
     })
 }
 
-/// Why an extended instruction is refused, if it is, given which `Fma` may stay.
+/// Whether nothing but comparisons gets to see a result, or the larger or smaller of it and others: such are bounds
+/// that have room for a device's freedom, as of a box that is left out if a ray surely passes it by.
+fn is_compared(i: &Instruction, function: &Function) -> bool {
+    let Some(result) = i.result_id else { return false };
+    let mut uses =
+        function.all_inst_iter().filter(|i| i.operands.contains(&Operand::IdRef(result))).peekable();
+    uses.peek().is_some()
+        && uses.all(|i| match i.class.opcode {
+            Op::FOrdLessThan | Op::FOrdLessThanEqual | Op::FOrdGreaterThan | Op::FOrdGreaterThanEqual => true,
+            Op::ExtInst => glsl_op(i).is_some_and(is_choice),
+            _ => false,
+        })
+}
+
+/// Whether it is the larger or the smaller of two numbers.
+const fn is_choice(op: GlslStd450Op) -> bool {
+    use GlslStd450Op::*;
+    matches!(op, FMin | FMax | NMin | NMax)
+}
+
+/// Why an extended instruction is refused, if it is, given which `Fma`, or choice of one of two numbers, may stay.
 fn extended(
     i: &Instruction,
     glsl: &HashSet<Word>,
@@ -173,7 +195,7 @@ fn extended(
             FAbs | Floor | Ceil | Trunc | RoundEven | SAbs | SSign | UMin | SMin | UMax | SMax | UClamp
             | SClamp | FindILsb | FindSMsb | FindUMsb,
         ) => None,
-        Some(Fma) if stays(i) => None,
+        Some(op) if (matches!(op, Fma) || is_choice(op)) && stays(i) => None,
         Some(FMin | FMax | FClamp | NMin | NMax | NClamp) => Some(MIN_MAX),
         Some(_) => Some(INEXACT),
         None => Some("an extended instruction set other than GLSL.std.450"),
@@ -350,6 +372,32 @@ mod tests {
         for fault in 0..5 {
             assert_refused(&lint([0, 1, 2, 3, 4].map(|n| n != fault)), "OpExtInst Fma");
         }
+    }
+
+    /// One step after the other: what is fused, the larger of that and another number, what is asked of it.
+    #[test]
+    fn bounds_that_are_only_compared_are_as_a_device_likes() {
+        let lint = |[sum, choice, chosen]: [bool; 3]| {
+            lint(|b, k| {
+                let operands = [k.x; 3].map(Operand::IdRef);
+                let fused = b.ext_inst(k.float, None, k.glsl, GlslStd450Op::Fma as u32, operands).unwrap();
+                if sum {
+                    b.f_add(k.float, None, fused, k.x).unwrap();
+                }
+                let operands = [fused, k.x].map(Operand::IdRef);
+                let most = b.ext_inst(k.float, None, k.glsl, GlslStd450Op::FMax as u32, operands).unwrap();
+                if choice {
+                    b.f_mul(k.float, None, most, k.x).unwrap();
+                }
+                let boolean = b.type_bool();
+                let less = b.f_ord_less_than_equal(boolean, None, most, k.x).unwrap();
+                drop(b.select(k.float, None, less, if chosen { most } else { k.x }, k.x));
+            })
+        };
+        assert_eq!(lint([false; 3]), []);
+        assert_refused(&lint([true, false, false]), "OpExtInst Fma");
+        assert_refused(&lint([false, true, false]), "OpExtInst FMax");
+        assert_refused(&lint([false, false, true]), "OpExtInst FMax");
     }
 
     #[test]

@@ -173,6 +173,10 @@ impl Job<'_> {
             for &traversal in Traversal::ALL {
                 scene.traverse_by(traversal)?;
                 scene.closest(&rays)?;
+                if traversal == Traversal::Wide {
+                    scene.any(&rays)?;
+                    scene.steps(&rays)?;
+                }
             }
         }
         look_up(device, tree.view(), self.seed)?;

@@ -71,14 +71,25 @@ impl Own {
 }
 
 fn expected(query: Query, rays: &[Ray]) -> Vec<Hit> {
-    let scene = Scene::build(cpu(), &OWN.mesh, &BuildOptions::default()).expect("a scene");
+    expected_by(Traversal::Stack, query, rays)
+}
+
+fn expected_by(traversal: Traversal, query: Query, rays: &[Ray]) -> Vec<Hit> {
+    let mut scene = Scene::build(cpu(), &OWN.mesh, &BuildOptions::default()).expect("a scene");
+    scene.traverse_by(traversal).expect("it goes");
     scene.trace(query, rays).expect("hits").hits
 }
 
 /// Two queries in one submission, each with a count of its own, on parts of buffers.
 #[test]
 fn hits_in_own_buffers_are_those_of_the_batch() -> Result<(), Failure> {
+    [Traversal::Stack, Traversal::Wide].into_iter().try_for_each(hits_in_own_buffers)
+}
+
+fn hits_in_own_buffers(traversal: Traversal) -> Result<(), Failure> {
     let own = &*OWN;
+    let mut scene = own.scene.clone();
+    scene.traverse_by(traversal)?;
     let mut rays = random(own.mesh.bounds(), 3000, 1);
     rays[17].direction = [0.0; 3];
     let input = own.buffer(&rays, Use::STORAGE);
@@ -89,22 +100,18 @@ fn hits_in_own_buffers_are_those_of_the_batch() -> Result<(), Failure> {
     let mut encoded = Vec::new();
     own.encode(|encoder| {
         let part = input.slice(skipped..);
-        encoded.push(
-            own.scene
-                .encode(encoder, Query::Closest, input.slice(..), closest.slice(..), 1000)
-                .expect("encoded"),
-        );
-        encoded
-            .push(own.scene.encode(encoder, Query::Any, part, any.slice(ALIGNED..), 500).expect("encoded"));
+        let whole = input.slice(..);
+        encoded.push(scene.encode(encoder, Query::Closest, whole, closest.slice(..), 1000).expect("encoded"));
+        encoded.push(scene.encode(encoder, Query::Any, part, any.slice(ALIGNED..), 500).expect("encoded"));
     });
     let invalid: Vec<u64> = encoded.iter().map(|it| it.invalid()).collect::<Result<_, Error>>()?;
     assert_eq!(invalid, [1, 0]);
     let found = own.read::<Hit>(&closest);
-    same("closest", &expected(Query::Closest, &rays[..1000]), &found[..1000])?;
+    same("closest", &expected_by(traversal, Query::Closest, &rays[..1000]), &found[..1000])?;
     same("behind the last", &blank[1000..], &found[1000..])?;
     let (found, first) = (own.read::<Hit>(&any), (skipped / 32) as usize);
     same("before the first", &blank[..16], &found[..16])?;
-    same("any", &expected(Query::Any, &rays[first..first + 500]), &found[16..516])?;
+    same("any", &expected_by(traversal, Query::Any, &rays[first..first + 500]), &found[16..516])?;
     same("behind the last", &blank[516..], &found[516..])
 }
 

@@ -464,7 +464,8 @@ fn every_traversal_traces_the_same() {
     let rows = json(&["trace", "--compare", &mesh, "--rays", &many, "--json", "--brute"]);
     let rows = rows.as_array().unwrap();
     assert_eq!(rows.len(), 2 * Traversal::ALL.len());
-    assert_eq!((&rows[11]["traversal"], &rows[11]["tests_p50"]), (&"brute".into(), &2.into()));
+    let last = &rows[Traversal::ALL.len() - 1];
+    assert_eq!((&last["traversal"], &last["tests_p50"]), (&"brute".into(), &2.into()));
     for row in rows {
         let mut keys: Vec<&str> = row.as_object().unwrap().keys().map(String::as_str).collect();
         let mut wanted: Vec<&str> = COMPARE_KEYS.split_whitespace().collect();

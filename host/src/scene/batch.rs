@@ -2,9 +2,10 @@
 
 use super::Scene;
 use crate::{
-    Error, Query,
+    Error, Query, Traversal,
     exec::{Back, Buffer, Device, OnDevice, Step, Timed, To},
     rays::AnyRay,
+    traversal::WideBuffers,
 };
 use raykd_kernels::{
     glam::{UVec4, Vec4},
@@ -171,6 +172,15 @@ impl Batch {
             rays: &self.rays,
             hits: self.hits.out(),
             outcome: self.job.outcome.out(),
+        }
+    }
+
+    /// What the scene's traversal binds.
+    pub(super) fn walk<'a>(&'a self, scene: &'a Scene, traversal: Traversal) -> queries::Query<'a, OnDevice> {
+        let query = self.query(scene);
+        match scene.extras.wide(traversal) {
+            Some(WideBuffers { nodes, corners }) => queries::Query { pairs: nodes, corners, ..query },
+            None => query,
         }
     }
 

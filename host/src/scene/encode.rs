@@ -8,7 +8,7 @@ use crate::{
 };
 use raykd_kernels::{
     Bindings as _, Host,
-    glam::Vec4,
+    glam::{UVec4, Vec4},
     trace::{
         job::OUTCOME_WORDS,
         prepare::workgroups::{self, WORKGROUPS},
@@ -161,8 +161,9 @@ impl Scene {
     /// [own_wgpu]: https://docs.rs/crate/raykd/latest/source/examples/own_wgpu.rs
     ///
     /// # Errors
-    /// The scene is not on a GPU, its traversal is not the usual one, rays and hits are parts of one buffer, a buffer
-    /// is too small, lacks a usage or begins elsewhere, or the device failed. The encoder may still be used.
+    /// The scene is not on a GPU, its traversal is neither the usual one nor `wide`, rays and hits are parts of one
+    /// buffer, a buffer is too small, lacks a usage or begins elsewhere, or the device failed. The encoder may still be
+    /// used.
     pub fn encode<'a>(
         &self,
         encoder: &mut wgpu::CommandEncoder,
@@ -171,17 +172,25 @@ impl Scene {
         hits: wgpu::BufferSlice<'_>,
         count: impl Into<RayCount<'a>>,
     ) -> Result<Encoded, Error> {
-        if self.traversal != Traversal::Stack {
-            let (asked, usual) = (self.traversal, Traversal::Stack);
+        if !matches!(self.traversal, Traversal::Stack | Traversal::Wide) {
+            let asked = self.traversal;
             return Err(refused(format!(
-                "rays in buffers are traced by {usual}, the scene's traversal is {asked}"
+                "rays in buffers are traced by stack or wide, the scene's traversal is {asked}"
             )));
         }
         let any = u32::from(query == Query::Any);
         let job = self.job_in::<Hit>(encoder, ("hits", hits), rays, count.into(), any)?;
-        let bound = || self.bound(&job, self.leaf_triangles(), rays, bind(hits));
+        let (nodes, corners) = match self.extras.wide(self.traversal) {
+            Some(wide) => (&wide.nodes, &wide.corners),
+            None => (&self.nodes, self.leaf_triangles()),
+        };
+        let bound = || self.bound(&job, (nodes, corners), rays, bind(hits));
         let mut more = None;
-        let kernels: Vec<Bound<'_, InEncoder>> = if self.intersector.narrows() {
+        let kernels: Vec<Bound<'_, InEncoder>> = if let Some(kernel) =
+            self.traversal.uncounted(bound(), query)
+        {
+            vec![kernel]
+        } else if self.intersector.narrows() {
             let more = more.insert(self.device.alloc::<[u32; 4]>("triangles", job.most.into())?).as_wgpu();
             let more = (more.as_entire_binding(), more.as_entire_binding());
             exact_hits(bound, query, self.device.by_doubles(), more).into()
@@ -219,7 +228,8 @@ impl Scene {
     ) -> Result<Encoded, Error> {
         let job = self.job_in::<Crossings>(encoder, ("crossings", crossings), rays, count.into(), 0)?;
         let undecided = self.device.alloc::<[u32; 4]>("undecided triangles", job.most.into())?;
-        let query = || self.bound(&job, &self.corners, rays, undecided.as_wgpu().as_entire_binding());
+        let query =
+            || self.bound(&job, (&self.nodes, &self.corners), rays, undecided.as_wgpu().as_entire_binding());
         let more = self.device.alloc::<[u32; 4]>("more undecided triangles", job.most.into())?;
         let more = || more.as_wgpu().as_entire_binding();
         let kernels = intersector::crossings(query, || bind(crossings), (more(), more()));
@@ -271,14 +281,14 @@ impl Scene {
     fn bound<'a>(
         &'a self,
         job: &'a InBuffers,
-        corners: &'a Buffer<Vec4>,
+        (nodes, corners): (&'a Buffer<UVec4>, &'a Buffer<Vec4>),
         rays: wgpu::BufferSlice<'a>,
         hits: wgpu::BindingResource<'a>,
     ) -> queries::Query<'a, InEncoder> {
         queries::Query {
             job: job.job.as_entire_binding(),
             header: self.header_buffer.as_wgpu().as_entire_binding(),
-            pairs: self.nodes.as_wgpu().as_entire_binding(),
+            pairs: nodes.as_wgpu().as_entire_binding(),
             corners: corners.as_wgpu().as_entire_binding(),
             rays: bind(rays),
             hits,

@@ -129,9 +129,14 @@ impl Scene {
         self.intersector
     }
 
-    /// Bytes of the tree on the device as its traversal uses it: nodes, references, and parents, boxes or ropes.
+    /// Bytes of the tree on the device as its traversal uses it: nodes, references, and parents, boxes or ropes; or of
+    /// the nodes that it uses instead.
     pub fn tree_bytes(&self) -> u64 {
-        u64::from(self.header.nodes) * 8 + u64::from(self.header.refs) * 4 + self.extras.bytes(self.traversal)
+        let more = self.extras.bytes(self.traversal);
+        match self.extras.wide(self.traversal) {
+            Some(_) => more,
+            None => u64::from(self.header.nodes) * 8 + u64::from(self.header.refs) * 4 + more,
+        }
     }
 
     /// Bytes of all that the scene keeps on its device: mesh, tree, and what its traversals and triangle tests needed

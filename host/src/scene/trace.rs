@@ -465,9 +465,12 @@ impl Scene {
         if traversal == Traversal::Brute {
             return self.run_brute(batch, hits);
         }
-        let steps = match self.walk(batch, traversal) {
-            Some(step) => vec![step],
-            None => self.bound_to(batch, query).into_iter().map(|bound| bound.step(batch.lanes())).collect(),
+        let steps = match traversal.uncounted(batch.walk(self, traversal), query) {
+            Some(bound) => vec![bound.step(batch.lanes())],
+            None => match self.walk(batch, traversal) {
+                Some(step) => vec![step],
+                None => self.bound_to(batch, query).into_iter().map(|it| it.step(batch.lanes())).collect(),
+            },
         };
         batch.job.run(&self.device, &steps, asked(query), vec![batch.hits.back(hits)])
     }
@@ -485,7 +488,7 @@ impl Scene {
 
     /// By a traversal that also counts its steps.
     fn walk<'a>(&'a self, batch: &'a Batch, traversal: Traversal) -> Option<Step<'a>> {
-        traversal.step(batch.query(self), batch.counts.out(), batch.lanes(), &self.extras)
+        traversal.step(batch.walk(self, traversal), batch.counts.out(), batch.lanes(), &self.extras)
     }
 
     /// Finds the closest hits of a batch by testing every triangle.

@@ -184,7 +184,7 @@ impl Ways {
     }
 
     /// What a ray does until its closest hit is known, by the default triangle test. There is nothing to tell of
-    /// [`Traversal::Brute`].
+    /// [`Traversal::Wide`] and [`Traversal::Brute`], which do without the tree.
     pub fn of(&self, ray: &Ray, traversal: Traversal) -> Option<Way> {
         let mut frame = Frame::of(ray, &self.header.at(0));
         let steps = &mut Steps::new(&self.log);

@@ -50,7 +50,11 @@ fn visits_are_the_kernels_own() {
             let ways = Ways::new(&scene, &mesh).unwrap();
             let tree = scene.tree().unwrap();
             let nodes = tree.view().nodes;
-            for traversal in Traversal::ALL.iter().copied().filter(|&one| one != Traversal::Brute) {
+            for traversal in Traversal::ALL
+                .iter()
+                .copied()
+                .filter(|one| !matches!(one, Traversal::Wide | Traversal::Brute))
+            {
                 scene.traverse_by(traversal).unwrap();
                 let Stepped { hits, steps, .. } = scene.steps(&rays).unwrap();
                 for (i, ray) in rays.iter().enumerate() {
@@ -94,7 +98,9 @@ fn nodes_follow_from_each_other() {
     for ray in rays(&mesh) {
         let leaves = |nodes: &[u32]| nodes.iter().copied().filter(full).collect::<Vec<_>>();
         let usual = ways.of(&ray, Traversal::Stack).unwrap();
-        for traversal in Traversal::ALL.iter().copied().filter(|&one| one != Traversal::Brute) {
+        for traversal in
+            Traversal::ALL.iter().copied().filter(|one| !matches!(one, Traversal::Wide | Traversal::Brute))
+        {
             let way = ways.of(&ray, traversal).unwrap();
             assert_eq!(way.nodes.first().copied().unwrap_or(0), 0, "{traversal} begins at the root");
             let mut seen = vec![0];

@@ -24,9 +24,17 @@ pub struct LeafTriangle<I: Intersector> {
 }
 
 impl<I: Intersector> LeafTriangle<I> {
+    /// Looks at the triangle of reference `at`: what it is then, and whether it may be hit.
+    #[inline(always)]
+    pub(super) fn look(by: I, ray: &Frame, at: u32, corners: &Buf<Vec4>) -> (Self, bool) {
+        let corners = corners.three(3 * at);
+        let (seen, may_hit) = by.look(ray, corners);
+        (Self { id: corners.0.w.to_bits() & !NORMAL, at, corners, seen }, may_hit)
+    }
+
     /// No triangle.
     #[inline(always)]
-    fn none() -> Self {
+    pub(super) fn none() -> Self {
         Self { id: MISS, at: 0, corners: (Vec4::ZERO, Vec4::ZERO, Vec4::ZERO), seen: I::Seen::default() }
     }
 
@@ -130,11 +138,10 @@ pub fn visit<I: Intersector, F: Filter<I>>(
                 if r >= end {
                     break false;
                 }
-                let corners = corners.three(3 * r);
-                let (seen, may_hit) = by.look(ray, corners);
+                let (triangle, may_hit) = LeafTriangle::look(by, ray, r, corners);
                 r += 1;
                 if may_hit {
-                    found = LeafTriangle { id: corners.0.w.to_bits() & !NORMAL, at: r - 1, corners, seen };
+                    found = triangle;
                     break true;
                 }
             };

@@ -1,6 +1,6 @@
-//! The ways through the tree. `stack` is what raykd uses; the others are the literature's, made exact. All
+//! The ways through the tree. `stack` is what raykd uses; the others are the literature's, made exact. All but `wide`
 //! visit the leaves that a ray meets in the same order, near before far at every node, so all find the same
-//! hits.
+//! hits; `wide` has leaves of its own, so its any hits may be others.
 
 pub mod backtrack;
 pub mod brute;
@@ -17,6 +17,7 @@ pub mod settle;
 pub mod shortstack;
 pub mod stack;
 pub mod trail;
+pub mod wide;
 
 kernels! {
     /// The kernels of ways other than `stack`, and those of exact hits.
@@ -30,6 +31,9 @@ kernels! {
     ropes::ROPES,
     ropes::optimised_ropes::OPTIMISED_ROPES,
     sequential::SEQUENTIAL,
+    wide::WIDE,
+    wide::wide_any::WIDE_ANY,
+    wide::wide_steps::WIDE_STEPS,
     narrow::NARROW,
     narrow::any::NARROW_ANY,
     settle::SETTLE,

@@ -202,11 +202,44 @@ const U: u32 = 4;
 const V: u32 = 5;
 const DET: u32 = 6;
 
+/// Lays aside what only leaves need of a ray.
+#[inline(always)]
+pub(super) fn lay_aside(ray: &Frame, aside: &mut impl Slots<u32>) {
+    aside.put(SHEAR_X, ray.shear_x.to_bits());
+    aside.put(SHEAR_Y, ray.shear_y.to_bits());
+    aside.put(T_MIN, ray.t_min.to_bits());
+    aside.put(STRETCH, ray.stretch as u32);
+}
+
+/// A ray at a leaf, with what lies aside.
+#[inline(always)]
+pub(super) fn at_leaf(ray: &Frame, aside: &impl Slots<u32>) -> Frame {
+    Frame {
+        shear_x: f32::from_bits(aside.at(SHEAR_X)),
+        shear_y: f32::from_bits(aside.at(SHEAR_Y)),
+        t_min: f32::from_bits(aside.at(T_MIN)),
+        t_max: f32::INFINITY,
+        ..*ray
+    }
+}
+
+/// The best hit with its weights, and the ray with its stretch, which lay aside.
+#[inline(always)]
+pub(super) fn with_aside(best: Best, ray: &mut Frame, aside: &impl Slots<u32>) -> Best {
+    ray.stretch = aside.at(STRETCH) as i32;
+    Best {
+        u: f32::from_bits(aside.at(U)),
+        v: f32::from_bits(aside.at(V)),
+        det: f32::from_bits(aside.at(DET)),
+        ..best
+    }
+}
+
 /// Lays the weights of hits aside.
-struct Apart<'a, C, A, O> {
-    choice: C,
-    aside: &'a mut A,
-    own: &'a mut O,
+pub(super) struct Apart<'a, C, A, O> {
+    pub(super) choice: C,
+    pub(super) aside: &'a mut A,
+    pub(super) own: &'a mut O,
 }
 
 impl<I: Intersector, C: Choice<I>, A: Slots<u32>, O: Slots<u32>> Filter<I> for Apart<'_, C, A, O> {
@@ -257,10 +290,7 @@ pub(in crate::trace) fn walk_keeping<I: Intersector, C: Choice<I>, const COUNT: 
     }
     let by = I::new(ray);
     let line = Line { origins: ByAxis::new(ray.origin), inverses: ByAxis::new(ray.inverse), pad: ray.pad };
-    aside.put(SHEAR_X, ray.shear_x.to_bits());
-    aside.put(SHEAR_Y, ray.shear_y.to_bits());
-    aside.put(T_MIN, ray.t_min.to_bits());
-    aside.put(STRETCH, ray.stretch as u32);
+    lay_aside(ray, aside);
     let mut filter = Apart { choice, aside, own };
     // A hit as far as the ray goes is taken, and none beyond: the same as if the best one were there.
     let mut best = Best { t: ray.t_max, ..Best::NOTHING };
@@ -278,13 +308,7 @@ pub(in crate::trace) fn walk_keeping<I: Intersector, C: Choice<I>, const COUNT: 
         if COUNT {
             steps.visit(place.node);
         }
-        let at_leaf = Frame {
-            shear_x: f32::from_bits(filter.aside.at(SHEAR_X)),
-            shear_y: f32::from_bits(filter.aside.at(SHEAR_Y)),
-            t_min: f32::from_bits(filter.aside.at(T_MIN)),
-            t_max: f32::INFINITY,
-            ..*ray
-        };
+        let at_leaf = at_leaf(ray, filter.aside);
         choice.begin(filter.own);
         let whole = leaf::visit(by, &at_leaf, place.node, corners, &mut filter, &mut best);
         // Where a loop was cut short the number of entries stays what it is.
@@ -300,13 +324,7 @@ pub(in crate::trace) fn walk_keeping<I: Intersector, C: Choice<I>, const COUNT: 
     if place.top != DONE {
         steps.status |= status::CUT_SHORT;
     }
-    ray.stretch = filter.aside.at(STRETCH) as i32;
-    Best {
-        u: f32::from_bits(filter.aside.at(U)),
-        v: f32::from_bits(filter.aside.at(V)),
-        det: f32::from_bits(filter.aside.at(DET)),
-        ..best
-    }
+    with_aside(best, ray, filter.aside)
 }
 
 #[cfg(test)]
