@@ -209,7 +209,7 @@ impl Job<'_> {
                         left.push(words);
                     }
                 }
-                let seen = see(number, Dispatch { kernel: step.kernel.name(), buffers }, left);
+                let seen = see(number, Dispatch { kernel: step.kernel.entry_point(), buffers }, left);
                 number += 1;
                 found.replace(seen);
                 // An error ends the job.

@@ -141,7 +141,7 @@ fn one_wrong_word_in_one_dispatch_is_traced_to_its_kernel() {
             }
         };
         let message = job.compare(gpu(), fault).unwrap_err().to_string();
-        assert!(message.contains(&format!("kernel {name},")), "{name}: {message}");
+        assert!(message.contains(&format!("::{name}::entry,")), "{name}: {message}");
     }
 }
 

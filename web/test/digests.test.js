@@ -71,7 +71,7 @@ test("a ray's way has the steps that the kernels count, by each traversal", () =
     for (let i = 0; i < inner.length; i++) {
       const [from, to] = [3 * i, 3 * i + 3];
       const way = ways.of(origins.subarray(from, to), directions.subarray(from, to), traversal);
-      if (traversal === "brute") {
+      if (traversal === "wide" || traversal === "brute") {
         assert.deepEqual(way, []);
         continue;
       }

@@ -18,8 +18,9 @@ fn main() -> Result<()> {
         .args(["--config", "profile.dist.panic='abort'"])
         // Rays never run what the registry's crates do: parsing, printing, sorting.
         .args(["--config", "profile.dist.package.\"*\".opt-level='s'"])
-        // Nor do they run what tells the way of one ray, or hands arrays to JavaScript.
+        // Nor do they run what tells the way of one ray, judges hits in stress scenes, or hands arrays to JavaScript.
         .args(["--config", "profile.dist.package.raykd-ways.opt-level='s'"])
+        .args(["--config", "profile.dist.package.raykd-oracle.opt-level='s'"])
         .args(["--config", "profile.dist.package.raykd-web.opt-level='s'", "--target-dir"])
         .arg(&folder)
         .current_dir(&root)

@@ -241,7 +241,9 @@ fn visit<F: Filter<Strict>>(
 
 /// Finds the closest hit of a ray, or if `any` will do the best one among the triangles of the first node that has one.
 /// With `COUNT`, says what it did, the same on all machines.
-#[inline(always)]
+///
+/// A CPU has one piece of code for all kernels, which counts: it would do nothing else without.
+#[cfg_attr(target_arch = "spirv", inline(always))]
 pub fn walk<const COUNT: bool>(
     ray: &mut Frame,
     nodes: &Buf<UVec4>,
@@ -269,7 +271,7 @@ pub fn walk<const COUNT: bool>(
             steps.inner += 1;
         }
         // Lanes without triangles take a second step while others wait: found by trying on an H200.
-        if ON_GPU && !COUNT && place.triangles.y == 0 && place.goes_on(&stack) {
+        if !COUNT && place.triangles.y == 0 && place.goes_on(&stack) {
             place.down::<COUNT>(&line, nodes, &mut stack, best.t);
         }
         if COUNT && place.triangles.y != 0 {
@@ -294,12 +296,12 @@ pub fn walk<const COUNT: bool>(
 
 query! {
     /// The closest hit through nodes of eight children.
-    WIDE = |_, ray, pairs, corners, _, aside, steps| walk::<false>(ray, pairs, corners, false, aside, steps)
+    WIDE = |_, ray, pairs, corners, _, aside, steps| walk::<{ !ON_GPU }>(ray, pairs, corners, false, aside, steps)
 }
 query! {
     /// Any hit through nodes of eight children.
     wide_any::WIDE_ANY = |_, ray, pairs, corners, _, aside, steps|
-        walk::<false>(ray, pairs, corners, true, aside, steps)
+        walk::<{ !ON_GPU }>(ray, pairs, corners, true, aside, steps)
 }
 query! {
     /// The closest or any hit through nodes of eight children, counting steps.
