@@ -166,7 +166,7 @@ impl Extras {
 
     /// Makes what [`Extras::lacks_wide`] tells of.
     pub(crate) fn make_wide(&mut self, device: &Device, triangles: &[Triangle]) -> Result<(), Error> {
-        let Wide { nodes, corners } = device.install(|| Wide::of(triangles));
+        let Wide { nodes, corners } = device.install(|| Wide::of(triangles))?;
         let nodes = device.upload("wide nodes", &nodes)?.view();
         self.wide = Some(WideBuffers { nodes, corners: device.upload("wide triangles", &corners)? });
         Ok(())

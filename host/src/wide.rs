@@ -2,6 +2,7 @@
 //! area (Wald 2007, "On fast construction of SAH-based bounding volume hierarchies"), of whose nodes those are kept
 //! that cost least (Ylitie, Karras & Laine 2017, section 4.3). The same on every machine.
 
+use crate::{Error, exec::reserve};
 use raykd_kernels::{
     glam::Vec4,
     trace::{intersect::strict::Strict, prepare::corners::kept},
@@ -83,16 +84,21 @@ impl Binary {
 }
 
 impl Wide {
-    /// Of the triangles of a mesh.
-    pub(crate) fn of(triangles: &[Triangle]) -> Self {
-        let mut wide = Self { nodes: Vec::new(), corners: Vec::with_capacity(3 * triangles.len()) };
+    /// Of the triangles of a mesh, if there is memory.
+    pub(crate) fn of(triangles: &[Triangle]) -> Result<Self, Error> {
+        let mut wide = Self { nodes: Vec::new(), corners: Vec::new() };
         if triangles.is_empty() {
             wide.nodes.push(bytemuck::Zeroable::zeroed());
-            return wide;
+            return Ok(wide);
         }
-        let mut ids: Vec<(u32, Cuboid)> = (0..).zip(triangles.iter().map(|(_, t)| Cuboid::of(t))).collect();
+        let (mut ids, mut binary) = (Vec::new(), Vec::new());
+        let count = triangles.len() as u64;
+        reserve(&mut wide.corners, "wide triangles", 3 * count)?;
+        reserve(&mut ids, "boxes of triangles", count)?;
+        reserve(&mut binary, "boxes of nodes", 2 * count - 1)?;
+        ids.extend((0..).zip(triangles.iter().map(|(_, t)| Cuboid::of(t))));
         let empty = Binary { bounds: Cuboid::NOTHING, count: 0, first: 0, shares: [0; 9] };
-        let mut binary = vec![empty; 2 * triangles.len() - 1];
+        binary.resize(2 * triangles.len() - 1, empty);
         divide(&mut ids, 0, &mut binary, 0);
         // Breadth first, so that the children of a node follow each other.
         let mut waiting = VecDeque::from([0]);
@@ -121,7 +127,7 @@ impl Wide {
                 }
             }
         }
-        wide
+        Ok(wide)
     }
 }
 
@@ -323,7 +329,7 @@ mod tests {
 
     /// Goes through all nodes: boxes hold what is in them, nothing is lost or there twice.
     fn check(triangles: &[Triangle]) {
-        let wide = Wide::of(triangles);
+        let wide = Wide::of(triangles).unwrap();
         let mut found = vec![0; triangles.len()];
         let number: std::collections::HashMap<u32, usize> =
             triangles.iter().enumerate().map(|(i, t)| (t.0, i)).collect();
@@ -408,7 +414,7 @@ mod tests {
         assert!(mesh.len() > GRAIN);
         let with = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            let Wide { nodes, corners } = pool.install(|| Wide::of(&mesh));
+            let Wide { nodes, corners } = pool.install(|| Wide::of(&mesh)).unwrap();
             (nodes, bytemuck::cast_slice::<Vec4, u32>(&corners).to_vec())
         };
         assert!(with(1) == with(4));

@@ -3,7 +3,7 @@
 use super::Scene;
 use crate::{
     Error, Intersector, Traversal,
-    exec::{Buffer, Launch},
+    exec::{Buffer, Launch, reserve},
 };
 use raykd_kernels::{glam::Vec4, trace::prepare::corners::transforms};
 
@@ -15,14 +15,16 @@ impl Scene {
     ///
     /// # Errors
     /// It does not go with the scene's triangle test, see [`Intersector::goes_with`]; what it needs does not fit
-    /// the device, or the device failed.
+    /// the device or memory, or the device failed.
     pub fn traverse_by(&mut self, traversal: Traversal) -> Result<(), Error> {
         self.intersector.goes_with(traversal)?;
         if self.extras.lacks_wide(traversal) {
             let (positions, indices) = self.coordinates_and_indices()?;
             let at = |v: u32| [0, 1, 2].map(|axis| positions[3 * v as usize + axis]);
             let kept = self.kept.list(&self.device)?;
-            let triangles: Vec<_> = kept.iter().map(|&t| (t, indices[t as usize].map(at))).collect();
+            let mut triangles = Vec::new();
+            reserve(&mut triangles, "triangles", kept.len() as u64)?;
+            triangles.extend(kept.iter().map(|&t| (t, indices[t as usize].map(at))));
             self.extras.make_wide(&self.device, &triangles)?;
         }
         self.extras.make(traversal, &self.device, (&self.header_buffer, &self.nodes, self.header.nodes))?;
