@@ -71,7 +71,6 @@ pub mod stress;
 mod traversal;
 mod tree;
 mod vector;
-mod wide;
 
 pub use build::{BuildOptions, BuildTimes, Builder, KernelTimes};
 pub use error::{Error, TreeError};

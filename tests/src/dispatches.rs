@@ -173,6 +173,7 @@ impl Job<'_> {
             for &traversal in Traversal::ALL {
                 scene.traverse_by(traversal)?;
                 scene.closest(&rays)?;
+                // The only one with kernels of its own for these.
                 if traversal == Traversal::Wide {
                     scene.any(&rays)?;
                     scene.steps(&rays)?;

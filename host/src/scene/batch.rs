@@ -5,7 +5,6 @@ use crate::{
     Error, Query, Traversal,
     exec::{Back, Buffer, Device, OnDevice, Step, Timed, To},
     rays::AnyRay,
-    traversal::WideBuffers,
 };
 use raykd_kernels::{
     glam::{UVec4, Vec4},
@@ -177,11 +176,8 @@ impl Batch {
 
     /// What the scene's traversal binds.
     pub(super) fn walk<'a>(&'a self, scene: &'a Scene, traversal: Traversal) -> queries::Query<'a, OnDevice> {
-        let query = self.query(scene);
-        match scene.extras.wide(traversal) {
-            Some(WideBuffers { nodes, corners }) => queries::Query { pairs: nodes, corners, ..query },
-            None => query,
-        }
+        let (pairs, corners) = scene.way(traversal);
+        queries::Query { pairs, corners, ..self.query(scene) }
     }
 
     pub(super) fn hits(&self, device: &Device) -> Result<Vec<Hit>, Error> {

@@ -4,8 +4,12 @@ use super::Scene;
 use crate::{
     Error, Intersector, Traversal,
     exec::{Buffer, Launch, reserve},
+    traversal::Triangle,
 };
-use raykd_kernels::{glam::Vec4, trace::prepare::corners::transforms};
+use raykd_kernels::{
+    glam::{UVec4, Vec4},
+    trace::prepare::corners::transforms,
+};
 
 impl Scene {
     /// Chooses how rays find their way through the tree from now on, for closest and any hits and for [`Scene::steps`];
@@ -18,18 +22,31 @@ impl Scene {
     /// the device or memory, or the device failed.
     pub fn traverse_by(&mut self, traversal: Traversal) -> Result<(), Error> {
         self.intersector.goes_with(traversal)?;
-        if self.extras.lacks_wide(traversal) {
-            let (positions, indices) = self.coordinates_and_indices()?;
-            let at = |v: u32| [0, 1, 2].map(|axis| positions[3 * v as usize + axis]);
-            let kept = self.kept.list(&self.device)?;
-            let mut triangles = Vec::new();
-            reserve(&mut triangles, "triangles", kept.len() as u64)?;
-            triangles.extend(kept.iter().map(|&t| (t, indices[t as usize].map(at))));
-            self.extras.make_wide(&self.device, &triangles)?;
-        }
-        self.extras.make(traversal, &self.device, (&self.header_buffer, &self.nodes, self.header.nodes))?;
+        let tree = (&self.header_buffer, &self.nodes, self.header.nodes);
+        let mut extras = self.extras.clone();
+        extras.make(traversal, &self.device, tree, || self.scaled_triangles())?;
+        self.extras = extras;
         self.traversal = traversal;
         Ok(())
+    }
+
+    /// The triangles that take part, brought from the device.
+    fn scaled_triangles(&self) -> Result<Vec<Triangle>, Error> {
+        let (positions, indices) = self.coordinates_and_indices()?;
+        let at = |v: u32| [0, 1, 2].map(|axis| positions[3 * v as usize + axis]);
+        let kept = self.kept.list(&self.device)?;
+        let mut triangles = Vec::new();
+        reserve(&mut triangles, "triangles", kept.len() as u64)?;
+        triangles.extend(kept.iter().map(|&t| (t, indices[t as usize].map(at))));
+        Ok(triangles)
+    }
+
+    /// The nodes and the triangles that rays go through by a traversal.
+    pub(super) fn way(&self, traversal: Traversal) -> (&Buffer<UVec4>, &Buffer<Vec4>) {
+        match self.extras.wide(traversal) {
+            Some(wide) => (&wide.nodes, &wide.corners),
+            None => (&self.nodes, self.leaf_triangles()),
+        }
     }
 
     /// Chooses how it is told from now on whether a ray hits a triangle. Makes what the test needs beside the tree,

@@ -173,22 +173,17 @@ impl Scene {
         count: impl Into<RayCount<'a>>,
     ) -> Result<Encoded, Error> {
         if !matches!(self.traversal, Traversal::Stack | Traversal::Wide) {
-            let asked = self.traversal;
+            let (stack, wide, asked) = (Traversal::Stack, Traversal::Wide, self.traversal);
             return Err(refused(format!(
-                "rays in buffers are traced by stack or wide, the scene's traversal is {asked}"
+                "rays in buffers are traced by {stack} or {wide}, the scene's traversal is {asked}"
             )));
         }
         let any = u32::from(query == Query::Any);
         let job = self.job_in::<Hit>(encoder, ("hits", hits), rays, count.into(), any)?;
-        let (nodes, corners) = match self.extras.wide(self.traversal) {
-            Some(wide) => (&wide.nodes, &wide.corners),
-            None => (&self.nodes, self.leaf_triangles()),
-        };
-        let bound = || self.bound(&job, (nodes, corners), rays, bind(hits));
+        let bound = || self.bound(&job, self.way(self.traversal), rays, bind(hits));
         let mut more = None;
-        let kernels: Vec<Bound<'_, InEncoder>> = if let Some(kernel) =
-            self.traversal.uncounted(bound(), query)
-        {
+        let own = self.traversal.uncounted(bound(), query);
+        let kernels: Vec<Bound<'_, InEncoder>> = if let Some(kernel) = own {
             vec![kernel]
         } else if self.intersector.narrows() {
             let more = more.insert(self.device.alloc::<[u32; 4]>("triangles", job.most.into())?).as_wgpu();

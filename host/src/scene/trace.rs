@@ -465,12 +465,11 @@ impl Scene {
         if traversal == Traversal::Brute {
             return self.run_brute(batch, hits);
         }
-        let steps = match traversal.uncounted(batch.walk(self, traversal), query) {
-            Some(bound) => vec![bound.step(batch.lanes())],
-            None => match self.walk(batch, traversal) {
-                Some(step) => vec![step],
-                None => self.bound_to(batch, query).into_iter().map(|it| it.step(batch.lanes())).collect(),
-            },
+        let uncounted = traversal.uncounted(batch.walk(self, traversal), query);
+        let one = uncounted.map(|bound| bound.step(batch.lanes())).or_else(|| self.walk(batch, traversal));
+        let steps = match one {
+            Some(step) => vec![step],
+            None => self.bound_to(batch, query).into_iter().map(|bound| bound.step(batch.lanes())).collect(),
         };
         batch.job.run(&self.device, &steps, asked(query), vec![batch.hits.back(hits)])
     }

@@ -27,9 +27,9 @@ const GRAIN: usize = 4096;
 pub(crate) type Triangle = (u32, [[f32; 3]; 3]);
 
 /// Nodes, the root first, and the triangles in their order, as leaves of a tree keep them.
-pub(crate) struct Wide {
-    pub(crate) nodes: Vec<WideNode>,
-    pub(crate) corners: Vec<Vec4>,
+pub(super) struct Wide {
+    pub(super) nodes: Vec<WideNode>,
+    pub(super) corners: Vec<Vec4>,
 }
 
 /// A box by its lower and upper corner.
@@ -85,7 +85,7 @@ impl Binary {
 
 impl Wide {
     /// Of the triangles of a mesh, if there is memory.
-    pub(crate) fn of(triangles: &[Triangle]) -> Result<Self, Error> {
+    pub(super) fn of(triangles: &[Triangle]) -> Result<Self, Error> {
         let mut wide = Self { nodes: Vec::new(), corners: Vec::new() };
         if triangles.is_empty() {
             wide.nodes.push(bytemuck::Zeroable::zeroed());

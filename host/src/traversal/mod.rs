@@ -1,11 +1,14 @@
 //! The ways through the tree that there are to choose from, and what each needs and binds on a device.
 
+mod wide;
+
+pub(crate) use wide::Triangle;
+
 use crate::{
     Error, Query as Asked,
     choices::choices,
     exec::{Buffer, Device, Launch, OnDevice, Out, Step},
     intersector::Bound,
-    wide::{Triangle, Wide},
 };
 use raykd_kernels::{
     Host,
@@ -18,11 +21,12 @@ use raykd_kernels::{
             ropes::{self, optimised_ropes},
             sequential,
             shortstack::{self, shortstack1, shortstack2, shortstack4, shortstack8},
-            wide::{self, wide_any, wide_steps},
+            wide::{self as walk_wide, wide_any, wide_steps},
         },
     },
 };
 use raykd_shared::{TreeHeader, WideNode, limits::MAX_DEPTH};
+use wide::Wide;
 
 choices! {
     /// How rays find their way through the tree. All find the same closest hits, bit for bit; any hits of
@@ -152,34 +156,28 @@ impl Traversal {
     pub(crate) fn uncounted<'a, H: Host>(self, query: Query<'a, H>, asked: Asked) -> Option<Bound<'a, H>> {
         match (self, asked) {
             (Self::Wide, Asked::Any) => Some(Bound::of(wide_any::Buffers { query })),
-            (Self::Wide, _) => Some(Bound::of(wide::Buffers { query })),
+            (Self::Wide, _) => Some(Bound::of(walk_wide::Buffers { query })),
             _ => None,
         }
     }
 }
 
 impl Extras {
-    /// Whether a traversal needs something made of the mesh, and that is not there yet.
-    pub(crate) fn lacks_wide(&self, traversal: Traversal) -> bool {
-        traversal.needs() == Needs::Wide && self.wide.is_none()
-    }
-
-    /// Makes what [`Extras::lacks_wide`] tells of.
-    pub(crate) fn make_wide(&mut self, device: &Device, triangles: &[Triangle]) -> Result<(), Error> {
-        let Wide { nodes, corners } = device.install(|| Wide::of(triangles))?;
-        let nodes = device.upload("wide nodes", &nodes)?.view();
-        self.wide = Some(WideBuffers { nodes, corners: device.upload("wide triangles", &corners)? });
-        Ok(())
-    }
-
-    /// Makes what a traversal needs of a tree of `count` nodes, if that is not there yet.
+    /// Makes what a traversal needs of a tree of `count` nodes, or of the mesh's triangles, if that is not there yet.
     pub(crate) fn make(
         &mut self,
         traversal: Traversal,
         device: &Device,
         (header, pairs, count): (&Buffer<TreeHeader>, &Buffer<UVec4>, u32),
+        triangles: impl FnOnce() -> Result<Vec<Triangle>, Error>,
     ) -> Result<(), Error> {
         let needs = traversal.needs();
+        if needs == Needs::Wide && self.wide.is_none() {
+            let triangles = triangles()?;
+            let Wide { nodes, corners } = device.install(|| Wide::of(&triangles))?;
+            let nodes = device.upload("wide nodes", &nodes)?.view();
+            self.wide = Some(WideBuffers { nodes, corners: device.upload("wide triangles", &corners)? });
+        }
         if matches!(needs, Needs::Nothing | Needs::Wide) {
             return Ok(());
         }
