@@ -273,17 +273,17 @@ fn encode(
     [first_node, first_triangle]: [u32; 2],
 ) -> WideNode {
     let Cuboid(lo, hi) = binary[at].bounds;
-    let exponents = [0, 1, 2].map(|axis| exponent(lo[axis], hi[axis]));
+    let [x, y, z] = [0, 1, 2].map(|axis| exponent(lo[axis], hi[axis]));
+    let exponents = [x, y, z, 0];
     let mut node = WideNode {
         lo: lo.map(f32::to_bits),
         exponents,
-        inner: 0,
         first_node,
         first_triangle,
-        slots: [0; 8],
+        triangles: 0,
+        nodes: 0,
         faces: [[0; 8]; 6],
     };
-    let mut triangles = 0;
     for (slot, child) in slots.iter().enumerate() {
         let Some(child) = *child else { continue };
         let Binary { bounds: Cuboid(low, high), count, .. } = binary[child];
@@ -294,11 +294,9 @@ fn encode(
             node.faces[3 + axis][slot] = step(high[axis]).ceil() as u8;
         }
         if binary[child].is_slot() {
-            node.slots[slot] = WideNode::triangles(triangles, count);
-            triangles += count;
+            node.triangles |= WideNode::triangles(slot as u32, count);
         } else {
-            node.slots[slot] = WideNode::node(slot as u32);
-            node.inner |= 1 << slot;
+            node.nodes |= WideNode::node(slot as u32);
         }
     }
     node
@@ -309,8 +307,8 @@ fn unit(exponent: u8) -> f32 {
     f32::from_bits(u32::from(exponent) << 23)
 }
 
-/// The exponent of the smallest unit of which 255 reach from `lo` to `hi`. Reciprocals of a ray are at most `2^40`, so
-/// that no product of it is subnormal.
+/// The exponent of the smallest unit of which 255 reach from `lo` to `hi`, at least `2^-90`: with reciprocals of a ray,
+/// which are at least `2^-1`, no product of it is subnormal.
 fn exponent(lo: f32, hi: f32) -> u8 {
     let reaches = |exponent: u8| 255.0 * f64::from(unit(exponent)) >= f64::from(hi) - f64::from(lo);
     (37..=254).find(|&exponent| reaches(exponent)).expect("coordinates of a scene are small")
@@ -341,7 +339,7 @@ mod tests {
             assert!(depth <= WideNode::MAX_DEPTH);
             let node = &wide.nodes[at];
             for slot in 0..8 {
-                let word = u32::from(node.slots[slot]);
+                let bits = |word: u32| word >> (3 * slot) & 7;
                 let face = |upper: usize, axis: usize| {
                     let steps = f64::from(node.faces[3 * upper + axis][slot]);
                     f64::from(f32::from_bits(node.lo[axis])) + steps * f64::from(unit(node.exponents[axis]))
@@ -352,16 +350,18 @@ mod tests {
                         face(0, a) <= x && x <= face(1, a) && within.0[a] <= p[a] && p[a] <= within.1[a]
                     })
                 };
-                if node.inner >> slot & 1 == 1 {
-                    assert_eq!(word, u32::from(WideNode::node(slot as u32)));
-                    let before = (node.inner & ((1 << slot) - 1)).count_ones();
+                let below = (1u32 << (3 * slot)) - 1;
+                if bits(node.nodes) != 0 {
+                    assert_eq!((bits(node.nodes), bits(node.triangles)), (3, 0));
+                    let before = (node.nodes & WideNode::LOWEST & below).count_ones();
                     let outwards = |upper| [0, 1, 2].map(|axis| face(upper, axis) as f32);
                     let (lo, hi) = (outwards(0).map(f32::next_down), outwards(1).map(f32::next_up));
                     waiting.push(((node.first_node + before) as usize, Cuboid(lo, hi), depth + 1));
                 } else {
+                    let before = (node.triangles & below).count_ones();
                     for bit in 0..3 {
-                        if word >> (5 + bit) & 1 == 1 {
-                            let place = 3 * (node.first_triangle + (word & 31) + bit) as usize;
+                        if bits(node.triangles) >> bit & 1 == 1 {
+                            let place = 3 * (node.first_triangle + before + bit) as usize;
                             let corners = [0, 1, 2].map(|i| wide.corners[place + i]);
                             let id = corners[0].w.to_bits() & !raykd_kernels::trace::intersect::NORMAL;
                             let i = number[&id];

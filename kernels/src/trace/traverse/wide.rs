@@ -17,7 +17,7 @@ use super::{
 use crate::{
     ON_GPU,
     glam::{UVec2, UVec4, Vec3, Vec4},
-    math::{about, abs, higher, lower},
+    math::{about, abs, exp2, higher, lower},
     mem::{self, Buf, Slots, scratch},
     trace::{
         frame::Frame,
@@ -29,8 +29,8 @@ use raykd_shared::{MISS, WideNode, status};
 /// The number of entries of a ray that needs none.
 const DONE: u32 = u32::MAX;
 
-/// Groups of children have those that are nodes from this bit on, and triangles below.
-const NODES: u32 = 24;
+/// The bits of slots that lie low along each axis.
+const LOW: [u32; 3] = [0o0707_0707, 0o77_0077, 0o7777];
 
 /// What a step needs to know of a ray.
 struct Line {
@@ -38,17 +38,30 @@ struct Line {
     inverse: Vec3,
     pad: f32,
     enter: f32,
-    /// A bit for each axis along which the ray goes up: such a ray comes to slots without that bit first.
-    up: u32,
+}
+
+/// All bits if a ray goes down along an axis. Chosen by bits, a GPU does not branch.
+#[inline(always)]
+fn falls(inverse: f32) -> u32 {
+    (inverse.to_bits() as i32 >> 31) as u32
 }
 
 impl Line {
     #[inline(always)]
     fn of(ray: &Frame) -> Self {
-        let up = |axis: u32, inverse: f32| ((inverse > 0.0) as u32) << axis;
-        let (origin, inverse) = (ray.origin, ray.inverse);
-        let up = up(0, inverse.x) | up(1, inverse.y) | up(2, inverse.z);
-        Self { origin, inverse, pad: ray.pad, enter: ray.enter, up }
+        Self { origin: ray.origin, inverse: ray.inverse, pad: ray.pad, enter: ray.enter }
+    }
+
+    /// Of the lowest bits of some slots, the one that the ray comes to first.
+    #[inline(always)]
+    fn first(&self, slots: u32) -> u32 {
+        let nearer = |slots: u32, low: u32, inverse: f32| {
+            let near = slots & (low ^ falls(inverse));
+            if near != 0 { near } else { slots }
+        };
+        let slots = nearer(slots, LOW[2], self.inverse.z);
+        let slots = nearer(slots, LOW[1], self.inverse.y);
+        nearer(slots, LOW[0], self.inverse.x)
     }
 }
 
@@ -65,6 +78,7 @@ struct Slab {
 }
 
 impl Slab {
+    /// Of an axis: the lowest corner, the exponent in the place where floats have theirs, and the faces.
     #[inline(always)]
     fn new(
         (lo, exponent): (u32, u32),
@@ -75,11 +89,9 @@ impl Slab {
     ) -> Self {
         let at = (f32::from_bits(lo) - origin) * inverse;
         let wide = abs(pad * inverse);
-        // All bits where the ray goes up. Chosen by bits, a GPU does not branch.
-        let up = 0u32.wrapping_sub((inverse > 0.0) as u32);
-        let chosen = |a: u32, b: u32| b ^ ((a ^ b) & up);
+        let chosen = |up: u32, down: u32| up ^ ((up ^ down) & falls(inverse));
         Self {
-            unit: f32::from_bits((exponent & 0xFF) << 23) * inverse,
+            unit: f32::from_bits(exponent & 0x7F80_0000) * inverse,
             from: at - wide,
             to: at + wide,
             near: [chosen(lower[0], upper[0]), chosen(lower[1], upper[1])],
@@ -91,25 +103,20 @@ impl Slab {
     /// all machines.
     #[inline(always)]
     fn inside<const ALIKE: bool>(&self, half: usize, byte: u32) -> (f32, f32) {
-        let face = |faces: [u32; 2]| ((faces[half] >> (8 * byte)) & 0xFF) as f32;
+        let sum = |a: f32, b: f32, c: f32| if ALIKE { a * b + c } else { about(a, b, c) };
+        // A byte that stays in its place counts 256 times as much as one place below, the unit as much less, which
+        // changes no digit. GPUs shift and convert in the units that find bits and minima, which have most to do, and
+        // multiply in others; for the highest byte they have an instruction.
+        let (place, unit) = if byte == 3 { (24, self.unit) } else { (0, self.unit * exp2(-8 * byte as i32)) };
+        let face = |faces: [u32; 2]| ((faces[half] >> place) & (0xFF << (8 * byte - place))) as f32;
         let (near, far) = (face(self.near), face(self.far));
-        if ALIKE {
-            (near * self.unit + self.from, far * self.unit + self.to)
-        } else {
-            (about(near, self.unit, self.from), about(far, self.unit, self.to))
-        }
+        (sum(near, unit, self.from), sum(far, unit, self.to))
     }
 }
 
-/// The bit of a group's child, if the ray meets its box in `enter..=exit`; of triangles one each.
+/// The bits of a slot, if the ray meets its box in `enter..=exit`.
 #[inline(always)]
-fn met<const ALIKE: bool>(
-    slabs: &[Slab; 3],
-    (half, byte): (usize, u32),
-    slots: u32,
-    bits: u32,
-    (enter, exit): (f32, f32),
-) -> u32 {
+fn met<const ALIKE: bool>(slabs: &[Slab; 3], (half, byte): (usize, u32), (enter, exit): (f32, f32)) -> u32 {
     let (x, y, z) = (
         slabs[0].inside::<ALIKE>(half, byte),
         slabs[1].inside::<ALIKE>(half, byte),
@@ -117,45 +124,47 @@ fn met<const ALIKE: bool>(
     );
     let first = higher(higher(x.0, y.0), higher(z.0, enter));
     let last = lower(lower(x.1, y.1), lower(z.1, exit));
-    let children = (slots >> (8 * byte + 5)) & 7;
-    (children * (first <= last) as u32) << ((bits >> (8 * byte)) & 31)
+    (first <= last) as u32 * WideNode::triangles(4 * half as u32 + byte, 3)
 }
 
 /// [`met`] of the children in four slots.
 #[inline(always)]
-fn four<const ALIKE: bool>(slabs: &[Slab; 3], half: usize, slots: u32, up: u32, range: (f32, f32)) -> u32 {
-    // A bit for each slot with a node: triangles come at less than 24.
-    let node = (slots & (slots << 1) & 0x1010_1010) >> 4;
-    // The sooner a ray comes to a node's slot, the higher its bit.
-    let bits = slots ^ (node * up);
-    met::<ALIKE>(slabs, (half, 0), slots, bits, range)
-        | met::<ALIKE>(slabs, (half, 1), slots, bits, range)
-        | met::<ALIKE>(slabs, (half, 2), slots, bits, range)
-        | met::<ALIKE>(slabs, (half, 3), slots, bits, range)
-}
-
-/// The highest bit that is set.
-#[inline(always)]
-const fn highest(bits: u32) -> u32 {
-    31 - bits.leading_zeros()
+fn four<const ALIKE: bool>(slabs: &[Slab; 3], half: usize, range: (f32, f32)) -> u32 {
+    met::<ALIKE>(slabs, (half, 0), range)
+        | met::<ALIKE>(slabs, (half, 1), range)
+        | met::<ALIKE>(slabs, (half, 2), range)
+        | met::<ALIKE>(slabs, (half, 3), range)
 }
 
 /// Where a ray is: what it still has to visit of the last node, and how many entries its stack has.
-///
-/// A group of nodes is the number of the first one, and bits: from [`NODES`] on those to visit, below 8 the slots of
-/// all. A group of triangles is the number of the first one and a bit for each to test. An entry of the stack is a
-/// group of nodes, at most one for each level.
 struct Place {
+    /// A group of nodes: the number of the first one, and [`WideNode::nodes`], with [`WideNode::LOWEST`] bits only for
+    /// those to visit. So is an entry of the stack, which has one at most for each level.
     nodes: UVec2,
-    triangles: UVec2,
+    /// The number of a node's first triangle, a bit for each to test, and for each that it has.
+    first_triangle: u32,
+    triangles: u32,
+    all_triangles: u32,
     top: u32,
 }
 
 impl Place {
+    /// Before the root, the only node of its group; without a node if not `running`.
+    #[inline(always)]
+    fn new(running: bool) -> Self {
+        Self {
+            nodes: UVec2::new(0, 1),
+            first_triangle: 0,
+            triangles: 0,
+            all_triangles: 0,
+            top: if running { 0 } else { DONE },
+        }
+    }
+
     /// Whether there is a node to visit, perhaps one from the stack.
     #[inline(always)]
     fn goes_on(&mut self, stack: &impl Slots<UVec2>) -> bool {
-        if self.nodes.y >> NODES != 0 {
+        if self.nodes.y & WideNode::LOWEST != 0 {
             return true;
         }
         if self.top == 0 {
@@ -175,41 +184,43 @@ impl Place {
         stack: &mut impl Slots<UVec2>,
         t: f32,
     ) {
-        let bit = highest(self.nodes.y);
-        let left = self.nodes.y & !(1 << bit);
-        if left >> NODES != 0 {
+        let bit = line.first(self.nodes.y & WideNode::LOWEST);
+        let left = self.nodes.y ^ bit;
+        if left & WideNode::LOWEST != 0 {
             stack.put(self.top, UVec2::new(self.nodes.x, left));
             self.top += 1;
         }
-        let slot = (bit - NODES) ^ line.up;
-        let before = left & 0xFF & !(u32::MAX << slot);
+        let before = left & WideNode::SECOND & bit.wrapping_sub(1);
         let at = 5 * (self.nodes.x + before.count_ones());
         let [a, b, c, d] = nodes.four(at);
         let e = nodes.at(at + 4);
         let (o, i, pad) = (line.origin, line.inverse, line.pad);
         let slabs = [
-            Slab::new((a.x, a.w), (o.x, i.x), pad, [c.x, c.y], [d.z, d.w]),
-            Slab::new((a.y, a.w >> 8), (o.y, i.y), pad, [c.z, c.w], [e.x, e.y]),
-            Slab::new((a.z, a.w >> 16), (o.z, i.z), pad, [d.x, d.y], [e.z, e.w]),
+            Slab::new((a.x, a.w << 23), (o.x, i.x), pad, [c.x, c.y], [d.z, d.w]),
+            Slab::new((a.y, a.w << 15), (o.y, i.y), pad, [c.z, c.w], [e.x, e.y]),
+            Slab::new((a.z, a.w << 7), (o.z, i.z), pad, [d.x, d.y], [e.z, e.w]),
         ];
         let range = (line.enter, t);
-        let met =
-            four::<ALIKE>(&slabs, 0, b.z, line.up, range) | four::<ALIKE>(&slabs, 1, b.w, line.up, range);
-        self.nodes = UVec2::new(b.x, (met & (0xFF << NODES)) | (a.w >> 24));
-        self.triangles = UVec2::new(b.y, met & !(0xFF << NODES));
+        let met = four::<ALIKE>(&slabs, 0, range) | four::<ALIKE>(&slabs, 1, range);
+        self.nodes = UVec2::new(b.x, b.w & (met | WideNode::SECOND));
+        self.first_triangle = b.y;
+        self.triangles = b.z & met;
+        self.all_triangles = b.z;
     }
 }
 
-/// Tests triangles of a group. Returns whether it got through all, as [`super::leaf::visit`] does.
+/// Tests triangles of the last node, if `any` hit will do until there is one. Returns whether it got that far, as
+/// [`super::leaf::visit`] does.
 #[inline(always)]
 fn visit<F: Filter<Strict>>(
     ray: &Frame,
-    group: UVec2,
+    place: &Place,
     corners: &Buf<Vec4>,
     filter: &mut F,
     best: &mut Best,
+    any: bool,
 ) -> bool {
-    let mut left = group.y;
+    let mut left = place.triangles;
     let mut looked = 0;
     if left != 0 {
         // As there: lanes look for a triangle that may be hit, wait for each other, then test theirs together.
@@ -219,10 +230,12 @@ fn visit<F: Filter<Strict>>(
                 if left == 0 {
                     break false;
                 }
-                let bit = highest(left);
-                left &= !(1 << bit);
-                looked |= 1 << bit;
-                let (triangle, may_hit) = LeafTriangle::look(Strict, ray, group.x + bit, corners);
+                let bit = left & left.wrapping_neg();
+                left ^= bit;
+                looked |= bit;
+                let before = place.all_triangles & (bit - 1);
+                let at = place.first_triangle + before.count_ones();
+                let (triangle, may_hit) = LeafTriangle::look(Strict, ray, at, corners);
                 if may_hit {
                     found = triangle;
                     break true;
@@ -231,16 +244,16 @@ fn visit<F: Filter<Strict>>(
             if is_found {
                 filter.test(Strict, ray, found, best);
             }
-            if left == 0 {
+            if left == 0 || (any && best.triangle != MISS) {
                 break;
             }
         }
     }
-    looked == group.y
+    looked == place.triangles || (any && best.triangle != MISS)
 }
 
-/// Finds the closest hit of a ray, or if `any` will do the best one among the triangles of the first node that has one.
-/// With `COUNT`, says what it did, the same on all machines.
+/// Finds the closest hit of a ray, or if `any` will do the first one found. With `COUNT`, says what it did, the same on
+/// all machines.
 ///
 /// A CPU has one piece of code for all kernels, which counts: it would do nothing else without.
 #[cfg_attr(target_arch = "spirv", inline(always))]
@@ -259,27 +272,22 @@ pub fn walk<const COUNT: bool>(
     let mut best = Best { t: ray.t_max, ..Best::NOTHING };
     let mut running = ray.valid & (ray.enter <= ray.exit);
     let mut stack = mem::stack::<UVec2, { WideNode::MAX_DEPTH as usize }>();
-    // The root is the only one of its group.
-    let mut place = Place {
-        nodes: UVec2::new(0, 1 << 31),
-        triangles: UVec2::new(0, 0),
-        top: if running { 0 } else { DONE },
-    };
+    let mut place = Place::new(running);
     while running {
         place.down::<COUNT>(&line, nodes, &mut stack, best.t);
         if COUNT {
             steps.inner += 1;
         }
         // Lanes without triangles take a second step while others wait: found by trying on an H200.
-        if !COUNT && place.triangles.y == 0 && place.goes_on(&stack) {
+        if !COUNT && place.triangles == 0 && place.goes_on(&stack) {
             place.down::<COUNT>(&line, nodes, &mut stack, best.t);
         }
-        if COUNT && place.triangles.y != 0 {
+        if COUNT && place.triangles != 0 {
             steps.leaves += 1;
-            steps.tests += place.triangles.y.count_ones();
+            steps.tests += place.triangles.count_ones();
         }
         let at_leaf = at_leaf(ray, filter.aside);
-        let whole = visit(&at_leaf, place.triangles, corners, &mut filter, &mut best);
+        let whole = visit(&at_leaf, &place, corners, &mut filter, &mut best, any);
         // Where a loop was cut short the number of entries stays what it is.
         let enough = any && best.triangle != MISS;
         let goes_on = whole & !enough && place.goes_on(&stack);
