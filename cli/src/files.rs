@@ -49,9 +49,13 @@ impl Files {
     /// Finds out whether the outputs can be written, and none of them is one of the inputs.
     ///
     /// # Errors
-    /// Nothing could be written there; an output or standard output is the same file as an input, or both are one.
+    /// Nothing could be written there; an output is `-`, with which other programs mean standard output; an output or
+    /// standard output is the same file as an input, or both are one.
     pub(super) fn check(&self) -> anyhow::Result<()> {
-        for (output, _) in &self.written {
+        for (output, how) in &self.written {
+            if output == Path::new("-") {
+                bail!("what is {how} goes to a file, not to standard output; for a file '-' write ./-");
+            }
             output::check(output)?;
         }
         apart(&self.read, &self.written)

@@ -118,6 +118,19 @@ fn an_output_that_is_an_input_is_refused() {
     }
 }
 
+/// With `-` other programs mean standard output.
+#[test]
+fn an_output_called_as_standard_output_is_refused() {
+    let folder = folder();
+    for line in ["build m.obj -o -", "trace m.obj --rays rays --hits -", "rays m.obj random -o -"] {
+        let message = refused(raykd(&folder, &format!("{line} --device cpu")));
+        assert!(message.contains("not to standard output; for a file '-' write ./-"), "{line}: {message}");
+        assert!(!folder.path().join("-").exists(), "{line}");
+    }
+    succeeds(raykd(&folder, "rays m.obj random -o ./- --device cpu"));
+    assert!(folder.path().join("-").exists());
+}
+
 /// A glTF file is known by what is in it, whatever it is called and however it is packed.
 #[test]
 fn an_output_that_is_a_buffer_is_refused() {
