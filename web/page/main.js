@@ -81,6 +81,8 @@ const options = () => ({
 
 /** Counts meshes, as a tree that is built meanwhile does not end their loading. */
 let loads = 0;
+/** Until the mesh that is read has a tree, what there was before: the view of a tree, or a mesh without one. */
+let before = {};
 async function load(what, name) {
   const mine = ++loads;
   tell(`${name}: reading`);
@@ -94,16 +96,24 @@ async function load(what, name) {
   costs = undefined;
   advise();
   // Until it has a tree there is nothing to draw.
-  const old = view;
+  if (view) before = { view };
   view = undefined;
   choice++;
   try {
     await pool.all("load", what);
   } catch (error) {
-    if (mine === loads) view = old;
+    if (mine === loads) {
+      view = before.view;
+      if (before.name) begin(before.name).catch(complain);
+    }
     throw error;
   }
-  if (mine !== loads) return;
+  before = { name };
+  if (mine === loads) await begin(name);
+}
+
+/** Builds the first tree of the mesh that was read last. */
+async function begin(name) {
   forget();
   await build(name);
 }

@@ -40,9 +40,12 @@ export class Pool {
     return this.workers[0].ask(call, ...given);
   }
 
-  /** Asks all. */
-  all(call, ...given) {
-    return Promise.all(this.workers.map((worker) => worker.ask(call, ...given)));
+  /** Asks all. If one fails, the others have answered as well. */
+  async all(call, ...given) {
+    const answers = await Promise.allSettled(this.workers.map((worker) => worker.ask(call, ...given)));
+    const failed = answers.find(({ status }) => status === "rejected");
+    if (failed) throw failed.reason;
+    return answers.map(({ value }) => value);
   }
 
   /** Gives each worker the next job as soon as it is free, while `going()`. */

@@ -348,6 +348,33 @@ test("what is chosen while a mesh is read is done as well", async () => {
   assert.equal(await page.textContent("#error"), "");
 });
 
+test("files that are none leave what there was, also a mesh without a tree", async () => {
+  const opened = (names) => page.evaluate(async (names) => {
+    document.getElementById("error").textContent = "";
+    for (const name of names) {
+      const [scene, file] = ["scene", "file"].map((id) => document.getElementById(id));
+      const [chosen, bad] = [name === "bad.ply" ? file : scene, new DataTransfer()];
+      bad.items.add(new File(["nothing"], "bad.ply"));
+      if (chosen === file) file.files = bad.files;
+      else scene.value = name;
+      chosen.dispatchEvent(new Event("change"));
+    }
+  }, names);
+  const failed = () => page.waitForFunction(() => document.getElementById("error").textContent.includes("bad.ply"));
+  await opened(["bad.ply", "bad.ply"]);
+  await failed();
+  const there = await pixels();
+  await page.focus("#overlay");
+  await page.keyboard.press("ArrowLeft");
+  await still();
+  assert.notEqual((await pixels()).sum, there.sum);
+  await opened(["teapot:60", "bad.ply"]);
+  await failed();
+  await page.waitForFunction(() => document.getElementById("facts").textContent.includes("230,400"));
+  await measured();
+  await choose("scene", "teapot:20");
+});
+
 test("a page that cannot start says so", async () => {
   const other = await browser.newPage();
   try {
