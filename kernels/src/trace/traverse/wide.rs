@@ -40,7 +40,7 @@ struct Line {
     enter: f32,
 }
 
-/// All bits if a ray goes down along an axis. Chosen by bits, a GPU does not branch.
+/// All bits if a ray goes down along an axis: by these a GPU chooses without a branch.
 #[inline(always)]
 fn falls(inverse: f32) -> u32 {
     (inverse.to_bits() as i32 >> 31) as u32
@@ -315,4 +315,30 @@ query! {
     /// The closest or any hit through nodes of eight children, counting steps.
     wide_steps::WIDE_STEPS counts = |_, ray, pairs, corners, any, aside, steps|
         walk::<true>(ray, pairs, corners, any, aside, steps)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Slots are numbered by where they lie, so that a ray comes to those first whose bits differ least from its own
+    /// signs, along z before y before x.
+    #[test]
+    fn a_ray_comes_to_near_slots_first() {
+        for down in 0..8_u32 {
+            let sign = |axis: u32| if down >> axis & 1 == 1 { -2.0 } else { 2.0 };
+            let inverse = Vec3::new(sign(0), sign(1), sign(2));
+            let line = Line { origin: Vec3::ZERO, inverse, pad: 0.0, enter: 0.0 };
+            for some in 1..256_u32 {
+                let there = (0..8).filter(|slot| some >> slot & 1 == 1);
+                let bits = there.clone().fold(0, |bits, slot| bits | WideNode::triangles(slot, 1));
+                let nearest = there.min_by_key(|slot| slot ^ down).unwrap();
+                assert_eq!(
+                    line.first(bits),
+                    WideNode::triangles(nearest, 1),
+                    "{some:08b} of a ray with {down:03b}"
+                );
+            }
+        }
+    }
 }
