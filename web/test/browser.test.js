@@ -349,7 +349,7 @@ test("what is chosen while a mesh is read is done as well", async () => {
 });
 
 test("files that are none leave what there was, also a mesh without a tree", async () => {
-  const opened = (names) => page.evaluate(async (names) => {
+  const opened = (names) => page.evaluate((names) => {
     document.getElementById("error").textContent = "";
     for (const name of names) {
       const [scene, file] = ["scene", "file"].map((id) => document.getElementById(id));

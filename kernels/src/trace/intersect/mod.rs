@@ -65,6 +65,12 @@ impl Best {
     /// No hit yet.
     pub const NOTHING: Self = Self { t: f32::INFINITY, triangle: MISS, u: 0.0, v: 0.0, det: 1.0 };
 
+    /// Whether it is a hit, if `any` will do.
+    #[inline(always)]
+    pub const fn is_enough(&self, any: bool) -> bool {
+        any && self.triangle != MISS
+    }
+
     /// Whether a hit at `t` may be taken.
     #[inline(always)]
     pub fn may_take(&self, ray: &Frame, t: f32) -> bool {

@@ -639,7 +639,7 @@ impl<N: Sides, const ANY: bool> Visits<N> for Answers<'_, ANY> {
     #[inline(always)]
     fn visit(&mut self, _lane: usize, ray: &Frame, leaf: Node, corners: &Buf<Vec4>, best: &mut Best) -> bool {
         leaf::visit(Strict, ray, leaf, corners, &mut Every, best);
-        ANY && best.triangle != MISS
+        best.is_enough(ANY)
     }
 
     #[inline(always)]

@@ -63,7 +63,7 @@ pub fn walk(
                 steps.status |= status::CUT_SHORT;
             }
         }
-        running = !(any && best.triangle != MISS);
+        running = !best.is_enough(any);
         // Far children that begin later than this node ends are the business of nodes above.
         let reach = low(exit, best.t);
         let mut climbing = running;
@@ -94,7 +94,7 @@ pub fn walk(
             }
         }
     }
-    if open != 0 && !(any && best.triangle != MISS) {
+    if open != 0 && !best.is_enough(any) {
         steps.status |= status::CUT_SHORT;
     }
     best

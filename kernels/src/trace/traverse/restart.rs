@@ -23,7 +23,7 @@ use crate::{
         place::Place,
     },
 };
-use raykd_shared::{MISS, Node, limits::MAX_DEPTH, status};
+use raykd_shared::{Node, limits::MAX_DEPTH, status};
 
 /// Bytes that a ray keeps between two leaves, beside its best hit: the trail, and how far to follow it.
 pub const STATE: u32 = 12;
@@ -106,7 +106,7 @@ pub fn walk<const PUSHDOWN: bool>(
             steps.status |= status::STACK;
         }
         // What waits beyond the best hit is not worth a visit.
-        if waiting == 0 || first_waiting > best.t || (any && best.triangle != MISS) {
+        if waiting == 0 || first_waiting > best.t || best.is_enough(any) {
             running = false;
             open = 0;
         } else {

@@ -29,7 +29,7 @@ use crate::{
         prepare::climb::NONE,
     },
 };
-use raykd_shared::{MISS, status};
+use raykd_shared::status;
 
 /// Bytes that a ray keeps between two leaves, beside its best hit: the leaf's number and where the ray enters
 /// it.
@@ -105,7 +105,7 @@ pub fn walk<const OPTIMISED: bool>(
         let by_y = y.rope != NONE && y.first <= reach;
         let by_z = z.rope != NONE && z.first <= reach;
         let sides = by_x as u32 + by_y as u32 + by_z as u32;
-        if sides == 0 || (any && best.triangle != MISS) {
+        if sides == 0 || best.is_enough(any) {
             running = false;
             open = 0;
         } else {

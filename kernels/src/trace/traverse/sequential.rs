@@ -22,7 +22,7 @@ use crate::{
         intersect::{Best, strict::Strict},
     },
 };
-use raykd_shared::{MISS, limits::MAX_DEPTH, status};
+use raykd_shared::{limits::MAX_DEPTH, status};
 
 /// Bytes that a ray keeps between two leaves, beside its best hit: the last leaf's trail and depth, and where
 /// the ray leaves it.
@@ -87,7 +87,7 @@ pub fn walk(ray: &Frame, pairs: &Buf<UVec4>, corners: &Buf<Vec4>, any: bool, ste
             steps.status |= status::CUT_SHORT;
         }
         at = turn;
-        if !turned || (any && best.triangle != MISS) {
+        if !turned || best.is_enough(any) {
             running = false;
             open = 0;
         } else {

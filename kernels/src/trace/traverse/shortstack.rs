@@ -24,7 +24,7 @@ use crate::{
         place::Place,
     },
 };
-use raykd_shared::{MISS, limits::MAX_DEPTH, status};
+use raykd_shared::{limits::MAX_DEPTH, status};
 
 /// Bytes that a ray keeps between two leaves with a stack of `entries`, beside its best hit: entries, their
 /// place, how many they are, the deepest one lost, where the first lost begins, and what `pushdown` keeps.
@@ -101,7 +101,7 @@ pub fn walk<const ENTRIES: usize>(
             steps.status |= status::STACK;
         }
         // What was lost beyond the best hit is no loss.
-        if (held == 0 && (lost == 0 || first_lost > best.t)) || (any && best.triangle != MISS) {
+        if (held == 0 && (lost == 0 || first_lost > best.t)) || best.is_enough(any) {
             running = false;
             open = 0;
         } else if held != 0 {

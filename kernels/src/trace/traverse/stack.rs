@@ -21,7 +21,7 @@ use crate::{
         intersect::{Best, Intersector},
     },
 };
-use raykd_shared::{MISS, Node, limits::MAX_DEPTH, status};
+use raykd_shared::{Node, limits::MAX_DEPTH, status};
 
 /// A lane in an empty leaf takes the next entry at once while it has gone fewer rounds of steps than this since
 /// lanes tested triangles together: two of three leaves on a ray's way are empty, but a lane that never stops
@@ -312,7 +312,7 @@ pub(in crate::trace) fn walk_keeping<I: Intersector, C: Choice<I>, const COUNT: 
         choice.begin(filter.own);
         let whole = leaf::visit(by, &at_leaf, place.node, corners, &mut filter, &mut best);
         // Where a loop was cut short the number of entries stays what it is.
-        let enough = any && best.triangle != MISS;
+        let enough = best.is_enough(any);
         if whole & enough {
             place.top = DONE;
         }

@@ -24,7 +24,7 @@ use crate::{
         intersect::{Best, strict::Strict},
     },
 };
-use raykd_shared::{MISS, WideNode, status};
+use raykd_shared::{WideNode, status};
 
 /// The number of entries of a ray that needs none.
 const DONE: u32 = u32::MAX;
@@ -149,7 +149,7 @@ struct Place {
 }
 
 impl Place {
-    /// Before the root, the only node of its group; without a node if not `running`.
+    /// Before the root, the only node of its group; or [`DONE`] if not `running`.
     #[inline(always)]
     fn new(running: bool) -> Self {
         Self {
@@ -244,12 +244,12 @@ fn visit<F: Filter<Strict>>(
             if is_found {
                 filter.test(Strict, ray, found, best);
             }
-            if left == 0 || (any && best.triangle != MISS) {
+            if left == 0 || best.is_enough(any) {
                 break;
             }
         }
     }
-    looked == place.triangles || (any && best.triangle != MISS)
+    looked == place.triangles || best.is_enough(any)
 }
 
 /// Finds the closest hit of a ray, or if `any` will do the first one found. With `COUNT`, says what it did, the same on
@@ -289,8 +289,7 @@ pub fn walk<const COUNT: bool>(
         let at_leaf = at_leaf(ray, filter.aside);
         let whole = visit(&at_leaf, &place, corners, &mut filter, &mut best, any);
         // Where a loop was cut short the number of entries stays what it is.
-        let enough = any && best.triangle != MISS;
-        let goes_on = whole & !enough && place.goes_on(&stack);
+        let goes_on = whole & !best.is_enough(any) && place.goes_on(&stack);
         if whole & !goes_on {
             place.top = DONE;
         }
