@@ -40,7 +40,7 @@ pub(crate) struct Bound<'a, H: Host> {
 impl<'a, H: Host> Bound<'a, H> {
     /// One ray a lane.
     pub(crate) fn of<B: Bindings<'a, H>>(buffers: B) -> Self {
-        Self { kernel: B::KERNEL, buffers: buffers.list().collect(), rays: B::KERNEL.threads }
+        Self { kernel: B::KERNEL, buffers: buffers.list(), rays: B::KERNEL.threads }
     }
 }
 

@@ -1,6 +1,8 @@
 //! What makes one function body a kernel on both machines: the workgroup, `lanes!` and `kernel!`.
 
 use crate::mem::Slots;
+#[cfg(not(target_arch = "spirv"))]
+pub(crate) use alloc::vec::Vec;
 use raykd_shared::limits::GROUPS_X;
 
 /// The workgroup a group kernel runs for.
@@ -259,7 +261,7 @@ pub trait Bindings<'a, H: Host> {
     /// The kernel that binds them.
     const KERNEL: &'static Kernel;
     /// The buffers in binding order.
-    fn list(self) -> impl Iterator<Item = H::Any<'a>>;
+    fn list(self) -> Vec<H::Any<'a>>;
 }
 
 #[cfg(all(target_arch = "spirv", any(feature = "entry-points", feature = "doubles")))]
@@ -338,8 +340,8 @@ macro_rules! bindings {
 
         #[cfg(not(target_arch = "spirv"))]
         impl<'a, H: $crate::Host> $name<'a, H> {
-            pub(crate) fn list(self) -> impl Iterator<Item = H::Any<'a>> {
-                [$(slot!(forget $mode H self.$arg)),+].into_iter()
+            pub(crate) fn list(self) -> $crate::kernel::Vec<H::Any<'a>> {
+                $crate::kernel::Vec::from([$(slot!(forget $mode H self.$arg)),+])
             }
         }
     };
@@ -491,9 +493,17 @@ macro_rules! kernel {
         #[cfg(not(target_arch = "spirv"))]
         impl<'a, H: $crate::Host> $crate::Bindings<'a, H> for Buffers<'a, H> {
             const KERNEL: &'static $crate::Kernel = &$name;
-            fn list(self) -> impl Iterator<Item = H::Any<'a>> {
-                core::iter::empty()$(.chain(self.$head.list()))?.chain([$(slot!(forget $mode H self.$arg)),*])
+            fn list(self) -> $crate::kernel::Vec<H::Any<'a>> {
+                kernel!(@list self, { $($head)? }, [$(slot!(forget $mode H self.$arg)),*])
             }
         }
     };
+    (@list $own:ident, { }, [$($buffer:expr),*]) => {
+        $crate::kernel::Vec::from([$($buffer),*])
+    };
+    (@list $own:ident, { $head:ident }, [$($buffer:expr),*]) => {{
+        let mut all = $own.$head.list();
+        all.extend([$($buffer),*]);
+        all
+    }};
 }

@@ -86,6 +86,9 @@
     allow(dead_code, unused_imports, reason = "what only a CPU uses, or one with AVX2")
 )]
 
+#[cfg(not(target_arch = "spirv"))]
+extern crate alloc;
+
 #[macro_use]
 mod kernel;
 #[macro_use]
@@ -117,11 +120,12 @@ const ON_GPU: bool = cfg!(target_arch = "spirv");
 /// Every kernel that any device can run, in pipeline order.
 #[cfg(not(target_arch = "spirv"))]
 pub const KERNELS: &[&Kernel] = &{
-    const LISTS: [&[&Kernel]; 10] = [
+    const LISTS: [&[&Kernel]; 11] = [
         &[&probe::PROBE],
         build::survey::KERNELS,
         build::KERNELS,
         build::sweep::KERNELS,
+        build::wide::KERNELS,
         trace::prepare::KERNELS,
         trace::queries::KERNELS,
         trace::all::KERNELS,

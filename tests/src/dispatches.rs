@@ -180,6 +180,8 @@ impl Job<'_> {
                 }
             }
         }
+        // Of many triangles by more kernels than of few.
+        scene.traverse_by(Traversal::Wide)?;
         look_up(device, tree.view(), self.seed)?;
         exact_queries(device, self.seed)?;
         exact_queries(by_doubles, self.seed)?;

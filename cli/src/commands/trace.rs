@@ -127,6 +127,8 @@ struct Told {
     load_ms: f64,
     /// 0 for a tree that was saved.
     build_ms: f64,
+    /// What the traversal needs beside the tree.
+    prepare_ms: f64,
     /// Mesh, rays and a tree that was saved to device.
     upload_ms: f64,
     trace_ms: f64,
@@ -207,7 +209,7 @@ impl Task for TraceArgs {
             let rays = told.ray_upload_ms + told.trace_ms + told.download_ms;
             amount::Told::new(
                 &plan,
-                told.upload_ms - told.ray_upload_ms + told.build_ms + told.layout_ms,
+                told.upload_ms - told.ray_upload_ms + told.build_ms + told.prepare_ms + told.layout_ms,
                 Some(rays),
             )
         });
@@ -262,6 +264,7 @@ fn trace(
         intersector: args.walk.intersector.name(),
         load_ms: ms(input.load),
         build_ms: ms(build),
+        prepare_ms: ms(scene.times().prepare),
         upload_ms: ms(upload + answer.times.upload),
         trace_ms: ms(answer.times.trace),
         download_ms: ms(answer.times.download),
@@ -350,9 +353,10 @@ fn print(t: &Told, hits: &Path, out: &mut StdoutLock<'_>) -> anyhow::Result<()> 
     line(
         "times",
         format!(
-            "load {} ms, build {} ms, upload {} ms, trace {} ms, download {} ms",
+            "load {} ms, build {} ms, prepare {} ms, upload {} ms, trace {} ms, download {} ms",
             three(t.load_ms),
             three(t.build_ms),
+            three(t.prepare_ms),
             three(t.upload_ms),
             three(t.trace_ms),
             three(t.download_ms)

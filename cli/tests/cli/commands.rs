@@ -372,6 +372,7 @@ fn trace_gives_known_hits() {
         &["--device", "gpu"],
         &["--device", "cpu", "--tree", &tree],
         &["--device", "gpu", "--tree", &tree],
+        &["--device", "gpu", "--traversal", "wide"],
     ] {
         fs::remove_file(&hits).ok();
         let line = [&["trace", &mesh, "--rays", &rays, "--hits", &hits, "--json"], more].concat();
@@ -383,6 +384,7 @@ fn trace_gives_known_hits() {
             assert!(!told[key].is_null(), "{key}");
         }
         assert_eq!(told["build_ms"] == 0.0, more.contains(&"--tree"));
+        assert_eq!(told["prepare_ms"] == 0.0, !more.contains(&"wide"));
         digests.push((told["digest"].clone(), told["hits_digest"].clone()));
     }
     digests.dedup();

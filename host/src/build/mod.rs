@@ -11,6 +11,7 @@ mod room;
 mod survey;
 mod sweep;
 mod times;
+mod wide;
 mod with;
 
 pub(crate) use built::{Built, Given, Kept, Laid, MeshBuffers, upload};
@@ -18,6 +19,7 @@ pub use options::{BuildOptions, Builder};
 pub(crate) use survey::{Copies, Survey, Surveyed};
 pub use sweep::LISTED;
 pub use times::{BuildTimes, KernelTimes};
+pub(crate) use wide::Wide;
 
 use crate::{Error, clock::Instant, exec::Device};
 use built::{Facts, Grown, KeptIn};

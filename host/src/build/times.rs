@@ -14,6 +14,9 @@ pub struct BuildTimes {
     /// Laying the leaves' triangles out for tracing, by the device's clock. Zero where `build` includes it: see
     /// [`Device::recycling`](crate::Device::recycling).
     pub layout: Duration,
+    /// Making what traversals need beside the tree, by the device's clock: see
+    /// [`Scene::traverse_by`](crate::Scene::traverse_by).
+    pub prepare: Duration,
     /// Most bytes of buffers held at once, the mesh included.
     pub peak_bytes: u64,
     /// How often the build was repeated, with more room, a higher price or by the host; the other times are

@@ -66,6 +66,11 @@ impl AnyBuffer {
         Buffer { any: self.clone(), of: PhantomData }
     }
 
+    /// The same as elements of some type.
+    pub(super) fn into_typed<T>(self) -> Buffer<T> {
+        Buffer { any: self, of: PhantomData }
+    }
+
     /// What is to be read from its start once kernels have run.
     pub(crate) fn back<'a, T: bytemuck::Pod + Send + Sync>(&'a self, to: To<'a, T>) -> Back<'a> {
         match to {
@@ -153,7 +158,7 @@ impl<T> Buffer<T> {
 
     /// The buffer for its first `count` elements.
     pub(crate) fn first(mut self, count: u32) -> Self {
-        self.any.bytes = whole_bytes::<T>(count.into()).min(self.any.bytes);
+        self.any.bytes = whole_bytes(count.into(), size_of::<T>()).min(self.any.bytes);
         self
     }
 
@@ -196,8 +201,8 @@ pub fn reserve<T>(list: &mut Vec<T>, name: &'static str, count: u64) -> Result<(
 }
 
 /// Bytes of a buffer of so many elements: some, and a multiple of 16.
-pub(super) const fn whole_bytes<T>(count: u64) -> u64 {
-    match count.saturating_mul(size_of::<T>() as u64) {
+pub(super) const fn whole_bytes(count: u64, element: usize) -> u64 {
+    match count.saturating_mul(element as u64) {
         0 => 16,
         bytes => bytes.div_ceil(16).saturating_mul(16),
     }

@@ -366,22 +366,27 @@ impl Device {
     /// The size is past the device's limit, or memory ran out.
     #[doc(hidden)]
     pub fn alloc<T>(&self, name: &'static str, count: u64) -> Result<Buffer<T>, Error> {
-        let bytes = self.rounded::<T>(name, count)?;
+        self.alloc_of(name, count, size_of::<T>()).map(AnyBuffer::into_typed)
+    }
+
+    /// [`Self::alloc`] of elements of so many bytes, compiled once.
+    fn alloc_of(&self, name: &'static str, count: u64, element: usize) -> Result<AnyBuffer, Error> {
+        let bytes = self.rounded(name, count, element)?;
         let memory = match &*self.machine {
             Machine::Cpu(cpu) => Memory::Cpu(cpu.alloc(name, bytes)?),
             #[cfg(feature = "gpu")]
             Machine::Gpu(gpu) => Memory::Gpu(gpu.alloc(name, bytes)?),
         };
-        let buffer = AnyBuffer::of(name, bytes, memory).view();
+        let buffer = AnyBuffer::of(name, bytes, memory);
         watch::poison(self, &buffer)?;
         Ok(buffer)
     }
 
-    /// Bytes of a buffer of `count` elements.
-    fn rounded<T>(&self, name: &'static str, count: u64) -> Result<u64, Error> {
+    /// Bytes of a buffer of `count` elements of so many bytes.
+    fn rounded(&self, name: &'static str, count: u64, element: usize) -> Result<u64, Error> {
         let limit = self.limit();
-        let bytes = count.saturating_mul(size_of::<T>() as u64);
-        match whole_bytes::<T>(count) {
+        let bytes = count.saturating_mul(element as u64);
+        match whole_bytes(count, element) {
             rounded if rounded <= limit.bytes => Ok(rounded),
             _ => Err(Error::TooLarge { buffer: name, bytes, limit: limit.bytes, limit_name: limit.name }),
         }
@@ -396,7 +401,7 @@ impl Device {
         begin: usize,
         count: usize,
     ) -> Result<Buffer<T>, Error> {
-        let bytes = self.rounded::<T>(name, count as u64)?;
+        let bytes = self.rounded(name, count as u64, size_of::<T>())?;
         let part = cpu::Memory::part_of(file, begin, bytes as usize);
         match &*self.machine {
             Machine::Cpu(_) => Ok(AnyBuffer::of(name, bytes, Memory::Cpu(part)).view()),
@@ -408,19 +413,22 @@ impl Device {
     /// A buffer of `count` elements at least, for work that writes them before it reads them: their values may be
     /// anything.
     pub(crate) fn room<T>(&self, name: &'static str, count: u64) -> Result<Buffer<T>, Error> {
-        if let Some(pool) = &self.pool {
-            let bytes = whole_bytes::<T>(count);
-            if let Some(found) = pool.take(name, bytes) {
-                watch::poison(self, &found)?;
-                return Ok(found.view());
-            }
-            let more = pool::with_room_to_grow(bytes).min(self.limit().bytes / 16 * 16).max(bytes);
-            let mut buffer = self.alloc::<u8>(name, more)?.any;
-            pool.keep(buffer.clone());
-            buffer.bytes = bytes;
-            return Ok(buffer.view());
+        self.room_of(name, count, size_of::<T>()).map(AnyBuffer::into_typed)
+    }
+
+    /// [`Self::room`] for elements of so many bytes, compiled once.
+    fn room_of(&self, name: &'static str, count: u64, element: usize) -> Result<AnyBuffer, Error> {
+        let Some(pool) = &self.pool else { return self.alloc_of(name, count, element) };
+        let bytes = whole_bytes(count, element);
+        if let Some(found) = pool.take(name, bytes) {
+            watch::poison(self, &found)?;
+            return Ok(found);
         }
-        self.alloc(name, count)
+        let more = pool::with_room_to_grow(bytes).min(self.limit().bytes / 16 * 16).max(bytes);
+        let mut buffer = self.alloc_of(name, more, 1)?;
+        pool.keep(buffer.clone());
+        buffer.bytes = bytes;
+        Ok(buffer)
     }
 
     /// A buffer of these elements, in [`Self::room`].

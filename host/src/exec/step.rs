@@ -49,7 +49,7 @@ pub struct Step<'a> {
 pub trait Launch<'a>: Bindings<'a, OnDevice> + Sized {
     /// Of so many workgroups.
     fn run(self, groups: Groups<'a>) -> Step<'a> {
-        Step { kernel: Self::KERNEL, buffers: self.list().collect(), groups }
+        Step { kernel: Self::KERNEL, buffers: self.list(), groups }
     }
 
     /// Of as many workgroups as cover `items` lanes.

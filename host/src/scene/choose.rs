@@ -3,8 +3,7 @@
 use super::Scene;
 use crate::{
     Error, Intersector, Traversal,
-    exec::{Buffer, Launch, reserve},
-    traversal::Triangle,
+    exec::{Buffer, Launch},
 };
 use raykd_kernels::{
     glam::{UVec4, Vec4},
@@ -14,8 +13,7 @@ use raykd_kernels::{
 impl Scene {
     /// Chooses how rays find their way through the tree from now on, for closest and any hits and for [`Scene::steps`];
     /// closest hits stay the same. Other queries use the full stack, and `Scene::encode` refuses traversals but that
-    /// and [`Traversal::Wide`]. Makes what the traversal needs beside the tree, once: nodes of eight children on the
-    /// CPU, in some 2 µs a triangle by one thread.
+    /// and [`Traversal::Wide`]. Makes what the traversal needs beside the tree, once.
     ///
     /// # Errors
     /// It does not go with the scene's triangle test, see [`Intersector::goes_with`]; what it needs does not fit
@@ -24,21 +22,11 @@ impl Scene {
         self.intersector.goes_with(traversal)?;
         let tree = (&self.header_buffer, &self.nodes, self.header.nodes);
         let mut extras = self.extras.clone();
-        extras.make(traversal, &self.device, tree, || self.scaled_triangles())?;
+        let needed = extras.make(traversal, &self.device, tree, (&self.mesh, &self.kept, &self.header))?;
+        self.times.prepare += needed;
         self.extras = extras;
         self.traversal = traversal;
         Ok(())
-    }
-
-    /// The triangles that take part, brought from the device.
-    fn scaled_triangles(&self) -> Result<Vec<Triangle>, Error> {
-        let (positions, indices) = self.coordinates_and_indices()?;
-        let at = |v: u32| [0, 1, 2].map(|axis| positions[3 * v as usize + axis]);
-        let kept = self.kept.list(&self.device)?;
-        let mut triangles = Vec::new();
-        reserve(&mut triangles, "triangles", kept.len() as u64)?;
-        triangles.extend(kept.iter().map(|&t| (t, indices[t as usize].map(at))));
-        Ok(triangles)
     }
 
     /// The nodes and the triangles that rays go through by a traversal.

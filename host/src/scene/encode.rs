@@ -265,7 +265,7 @@ impl Scene {
                 job: job.as_entire_binding(),
                 args: args.as_entire_binding(),
             };
-            let counted: Vec<_> = counted.list().collect();
+            let counted = counted.list();
             gpu.encode_one(encoder, &WORKGROUPS, &counted, Size::Lanes(1))?;
         }
         let outcome = self.device.alloc("outcome", u64::from(OUTCOME_WORDS))?;

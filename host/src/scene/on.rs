@@ -102,7 +102,7 @@ fn copy_by_encoder(
     };
     let (device, _) = gpu.parts();
     let mut encoder = device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-    let (first, second): (Vec<_>, Vec<_>) = (copy_vertices.list().collect(), copy_indices.list().collect());
+    let (first, second) = (copy_vertices.list(), copy_indices.list());
     gpu.encode_one(&mut encoder, &vertices::VERTICES, &first, Size::Lanes(3 * vertices))?;
     gpu.encode_one(&mut encoder, &indices::INDICES, &second, Size::Lanes(3 * triangles))?;
     gpu.begin_after(encoder, then)

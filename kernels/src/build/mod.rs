@@ -31,6 +31,7 @@ pub mod sweep;
 pub mod tally;
 pub mod top;
 pub mod treelet;
+pub mod wide;
 
 kernels! {
     /// The kernels of the level loop, in pipeline order.

@@ -36,7 +36,7 @@ fn read(bytes: &[u8], with_faces: bool) -> Result<Raw, MeshError> {
     let bytes = unmarked(bytes);
     let head = plain_header(bytes);
     let mut reader = Reader::new(&head[..]);
-    let header = Parser::<Vertex>::new().read_header(&mut reader).map_err(|e| header_error(&e))?;
+    let header = Parser::<Record>::new().read_header(&mut reader).map_err(|e| header_error(&e))?;
     let line = reader.line() as u64;
     let length = head.len() - reader.into_inner().len();
     no_name_twice(&head[..length])?;
@@ -428,22 +428,14 @@ impl Binary<'_> {
             let kind = kind(element);
             for index in 0..element.count {
                 let at = || Place::element(&element.name, index as u64);
+                let record = self.element(element, index)?;
                 match kind {
-                    Kind::Vertex => {
-                        let vertex: Vertex = self.element(element, index)?;
-                        sink.vertex(vertex.0, at)?;
+                    Kind::Vertex => sink.vertex(record.position, at)?,
+                    Kind::Face | Kind::Strips if record.unsigned.is_empty() => {
+                        sink.corners(kind, &record.signed, at)?;
                     }
-                    Kind::Face | Kind::Strips => {
-                        let face: Face = self.element(element, index)?;
-                        if face.unsigned.is_empty() {
-                            sink.corners(kind, &face.signed, at)?;
-                        } else {
-                            sink.corners(kind, &face.unsigned, at)?;
-                        }
-                    }
-                    Kind::Edge | Kind::Other => {
-                        let _: Skipped = self.element(element, index)?;
-                    }
+                    Kind::Face | Kind::Strips => sink.corners(kind, &record.unsigned, at)?,
+                    Kind::Edge | Kind::Other => {}
                 }
             }
         }
@@ -455,8 +447,8 @@ impl Binary<'_> {
         Ok(())
     }
 
-    fn element<E: PropertyAccess>(&mut self, element: &ElementDef, index: usize) -> Result<E, MeshError> {
-        let parser = Parser::<E>::new();
+    fn element(&mut self, element: &ElementDef, index: usize) -> Result<Record, MeshError> {
+        let parser = Parser::<Record>::new();
         let read = if self.big_endian {
             parser.read_big_endian_element(&mut self.rest, element)
         } else {
@@ -477,39 +469,33 @@ fn end_of_file(element: &ElementDef, index: usize) -> MeshError {
     truncated(Place::element(&element.name, index as u64), what)
 }
 
-/// A vertex of a binary file.
-struct Vertex([f64; 3]);
-
-impl PropertyAccess for Vertex {
-    fn new() -> Self {
-        Self([0.0; 3])
-    }
-
-    fn set_property(&mut self, name: &str, value: Property) -> PropertyAccessResult {
-        let Some(axis) = axis(name) else { return PropertyAccessResult::Ignored };
-        self.0[axis] = match value {
-            Property::Char(x) => x.into(),
-            Property::UChar(x) => x.into(),
-            Property::Short(x) => x.into(),
-            Property::UShort(x) => x.into(),
-            Property::Int(x) => x.into(),
-            Property::UInt(x) => x.into(),
-            Property::Float(x) => x.into(),
-            Property::Double(x) => x,
-            _ => return PropertyAccessResult::UnsupportedType,
-        };
-        PropertyAccessResult::Set
-    }
-}
-
-/// A face of a binary file; its corners are in one of the two.
+/// An element of a binary file. All are of one type, which is compiled once; the header is checked.
 #[derive(Default)]
-struct Face {
+struct Record {
+    /// A vertex's coordinates.
+    position: [f64; 3],
+    /// A face's corners are in one of the two.
     signed: Vec<i32>,
     unsigned: Vec<u32>,
 }
 
-impl PropertyAccess for Face {
+impl Record {
+    fn coordinate(&mut self, name: &str, x: f64) -> PropertyAccessResult {
+        let Some(axis) = axis(name) else { return PropertyAccessResult::Ignored };
+        self.position[axis] = x;
+        PropertyAccessResult::Set
+    }
+
+    fn corners<I: Into<i32>>(&mut self, name: &str, list: Vec<I>) -> PropertyAccessResult {
+        if !is_corners(name) {
+            return PropertyAccessResult::Ignored;
+        }
+        self.signed = list.into_iter().map(Into::into).collect();
+        PropertyAccessResult::Set
+    }
+}
+
+impl PropertyAccess for Record {
     fn new() -> Self {
         Self::default()
     }
@@ -523,25 +509,20 @@ impl PropertyAccess for Face {
     }
 
     fn set_property(&mut self, name: &str, value: Property) -> PropertyAccessResult {
-        if !is_corners(name) {
-            return PropertyAccessResult::Ignored;
+        match value {
+            Property::Char(x) => self.coordinate(name, x.into()),
+            Property::UChar(x) => self.coordinate(name, x.into()),
+            Property::Short(x) => self.coordinate(name, x.into()),
+            Property::UShort(x) => self.coordinate(name, x.into()),
+            Property::Int(x) => self.coordinate(name, x.into()),
+            Property::UInt(x) => self.coordinate(name, x.into()),
+            Property::Float(x) => self.coordinate(name, x.into()),
+            Property::Double(x) => self.coordinate(name, x),
+            Property::ListChar(list) => self.corners(name, list),
+            Property::ListUChar(list) => self.corners(name, list),
+            Property::ListShort(list) => self.corners(name, list),
+            Property::ListUShort(list) => self.corners(name, list),
+            _ => PropertyAccessResult::Ignored,
         }
-        self.signed = match value {
-            Property::ListChar(list) => list.into_iter().map(i32::from).collect(),
-            Property::ListUChar(list) => list.into_iter().map(i32::from).collect(),
-            Property::ListShort(list) => list.into_iter().map(i32::from).collect(),
-            Property::ListUShort(list) => list.into_iter().map(i32::from).collect(),
-            _ => return PropertyAccessResult::UnsupportedType,
-        };
-        PropertyAccessResult::Set
-    }
-}
-
-/// An element that plays no part.
-struct Skipped;
-
-impl PropertyAccess for Skipped {
-    fn new() -> Self {
-        Self
     }
 }

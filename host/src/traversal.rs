@@ -1,18 +1,15 @@
 //! The ways through the tree that there are to choose from, and what each needs and binds on a device.
 
-mod wide;
-
-pub(crate) use wide::Triangle;
-
 use crate::{
     Error, Query as Asked,
+    build::{Kept, MeshBuffers, Wide},
     choices::choices,
     exec::{Buffer, Device, Launch, OnDevice, Out, Step},
     intersector::Bound,
 };
 use raykd_kernels::{
     Host,
-    glam::{UVec4, Vec4},
+    glam::UVec4,
     trace::{
         prepare::{node_boxes, parents, rope_links},
         queries::Query,
@@ -26,7 +23,7 @@ use raykd_kernels::{
     },
 };
 use raykd_shared::{TreeHeader, WideNode, limits::MAX_DEPTH};
-use wide::Wide;
+use std::time::Duration;
 
 choices! {
     /// How rays find their way through the tree. All find the same closest hits, bit for bit; any hits of
@@ -72,13 +69,6 @@ enum Needs {
     Wide,
 }
 
-/// Nodes of eight children, and the triangles in their order: what queries bind instead of a tree.
-#[derive(Clone, Debug)]
-pub(crate) struct WideBuffers {
-    pub nodes: Buffer<UVec4>,
-    pub corners: Buffer<Vec4>,
-}
-
 /// What traversals need on the device beside the tree, each made once.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Extras {
@@ -86,7 +76,7 @@ pub(crate) struct Extras {
     boxes: Option<Buffer<UVec4>>,
     /// As they are, and optimised.
     ropes: [Option<Buffer<UVec4>>; 2],
-    wide: Option<WideBuffers>,
+    wide: Option<Wide>,
 }
 
 impl Traversal {
@@ -163,37 +153,38 @@ impl Traversal {
 }
 
 impl Extras {
-    /// Makes what a traversal needs of a tree of `count` nodes, or of the mesh's triangles, if that is not there yet.
+    /// Makes what a traversal needs of a tree of `count` nodes, or of the mesh's triangles that take part, if that is
+    /// not there yet. `own_header` is the tree's. Says how long that took, by the device's clock.
     pub(crate) fn make(
         &mut self,
         traversal: Traversal,
         device: &Device,
         (header, pairs, count): (&Buffer<TreeHeader>, &Buffer<UVec4>, u32),
-        triangles: impl FnOnce() -> Result<Vec<Triangle>, Error>,
-    ) -> Result<(), Error> {
+        (mesh, kept, own_header): (&MeshBuffers, &Kept, &TreeHeader),
+    ) -> Result<Duration, Error> {
         let needs = traversal.needs();
+        let mut took = Duration::ZERO;
         if needs == Needs::Wide && self.wide.is_none() {
-            let triangles = triangles()?;
-            let Wide { nodes, corners } = device.install(|| Wide::of(&triangles))?;
-            let nodes = device.upload("wide nodes", &nodes)?.view();
-            self.wide = Some(WideBuffers { nodes, corners: device.upload("wide triangles", &corners)? });
+            let (wide, time) = Wide::build(device, mesh, kept, own_header)?;
+            self.wide = Some(wide);
+            took = time;
         }
         if matches!(needs, Needs::Nothing | Needs::Wide) {
-            return Ok(());
+            return Ok(took);
         }
         let parents = match self.parents.take() {
             Some(parents) => parents,
             None => {
                 let made = device.room("parents", u64::from(count / 2))?;
                 let parents = parents::Buffers { header, pairs, parents: made.out() };
-                device.dispatch(&[parents.over(count)], false)?;
+                took += device.dispatch(&[parents.over(count)], false)?.total;
                 made
             }
         };
         if needs == Needs::Boxes && self.boxes.is_none() {
             let made = device.room("node boxes", 2 * u64::from(count))?;
             let boxes = node_boxes::Buffers { header, pairs, parents: &parents, boxes: made.out() };
-            device.dispatch(&[boxes.over(count)], false)?;
+            took += device.dispatch(&[boxes.over(count)], false)?.total;
             self.boxes = Some(made);
         }
         if let Needs::Ropes { optimised } = needs
@@ -202,11 +193,11 @@ impl Extras {
             let job = &device.put("job", &[u32::from(optimised), 0, 0, 0])?;
             let made = device.room("ropes", 3 * u64::from(count))?;
             let ropes = rope_links::Buffers { job, header, pairs, parents: &parents, links: made.out() };
-            device.dispatch(&[ropes.over(count)], false)?;
+            took += device.dispatch(&[ropes.over(count)], false)?.total;
             self.ropes[usize::from(optimised)] = Some(made);
         }
         self.parents = Some(parents);
-        Ok(())
+        Ok(took)
     }
 
     /// Bytes of what a traversal binds of it.
@@ -222,7 +213,7 @@ impl Extras {
     /// Bytes of all that was made.
     pub(crate) fn all_bytes(&self) -> u64 {
         let links = self.ropes.iter().chain([&self.boxes]).flatten();
-        let wide = self.wide.as_ref().map_or(0, |wide| wide.nodes.bytes() + wide.corners.bytes());
+        let wide = self.wide.as_ref().map_or(0, Wide::bytes);
         links.map(|buffer| buffer.bytes()).sum::<u64>()
             + self.parents.as_ref().map_or(0, |it| it.bytes())
             + wide
@@ -233,7 +224,7 @@ impl Extras {
     }
 
     /// What a traversal binds instead of a tree.
-    pub(crate) fn wide(&self, traversal: Traversal) -> Option<&WideBuffers> {
+    pub(crate) fn wide(&self, traversal: Traversal) -> Option<&Wide> {
         self.wide.as_ref().filter(|_| traversal.needs() == Needs::Wide)
     }
 
