@@ -281,7 +281,11 @@ impl<'a> Lists<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Mesh, build::upload, exec::Cpu};
+    use crate::{
+        Mesh,
+        build::upload,
+        exec::{Cpu, Groups},
+    };
     use bytemuck::Zeroable;
     use raykd_kernels::Order;
 
@@ -395,6 +399,25 @@ mod tests {
         let kept = Kept::Host([].into());
         let (wide, _) = Wide::build(&device, &mesh, &kept, &TreeHeader::zeroed()).unwrap();
         assert_eq!(device.read(&wide.nodes.view::<WideNode>(), 0, 1).unwrap(), [WideNode::zeroed()]);
+    }
+
+    /// As there are where so many are asked for that they come in several rows.
+    #[test]
+    fn workgroups_past_the_last_do_no_harm() {
+        let (device, mesh) = (Device::cpu(), Mesh::teapot(4));
+        let on_device = upload(&device, &mesh).unwrap();
+        let (lo, hi) = mesh.scaled_bounds();
+        let header = TreeHeader { lo, hi, ..TreeHeader::zeroed() };
+        let lists = Lists::new(&device, &on_device, &Kept::Host(mesh.kept().into()), &header).unwrap();
+        let mut steps = lists.start();
+        for mut three in [lists.round(0), lists.level(0)] {
+            // What adds up is one workgroup.
+            three[0].groups = Groups::Fixed(40);
+            three[2].groups = Groups::Fixed(40);
+            steps.extend(three);
+            steps.push(lists.finish(1));
+        }
+        device.dispatch(&steps, false).unwrap();
     }
 
     #[test]

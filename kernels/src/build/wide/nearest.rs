@@ -185,7 +185,10 @@ pub fn nearest(
     let here = (list(job.at(JOB_TRIANGLES), round), count, is_forced(round, count));
     of_block(group, boxes, found, sums, parts, group.id, here, clusters, nodes, fates);
     lanes!(group, ..1, |_lane| {
-        totals.put(group.id, UVec2::new(number(parts, CLUSTERS), number(parts, PAIRS)));
+        // Workgroups come in whole rows.
+        if group.id < count.div_ceil(BLOCK) {
+            totals.put(group.id, UVec2::new(number(parts, CLUSTERS), number(parts, PAIRS)));
+        }
     });
 }
 

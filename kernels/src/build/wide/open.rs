@@ -142,7 +142,8 @@ pub fn open(
             let entry = queue.at(first + i);
             queue.put(first + i, UVec4::new(entry.x, entry.y, before(sums, parts, 0, lane), 0));
         }
-        if lane == 0 {
+        // Workgroups come in whole rows.
+        if lane == 0 && group.id < count.div_ceil(LANES) {
             totals.put(group.id, UVec2::new(number(parts, 0), number(parts, 1)));
         }
     });
