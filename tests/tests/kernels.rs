@@ -48,6 +48,19 @@ proptest! {
     }
 }
 
+/// A GPU runs more than 32,768 workgroups in whole rows of so many, past the last that was asked for.
+#[test]
+fn workgroups_past_the_last_change_no_byte() {
+    for row in [2, 7] {
+        let in_rows = Device::from(Cpu::default().in_rows_of(row));
+        for (builder, size) in LARGE {
+            let mesh = Recipe { family: Family::Soup, size, seed: 2 }.mesh();
+            let options = BuildOptions::default().with_builder(builder);
+            Job { mesh: &mesh, options: &options, seed: 2 }.compare(&[cpu(), &in_rows]).unwrap();
+        }
+    }
+}
+
 /// Triangles for several chunks, and for more nodes on a level than one workgroup gives places to. `median` repeats
 /// its build with twice the room, which takes the longer the larger the mesh is.
 const LARGE: [(Builder, u32); 3] =

@@ -9,7 +9,7 @@ use bytemuck::Zeroable;
 use raykd_kernels::{
     build::{
         sweep::{
-            LEVEL_REFS, LEVEL_WORDS, deal,
+            LEVEL_LISTS, LEVEL_REFS, LEVEL_WORDS, deal,
             digits::{self, DIGITS, VALUES},
             runs,
         },
@@ -43,7 +43,7 @@ struct Lists<'a> {
     kept: Buffer<u32>,
     job: Buffer<u32>,
     state: Buffer<u32>,
-    /// How many triangles there are, as the kernels that sort take it.
+    /// How many triangles there are, in one list, as the kernels that sort take it.
     level: Buffer<u32>,
     digits: Vec<Buffer<UVec2>>,
     digit_counts: Buffer<u32>,
@@ -131,7 +131,7 @@ impl<'a> Lists<'a> {
         let job =
             Job { triangles: count, lo: header.lo.map(|x| (2.0 * x).to_bits()), places: places.to_bits() };
         let mut level = [0; LEVEL_WORDS as usize];
-        level[LEVEL_REFS as usize] = count;
+        (level[LEVEL_REFS as usize], level[LEVEL_LISTS as usize]) = (count, 1);
         let mut round = [0; RECORD_WORDS as usize];
         record(&mut round, count, BLOCK, count, 0);
         let room = |name| device.room(name, RECORD_WORDS.into());
@@ -281,11 +281,7 @@ impl<'a> Lists<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        Mesh,
-        build::upload,
-        exec::{Cpu, Groups},
-    };
+    use crate::{Mesh, build::upload, exec::Cpu};
     use bytemuck::Zeroable;
     use raykd_kernels::Order;
 
@@ -401,25 +397,6 @@ mod tests {
         assert_eq!(device.read(&wide.nodes.view::<WideNode>(), 0, 1).unwrap(), [WideNode::zeroed()]);
     }
 
-    /// As there are where so many are asked for that they come in several rows.
-    #[test]
-    fn workgroups_past_the_last_do_no_harm() {
-        let (device, mesh) = (Device::cpu(), Mesh::teapot(4));
-        let on_device = upload(&device, &mesh).unwrap();
-        let (lo, hi) = mesh.scaled_bounds();
-        let header = TreeHeader { lo, hi, ..TreeHeader::zeroed() };
-        let lists = Lists::new(&device, &on_device, &Kept::Host(mesh.kept().into()), &header).unwrap();
-        let mut steps = lists.start();
-        for mut three in [lists.round(0), lists.level(0)] {
-            // What adds up is one workgroup.
-            three[0].groups = Groups::Fixed(40);
-            three[2].groups = Groups::Fixed(40);
-            steps.extend(three);
-            steps.push(lists.finish(1));
-        }
-        device.dispatch(&steps, false).unwrap();
-    }
-
     #[test]
     fn order_of_lanes_and_number_of_threads_change_no_byte() {
         let mesh = Mesh::teapot(20);
@@ -428,6 +405,7 @@ mod tests {
             Cpu::default().in_order(Order::Reverse),
             Cpu::default().in_order(Order::Shuffled(5)),
             Cpu::with_threads(1).unwrap(),
+            Cpu::default().in_rows_of(2),
         ] {
             let other = built(&Device::from(cpu), &mesh);
             assert!(usual.0 == other.0);

@@ -31,6 +31,8 @@ const MOST: usize = 1024;
 pub struct Cpu {
     pool: Option<rayon::ThreadPool>,
     order: Order,
+    /// Workgroups of a row.
+    row: u32,
     name: String,
 }
 
@@ -56,7 +58,7 @@ impl Cpu {
     }
 
     fn on(pool: Option<rayon::ThreadPool>) -> Self {
-        let mut cpu = Self { pool, order: Order::Forward, name: String::new() };
+        let mut cpu = Self { pool, order: Order::Forward, row: u32::MAX, name: String::new() };
         let threads = cpu.threads();
         let model = std::fs::read_to_string("/proc/cpuinfo").ok().and_then(|text| {
             let line = text.lines().find(|l| l.starts_with("model name"))?;
@@ -77,6 +79,14 @@ impl Cpu {
     #[must_use]
     pub const fn in_order(mut self, order: Order) -> Self {
         self.order = order;
+        self
+    }
+
+    /// Runs more workgroups than one row has in whole rows, as GPUs run those of large dispatches; results must not
+    /// change. For tests.
+    #[must_use]
+    pub const fn in_rows_of(mut self, workgroups: u32) -> Self {
+        self.row = workgroups;
         self
     }
 
@@ -135,7 +145,8 @@ impl Cpu {
                     kept.slice::<[u32; 3]>()[entry as usize].iter().product()
                 }
             };
-            let bytes = self.dispatch(step, groups);
+            let in_rows = if groups > self.row { groups.next_multiple_of(self.row) } else { groups };
+            let bytes = self.dispatch(step, in_rows);
             if profile {
                 times.push(begin.elapsed());
                 if cfg!(feature = "traffic") {

@@ -109,10 +109,12 @@ pub fn sift(
         }
     });
     lanes!(group, |lane| {
-        if lane < MARKS {
+        // Workgroups come in whole rows.
+        let is_one = group.id * BLOCK < triangles;
+        if is_one && lane < MARKS {
             marks.put(group.id * MARKS + lane, marked.at(lane));
         }
-        if lane == COUNT {
+        if is_one && lane == COUNT {
             counts.put(group.id, sums.at(COUNT));
         }
         if sums.at(COUNT) > 0 && lane < COUNT {

@@ -2,7 +2,7 @@
 
 use super::{
     LEVEL_REFS,
-    digits::{BLOCK, LANES, VALUES, run, value},
+    digits::{BLOCK, LANES, VALUES, end_of, run, value},
     row_of,
 };
 use crate::{
@@ -37,9 +37,9 @@ pub fn deal(
     let (digit, room) = (pass.at(0).x, pass.at(0).y);
     let blocks = number.div_ceil(BLOCK);
     let (list, block) = row_of(group.id, blocks);
-    let base = list * room;
+    let (base, end) = (list * room, end_of(list, block, level));
     lanes!(group, |lane| {
-        sums.put(word(0, lane), if lane < VALUES { totals.at(list * VALUES + lane) } else { 0 });
+        sums.put(word(0, lane), if lane < VALUES && end > 0 { totals.at(list * VALUES + lane) } else { 0 });
         let mut i = lane;
         while i < MASKS as u32 {
             masks.put(i, 0);
@@ -48,23 +48,23 @@ pub fn deal(
     });
     scan(group, 1, sums, parts);
     lanes!(group, |lane| {
-        if lane < VALUES {
+        if lane < VALUES && end > 0 {
             places.put(lane, before(sums, parts, 0, lane) + counts.at(run(list, lane, blocks) + block));
         }
     });
     let mut faces = PerLane::<UVec2, { LANES as usize }>::default();
     let mut first = block * BLOCK;
-    while first < number && first < (block + 1) * BLOCK {
+    while first < end {
         faces.forget();
         lanes!(group, |lane| {
-            if first + lane < number {
+            if first + lane < end {
                 let face = from.at(base + first + lane);
                 faces.put(lane, face);
                 masks.or(value(face, digit) * MASK + lane / 32, 1 << (lane % 32));
             }
         });
         lanes!(group, |lane| {
-            if first + lane < number {
+            if first + lane < end {
                 let face = faces.at(lane);
                 let value = value(face, digit);
                 let mut rank = (masks.at(value * MASK + lane / 32) & ((1 << (lane % 32)) - 1)).count_ones();

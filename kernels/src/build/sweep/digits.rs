@@ -1,7 +1,7 @@
 //! The root's lists of faces are sorted by digits, the last first (Knuth 1998, section 5.2.5). How many faces of each
 //! block have which digit; [`super::runs`] and [`super::deal`] follow.
 
-use super::{LEVEL_REFS, row_of};
+use super::{LEVEL_LISTS, LEVEL_REFS, row_of};
 use crate::{
     Group,
     glam::UVec2,
@@ -32,6 +32,20 @@ pub(super) fn run(list: u32, value: u32, blocks: u32) -> u32 {
     (list * VALUES + value) * blocks
 }
 
+/// The last face of a block of a list, and one more; none if there is no such list: workgroups come in whole rows.
+#[inline(always)]
+pub(super) fn end_of(list: u32, block: u32, level: &Buf<u32>) -> u32 {
+    let number = level.at(LEVEL_REFS);
+    let end = (block + 1) * BLOCK;
+    if list >= level.at(LEVEL_LISTS) {
+        0
+    } else if end < number {
+        end
+    } else {
+        number
+    }
+}
+
 /// Counts in a block of a list, by the digit number `pass.x`. A list has room for `pass.y`.
 pub fn digits(
     group: Group,
@@ -45,6 +59,7 @@ pub fn digits(
     let (digit, room) = (pass.at(0).x, pass.at(0).y);
     let blocks = number.div_ceil(BLOCK);
     let (list, block) = row_of(group.id, blocks);
+    let end = end_of(list, block, level);
     lanes!(group, |lane| {
         if lane < VALUES {
             values.put(lane, 0);
@@ -52,13 +67,13 @@ pub fn digits(
     });
     lanes!(group, |lane| {
         let mut i = block * BLOCK + lane;
-        while i < number && i < (block + 1) * BLOCK {
+        while i < end {
             values.add(value(from.at(list * room + i), digit), 1);
             i += LANES;
         }
     });
     lanes!(group, |lane| {
-        if lane < VALUES {
+        if lane < VALUES && list < level.at(LEVEL_LISTS) {
             counts.put(run(list, lane, blocks) + block, values.at(lane));
         }
     });

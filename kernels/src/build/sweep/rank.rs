@@ -71,7 +71,7 @@ pub fn rank(
                 row += 1;
             }
         }
-        if lane < rows {
+        if lane < rows && group.id < blocks(number) {
             let all = total(rows, parts, lane);
             totals.put(lane * blocks(room) + group.id, UVec2::new(all & 0xFFFF, all >> 16));
         }

@@ -1,6 +1,9 @@
 //! How many faces of a list with a digit's value lie in the blocks before each: one workgroup a list and value.
 
-use super::{LEVEL_REFS, digits::BLOCK};
+use super::{
+    LEVEL_LISTS, LEVEL_REFS,
+    digits::{BLOCK, VALUES},
+};
 use crate::{
     Group,
     build::scan::{self, scan_counts, total},
@@ -19,10 +22,13 @@ pub fn runs(
     counts: &mut Buf<u32>,
     totals: &mut Buf<u32>,
 ) {
-    let blocks = level.at(LEVEL_REFS).div_ceil(BLOCK);
+    let is_one = group.id < level.at(LEVEL_LISTS) * VALUES;
+    let blocks = if is_one { level.at(LEVEL_REFS).div_ceil(BLOCK) } else { 0 };
     scan_counts(group, sums, parts, counts, group.id * blocks, blocks);
     lanes!(group, ..1, |_lane| {
-        totals.put(group.id, total(1, parts, 0));
+        if is_one {
+            totals.put(group.id, total(1, parts, 0));
+        }
     });
 }
 
