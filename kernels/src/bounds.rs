@@ -32,6 +32,17 @@ impl Bounds {
         }
     }
 
+    /// The box around both.
+    #[inline(always)]
+    #[must_use]
+    pub fn or(&self, other: &Self) -> Self {
+        let (a, b) = (self, other);
+        Self {
+            lo: Vec3::new(low(a.lo.x, b.lo.x), low(a.lo.y, b.lo.y), low(a.lo.z, b.lo.z)),
+            hi: Vec3::new(high(a.hi.x, b.hi.x), high(a.hi.y, b.hi.y), high(a.hi.z, b.hi.z)),
+        }
+    }
+
     /// The box of a triangle.
     #[inline(always)]
     pub fn of(a: Vec3, b: Vec3, c: Vec3) -> Self {

@@ -1,8 +1,8 @@
 //! What makes one function body a kernel on both machines: the workgroup, `lanes!` and `kernel!`.
 
-use crate::mem::Slots;
 #[cfg(not(target_arch = "spirv"))]
-pub(crate) use alloc::vec::Vec;
+pub(crate) use crate::heap::vec::Vec;
+use crate::mem::Slots;
 use raykd_shared::limits::GROUPS_X;
 
 /// The workgroup a group kernel runs for.

@@ -87,7 +87,7 @@
 )]
 
 #[cfg(not(target_arch = "spirv"))]
-extern crate alloc;
+extern crate alloc as heap;
 
 #[macro_use]
 mod kernel;

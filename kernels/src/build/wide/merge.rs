@@ -1,7 +1,7 @@
 //! Makes the clusters of the next round, and the nodes of those that are two clusters of this.
 
 use super::{
-    Binary, COUNT, FIRST, IS_NODE, JOB_TRIANGLES, ROUND, SHARE_BITS, area, around,
+    Binary, COUNT, FIRST, IS_NODE, JOB_TRIANGLES, ROUND, SHARE_BITS, area,
     nearest::{BLOCK, Fate, list},
 };
 use crate::{
@@ -71,8 +71,8 @@ fn weigh(area: f32, count: u32, a: &Costs, b: &Costs) -> (Costs, u32) {
     ([one, two.0, three.0, four.0, five.0, six.0, seven.0], shares)
 }
 
-/// What becomes of a cluster that is number `i` of those at `from`: `before` it there are so many clusters and nodes of
-/// blocks before its own, and the next round's begin at `to`, new nodes at `first`.
+/// Makes what cluster `i` becomes. Clusters of the round begin at `from` in their list, those of the next one at `to`,
+/// and new nodes at `first`. `before` counts what the blocks before its own become, of both kinds.
 #[inline(always)]
 pub(super) fn one(
     i: u32,
@@ -91,7 +91,7 @@ pub(super) fn one(
         if fate.partner != 0 {
             let other = clusters.at(from + i + fate.partner);
             let (a, b) = (Binary::load(nodes, cluster), Binary::load(nodes, other));
-            let bounds = around(&a.bounds, &b.bounds);
+            let bounds = a.bounds.or(&b.bounds);
             let count = a.count + b.count;
             let below = costs_of(costs, triangles, cluster, area(&a.bounds));
             let above = costs_of(costs, triangles, other, area(&b.bounds));

@@ -42,7 +42,6 @@ use super::{
 use crate::{
     bounds::Bounds,
     glam::{UVec2, UVec4, Vec3},
-    math::{high, low},
     mem::{Buf, Slots, Table},
     put_groups,
 };
@@ -96,7 +95,7 @@ pub const THREADS: u32 = 128;
 /// Extents below `2^-48` count as flat, which keeps sums and differences of areas clear of subnormals.
 const FLAT: f32 = crate::math::exp2(-48);
 
-/// Of a node's word with its shares: it is represented by a wide node, and not a slot with triangles.
+/// Set in a node's word with its shares if by one it is represented by a wide node, not by a slot with triangles.
 const IS_NODE: u32 = 1 << 31;
 /// Bits of a share.
 const SHARE_BITS: u32 = 3;
@@ -127,7 +126,7 @@ pub struct Binary {
     /// How many triangles it has.
     pub count: u32,
     /// How it is represented best by at most two to eight wide nodes or slots with triangles: how many of them its
-    /// first child gets, or 0 for as with one less. And whether by one wide node, if by one: [`IS_NODE`].
+    /// first child gets, or 0 for as with one less. The highest bit tells whether by one wide node, if by one.
     pub shares: u32,
 }
 
@@ -157,17 +156,6 @@ impl Binary {
 #[inline(always)]
 fn share(shares: u32, most: u32) -> u32 {
     shares >> ((most - 2) * SHARE_BITS) & ((1 << SHARE_BITS) - 1)
-}
-
-/// The box around two.
-#[inline(always)]
-fn around(a: &Bounds, b: &Bounds) -> Bounds {
-    let lo = |a: f32, b: f32| low(a, b);
-    let hi = |a: f32, b: f32| high(a, b);
-    Bounds {
-        lo: Vec3::new(lo(a.lo.x, b.lo.x), lo(a.lo.y, b.lo.y), lo(a.lo.z, b.lo.z)),
-        hi: Vec3::new(hi(a.hi.x, b.hi.x), hi(a.hi.y, b.hi.y), hi(a.hi.z, b.hi.z)),
-    }
 }
 
 /// Half a box's surface.

@@ -1,7 +1,7 @@
 //! Which clusters of a round become one: two of which each is the other's best neighbour. And the places that what they
 //! become has in its block.
 
-use super::{Binary, COUNT, JOB_TRIANGLES, PARTS, ROUND, SUMS, area, around, number};
+use super::{Binary, COUNT, JOB_TRIANGLES, PARTS, ROUND, SUMS, area, number};
 use crate::{
     Group,
     bounds::Bounds,
@@ -66,8 +66,15 @@ fn kept(boxes: &[u32; BOXES], i: u32) -> (Bounds, f32) {
     (bounds, word(6))
 }
 
-/// What is found in the order of so many clusters, at `from` in their list, that are the ones of a round: all of one
-/// block. `parts` tells how many there are of each kind.
+/// Whether the cluster that a lane looks for is one of a block, which begins with `first`.
+#[inline(always)]
+fn is_own(lane: u32, first: u32, count: u32) -> bool {
+    let i = lane.wrapping_sub(RADIUS);
+    i < BLOCK && first + i < count
+}
+
+/// Finds what becomes of the clusters of a block. The round has `count`, from place `from` of their list on. `parts`
+/// then tells how many there are of each kind, see [`number`].
 #[inline(always)]
 pub(super) fn of_block(
     group: Group,
@@ -118,7 +125,7 @@ pub(super) fn of_block(
                     let (bounds, other_area) = kept(boxes, lane + k);
                     // The surface that they have together beyond their own, and something for what is large: with the
                     // surface alone large ones wait for each other longer, and the hierarchy is deeper.
-                    let cost = 1.5 * area(&around(&own, &bounds)) - (own_area + other_area);
+                    let cost = 1.5 * area(&own.or(&bounds)) - (own_area + other_area);
                     // Of equal costs the one that both would choose.
                     let so_far = (i + best).wrapping_sub(RADIUS);
                     if cost < least || (cost == least && (i ^ other) < (i ^ so_far)) {
@@ -133,9 +140,8 @@ pub(super) fn of_block(
     });
     let mut own = PerLane::<u32, { LANES as usize }>::default();
     lanes!(group, |lane| {
-        let is_own = lane >= RADIUS && lane < RADIUS + BLOCK && first + lane - RADIUS < count;
         let mut fate = GONE;
-        if is_own {
+        if is_own(lane, first, count) {
             let to = found.at(lane);
             let is_mutual = to != RADIUS && found.at(lane + to - RADIUS) + to == 2 * RADIUS;
             fate = if !is_mutual {
@@ -152,7 +158,7 @@ pub(super) fn of_block(
     });
     scan(group, 2, sums, parts);
     lanes!(group, |lane| {
-        if lane >= RADIUS && lane < RADIUS + BLOCK && first + lane - RADIUS < count {
+        if is_own(lane, first, count) {
             let (cluster, pair) = (before(sums, parts, CLUSTERS, lane), before(sums, parts, PAIRS, lane));
             fates.put(first + lane - RADIUS, own.at(lane) | cluster | pair << PLACE_BITS);
         }
