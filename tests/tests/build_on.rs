@@ -992,7 +992,7 @@ fn times_of_build_on() -> Result<(), Failure> {
     let (theirs, _) = device.wgpu().expect("a GPU");
     let (buffer, end, next) = own(theirs, &arrays(&mesh));
     println!("{name}, {} triangles, {}; ms, medians of {ROUNDS}", mesh.triangles().len(), device.name());
-    println!("                     wall  ready  kernels  layout  rest");
+    println!("                     wall  ready  kernels  layout  rest, nodes of eight: wall  kernels");
     let mut digests = Vec::new();
     for (what, on, own_buffers) in [
         ("build_on, recycling", device.recycling(), true),
@@ -1000,28 +1000,33 @@ fn times_of_build_on() -> Result<(), Failure> {
         ("build              ", device.clone(), false),
     ] {
         let mut old = None;
-        let mut times: [Vec<Duration>; 5] = Default::default();
+        let mut times: [Vec<Duration>; 7] = Default::default();
         for round in 0..ROUNDS + 10 {
             let start = Instant::now();
             let options = BuildOptions::default();
-            let scene = if own_buffers {
+            let mut scene = if own_buffers {
                 Scene::build_on(&on, buffer.slice(256..end), buffer.slice(next..), &options)
             } else {
                 Scene::build(&on, &mesh, &options)
             }?;
             let wall = start.elapsed();
+            let start = Instant::now();
+            scene.traverse_by(Traversal::Wide)?;
+            let eight = start.elapsed();
             // The first compile kernels, and the clock of an idle card is low.
             if round >= 10 {
-                let BuildTimes { upload, build, layout, .. } = *scene.times();
+                let BuildTimes { upload, build, layout, prepare, .. } = *scene.times();
                 let rest = wall.saturating_sub(build + layout);
-                for (list, time) in times.iter_mut().zip([wall, upload, build, layout, rest]) {
+                let all = [wall, upload, build, layout, rest, eight, prepare];
+                for (list, time) in times.iter_mut().zip(all) {
                     list.push(time);
                 }
             }
             old = Some(scene);
         }
-        let [wall, ready, kernels, layout, rest] = times.map(median);
-        println!("{what} {wall:6.3} {ready:6.3}  {kernels:7.3}  {layout:6.3}  {rest:5.3}");
+        let [wall, ready, kernels, layout, rest, eight, prepare] = times.map(median);
+        print!("{what} {wall:6.3} {ready:6.3}  {kernels:7.3}  {layout:6.3}  {rest:5.3}");
+        println!("                  {eight:6.3}  {prepare:7.3}");
         digests.extend(old.map(|scene| scene.tree().map(|tree| tree.digest())).transpose()?);
     }
     assert!(digests.iter().all(|digest| *digest == digests[0]), "{digests:?}");
