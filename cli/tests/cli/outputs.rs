@@ -122,9 +122,16 @@ fn an_output_that_is_an_input_is_refused() {
 #[test]
 fn an_output_called_as_standard_output_is_refused() {
     let folder = folder();
-    for line in ["build m.obj -o -", "trace m.obj --rays rays --hits -", "rays m.obj random -o -"] {
+    let lines = [
+        "build m.obj -o -",
+        "trace m.obj --rays rays --hits -",
+        "rays m.obj random -o -",
+        "chart m.obj -o -",
+    ];
+    for line in lines {
         let message = refused(raykd(&folder, &format!("{line} --device cpu")));
-        assert!(message.contains("not to standard output; for a file '-' write ./-"), "{line}: {message}");
+        let (what, _) = message.split_once(" '-' write ./-").expect("a remedy");
+        assert!(what.contains("not to standard output; for a "), "{line}: {message}");
         assert!(!folder.path().join("-").exists(), "{line}");
     }
     succeeds(raykd(&folder, "rays m.obj random -o ./- --device cpu"));
