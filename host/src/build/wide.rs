@@ -71,13 +71,24 @@ impl Wide {
         kept: &Kept,
         header: &TreeHeader,
     ) -> Result<(Self, Duration), Error> {
+        Self::guessing(device, mesh, kept, header, [first_rounds, first_levels])
+    }
+
+    /// The same, guessing how many rounds and levels so many triangles take.
+    fn guessing(
+        device: &Device,
+        mesh: &MeshBuffers,
+        kept: &Kept,
+        header: &TreeHeader,
+        guess: [fn(u32) -> usize; 2],
+    ) -> Result<(Self, Duration), Error> {
         let count = kept.count();
         if count == 0 {
             let nodes = device.upload("wide nodes", &[WideNode::zeroed()])?.view();
             return Ok((Self { nodes, corners: device.room("wide triangles", 0)? }, Duration::ZERO));
         }
         let lists = Lists::new(device, mesh, kept, header)?;
-        let (wide, mut took) = lists.run(device)?;
+        let (wide, mut took) = lists.run(device, guess.map(|guess| guess(count)))?;
         let nodes = device.room("wide nodes", u64::from(wide) * (size_of::<WideNode>() / 16) as u64)?;
         let order = device.room("order", count.into())?;
         let header = device.put("wide header", &[TreeHeader { refs: count, ..*header }])?;
@@ -110,7 +121,7 @@ impl Wide {
     }
 }
 
-/// Rounds after which the host looks first whether clusters are few: the dragons and Sponza need a few less.
+/// Rounds after which the host looks first whether clusters are few: the dragons and Sponza need somewhat fewer.
 fn first_rounds(count: u32) -> usize {
     if count <= BLOCK { 0 } else { 2 + 3 * (count / BLOCK).ilog2() as usize }
 }
@@ -251,11 +262,11 @@ impl<'a> Lists<'a> {
     }
 
     /// Finds what becomes wide nodes, and says how many there are and how long it took.
-    fn run(&self, device: &Device) -> Result<(u32, Duration), Error> {
+    fn run(&self, device: &Device, guess: [usize; 2]) -> Result<(u32, Duration), Error> {
         let mut took = Duration::ZERO;
         let mut steps = self.start();
         let (mut round, mut depth) = (0, 0);
-        let (mut rounds, mut levels) = (first_rounds(self.count), first_levels(self.count));
+        let [mut rounds, mut levels] = guess;
         let mut has_root = false;
         loop {
             if !has_root {
@@ -301,10 +312,15 @@ mod tests {
 
     /// Nodes, and words of triangles.
     fn built(device: &Device, mesh: &Mesh) -> (Vec<WideNode>, Vec<[f32; 4]>) {
+        guessed(device, mesh, [first_rounds, first_levels])
+    }
+
+    fn guessed(device: &Device, mesh: &Mesh, guess: [fn(u32) -> usize; 2]) -> (Vec<WideNode>, Vec<[f32; 4]>) {
         let (lo, hi) = mesh.scaled_bounds();
         let header = TreeHeader { lo, hi, ..TreeHeader::zeroed() };
         let kept = Kept::Host(mesh.kept().into());
-        let (wide, _) = Wide::build(device, &upload(device, mesh).unwrap(), &kept, &header).unwrap();
+        let (wide, _) =
+            Wide::guessing(device, &upload(device, mesh).unwrap(), &kept, &header, guess).unwrap();
         let nodes = wide.nodes.view::<WideNode>();
         let corners = wide.corners.view::<[f32; 4]>();
         let count = 3 * mesh.kept().len();
@@ -395,6 +411,17 @@ mod tests {
         let kept = Kept::Host([].into());
         let (wide, _) = Wide::build(&device, &mesh, &kept, &TreeHeader::zeroed()).unwrap();
         assert_eq!(device.read(&wide.nodes.view::<WideNode>(), 0, 1).unwrap(), [WideNode::zeroed()]);
+    }
+
+    #[test]
+    fn more_rounds_and_levels_than_guessed_are_run() {
+        let mesh = Mesh::teapot(20);
+        let usual = built(&Device::cpu(), &mesh);
+        for guess in [[|_| 1, |_| 20], [|_| 40, |_| 1], [|_| 1, |_| 1]] as [[fn(u32) -> usize; 2]; 3] {
+            let other = guessed(&Device::cpu(), &mesh, guess);
+            assert!(usual.0 == other.0);
+            assert!(bytemuck::cast_slice::<_, u32>(&usual.1) == bytemuck::cast_slice::<_, u32>(&other.1));
+        }
     }
 
     #[test]
