@@ -432,7 +432,7 @@ mod tests {
             Cpu::default().in_order(Order::Reverse),
             Cpu::default().in_order(Order::Shuffled(5)),
             Cpu::with_threads(1).unwrap(),
-            Cpu::default().in_rows_of(2),
+            Cpu::default().in_rows_of(50),
         ] {
             let other = built(&Device::from(cpu), &mesh);
             assert!(usual.0 == other.0);
