@@ -6,6 +6,7 @@
 mod built;
 mod levels;
 mod options;
+mod radix;
 mod retry;
 mod room;
 mod survey;

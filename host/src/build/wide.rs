@@ -1,6 +1,10 @@
 //! Nodes of eight children by kernels: which run, over which buffers, how large.
 
-use super::{Kept, MeshBuffers};
+use super::{
+    Kept, MeshBuffers,
+    radix::{Radix, UNSORTED},
+    room::Arena,
+};
 use crate::{
     Error,
     exec::{Buffer, Device, Launch, Step},
@@ -8,11 +12,7 @@ use crate::{
 use bytemuck::Zeroable;
 use raykd_kernels::{
     build::{
-        sweep::{
-            LEVEL_LISTS, LEVEL_REFS, LEVEL_WORDS, deal,
-            digits::{self, DIGITS, VALUES},
-            runs,
-        },
+        sweep::{LEVEL_LISTS, LEVEL_REFS, LEVEL_WORDS},
         wide::{
             Job, OVER_ALL, OVER_BLOCKS, RECORD_WORDS, State, advance, curve, encode, finish, merge,
             nearest::{self, BLOCK},
@@ -45,9 +45,7 @@ struct Lists<'a> {
     state: Buffer<u32>,
     /// How many triangles there are, in one list, as the kernels that sort take it.
     level: Buffer<u32>,
-    digits: Vec<Buffer<UVec2>>,
-    digit_counts: Buffer<u32>,
-    digit_totals: Buffer<u32>,
+    radix: Radix,
     places: [Buffer<UVec2>; 2],
     triangles: Buffer<u32>,
     clusters: Buffer<u32>,
@@ -134,7 +132,6 @@ fn first_levels(count: u32) -> usize {
 impl<'a> Lists<'a> {
     fn new(device: &Device, mesh: &'a MeshBuffers, kept: &Kept, header: &TreeHeader) -> Result<Self, Error> {
         let count = kept.count();
-        let each = |elements: u32| u64::from(count) * u64::from(elements);
         let extents = [0, 1, 2].map(|axis| header.hi[axis] - header.lo[axis]);
         let extent = extents.into_iter().fold(0.0, f32::max);
         // What is smaller has one place.
@@ -145,32 +142,28 @@ impl<'a> Lists<'a> {
         (level[LEVEL_REFS as usize], level[LEVEL_LISTS as usize]) = (count, 1);
         let mut round = [0; RECORD_WORDS as usize];
         record(&mut round, count, BLOCK, count, 0);
-        let room = |name| device.room(name, RECORD_WORDS.into());
-        let digit = |i| device.put("digit", &[UVec2::new(i, count)]);
+        let mut arena = Arena { device, bytes: 0 };
         let lists = Self {
             mesh,
             count,
             // The largest first: if they fit, no number of elements is too large for a word.
-            nodes: device.room("wide boxes", each(4))?,
-            slots: device.room("wide slots", each(8))?,
-            costs: device.room("wide costs", each(2))?,
-            queue: device.room("wide queue", each(1))?,
-            children: device.room("wide children", each(1))?,
-            places: [device.room("wide places", each(1))?, device.room("wide places", each(1))?],
-            clusters: device.room("wide clusters", each(2))?,
-            triangles: device.room("wide numbers", each(1))?,
-            fates: device.room("wide fates", each(1))?,
-            totals: device.room("wide totals", u64::from(count.div_ceil(BLOCK)))?,
+            nodes: arena.alloc("wide boxes", count, 4)?,
+            slots: arena.alloc("wide slots", count, 8)?,
+            costs: arena.alloc("wide costs", count, 2)?,
+            queue: arena.alloc("wide queue", count, 1)?,
+            children: arena.alloc("wide children", count, 1)?,
+            places: arena.pair("wide places", count, 1)?,
+            clusters: arena.alloc("wide clusters", count, 2)?,
+            triangles: arena.alloc("wide numbers", count, 1)?,
+            fates: arena.alloc("wide fates", count, 1)?,
+            totals: arena.alloc("wide totals", count.div_ceil(BLOCK), 1)?,
             kept: kept.on(device)?,
             job: device.put("wide job", &[job])?.view(),
             state: device.put("wide state", &[State::default()])?.view(),
-            level: device.put("wide level", &level)?,
-            digits: (0..DIGITS).map(digit).collect::<Result<_, _>>()?,
-            digit_counts: device
-                .room("digit counts", u64::from(count.div_ceil(digits::BLOCK)) * u64::from(VALUES))?,
-            digit_totals: device.room("digit totals", VALUES.into())?,
-            rounds: [device.put("wide round", &round)?, room("wide round")?],
-            levels: [room("wide level")?, room("wide level")?],
+            level: device.put("triangles of a list", &level)?,
+            radix: Radix::new(&mut arena, 1, count, count)?,
+            rounds: [device.put("wide round", &round)?, arena.alloc("wide round", 1, RECORD_WORDS)?],
+            levels: arena.pair("wide level", 1, RECORD_WORDS)?,
         };
         Ok(lists)
     }
@@ -178,25 +171,15 @@ impl<'a> Lists<'a> {
     /// Makes a cluster of each triangle, in the order of the curve.
     fn start(&self) -> Vec<Step<'_>> {
         let Self { mesh: MeshBuffers { positions, indices, .. }, count, kept, job, level, .. } = self;
-        // With an odd number of digits the first of two buffers is the last one written.
-        let [sorted, unsorted] = &self.places;
-        let curve = curve::Buffers { job, positions, indices, kept, places: unsorted.out() };
-        let mut steps = vec![curve.over(*count)];
-        let blocks = count.div_ceil(digits::BLOCK);
-        for (pass, i) in self.digits.iter().zip(1..) {
-            let (from, to) = (&self.places[i % 2], self.places[(i + 1) % 2].out());
-            let (counts, totals) = (&self.digit_counts, &self.digit_totals);
-            let digits = digits::Buffers { pass, level, from, counts: counts.out() };
-            let runs = runs::Buffers { level, counts: counts.out(), totals: totals.out() };
-            let deal = deal::Buffers { pass, level, from, counts, totals, to };
-            steps.extend([digits.groups(blocks), runs.groups(VALUES), deal.groups(blocks)]);
-        }
+        let places = self.places[UNSORTED].out();
+        let mut steps = vec![curve::Buffers { job, positions, indices, kept, places }.over(*count)];
+        steps.extend(self.radix.steps(level, &self.places));
         let singles = singles::Buffers {
             job,
             positions,
             indices,
             kept,
-            places: sorted,
+            places: &self.places[0],
             triangles: self.triangles.out(),
             clusters: self.clusters.out(),
             nodes: self.nodes.out(),

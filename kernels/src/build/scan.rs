@@ -2,6 +2,7 @@
 
 use crate::{
     Group,
+    glam::UVec2,
     mem::{Buf, Slots, Table},
 };
 
@@ -108,6 +109,51 @@ pub(super) fn scan_counts(
             let count = counts.at(first + i);
             counts.put(first + i, sum);
             sum += count;
+            i += 1;
+        }
+    });
+}
+
+/// What entry `i` counts, nothing from `end` on.
+#[inline(always)]
+fn up_to(i: u32, end: u32, counts: &Buf<UVec2>) -> UVec2 {
+    if i < end { counts.at(i) } else { UVec2::new(0, 0) }
+}
+
+/// Replaces each of `number` pairs of counts from `first` on by the sums of those before it; [`total`] then tells the
+/// sums of all.
+#[inline(always)]
+pub(super) fn scan_pairs(
+    group: Group,
+    sums: &mut impl Table,
+    parts: &mut impl Table,
+    counts: &mut Buf<UVec2>,
+    first: u32,
+    number: u32,
+) {
+    let share = number.div_ceil(LANES);
+    lanes!(group, |lane| {
+        let mut sum = UVec2::new(0, 0);
+        let mut i = first + lane * share;
+        let end = first + if (lane + 1) * share < number { (lane + 1) * share } else { number };
+        while i < end {
+            // Read side by side: a GPU would wait for each.
+            let (a, b) = (up_to(i, end, counts), up_to(i + 1, end, counts));
+            let (c, d) = (up_to(i + 2, end, counts), up_to(i + 3, end, counts));
+            sum += a + b + c + d;
+            i += 4;
+        }
+        sums.put(word(0, lane), sum.x);
+        sums.put(word(1, lane), sum.y);
+    });
+    scan(group, 2, sums, parts);
+    lanes!(group, |lane| {
+        let mut sum = UVec2::new(before(sums, parts, 0, lane), before(sums, parts, 1, lane));
+        let mut i = lane * share;
+        while i < (lane + 1) * share && i < number {
+            let own = counts.at(first + i);
+            counts.put(first + i, sum);
+            sum += own;
             i += 1;
         }
     });

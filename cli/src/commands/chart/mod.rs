@@ -89,11 +89,9 @@ impl Task for ChartArgs {
         let start = Instant::now();
         let peers = self.peers.as_deref().map(peers::read).transpose()?.unwrap_or_default();
         let folder = &self.output;
-        let is_named = folder != Path::new("-");
-        anyhow::ensure!(
-            is_named,
-            "charts go to a folder, not to standard output; for a folder '-' write ./-"
-        );
+        if folder == Path::new("-") {
+            anyhow::bail!("charts go to a folder, not to standard output; for a folder '-' write ./-");
+        }
         output::check_folder(folder)?;
         let (inputs, machines) =
             (inputs(&self.scenes, &notes)?, Machines::choose(self.on.device, &self.on.more, &notes)?);

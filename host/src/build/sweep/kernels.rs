@@ -4,6 +4,7 @@ use crate::{
     Error,
     build::{
         built::{Given, Grown, KeptIn, Laid, MeshBuffers},
+        radix::{Radix, UNSORTED},
         retry::Stop,
         room::{Arena, Need, growth},
         times::BuildTimes,
@@ -18,16 +19,15 @@ use raykd_kernels::{
             CHEAPEST_BITS, Cell, LEVEL_WORDS, LISTS, OVER_BLOCKS, OVER_CELLS, OVER_FACES, OVER_FRESH,
             OVER_RANKS, OVER_REFERENCES, OVER_SAMPLES, ROWS, SORT_BITS, State,
             advance::{self, Level, record},
-            blocks, carry, cheapest, children, classify, deal,
-            digits::{self, DIGITS, VALUES},
-            distribute, fresh_room, insert, leaves, number, rank, runs, sample, sizes, sort, start, total,
-            weigh,
+            blocks, carry, cheapest, children, classify, distribute, fresh_room, insert, leaves, number,
+            rank, sample, sizes, sort, start, total, weigh,
         },
         to_bits,
     },
     glam::{UVec2, UVec4, Vec3},
 };
 use raykd_shared::{BuildParams, Node, status};
+use std::iter;
 
 /// Levels after which the host looks first whether there are more: most trees need a few more.
 fn first_levels(references: u32) -> usize {
@@ -72,9 +72,7 @@ struct Lists<'a> {
     params: Buffer<BuildParams>,
     state: Buffer<u32>,
     levels: Vec<Buffer<u32>>,
-    digits: Vec<Buffer<UVec2>>,
-    digit_counts: Buffer<u32>,
-    digit_totals: Buffer<u32>,
+    radix: Radix,
     sorts: Vec<Buffer<UVec2>>,
     cheapest: Vec<Buffer<UVec2>>,
     refs: [Buffer<UVec4>; 2],
@@ -105,7 +103,6 @@ impl<'a> Lists<'a> {
         let mut told = |name, number: u32, bits: u32, room: u32| -> Result<Vec<Buffer<UVec2>>, Error> {
             (0..number).map(|i| arena.upload(name, &[UVec2::new(i * bits, room)])).collect()
         };
-        let digits = told("digit", DIGITS, 1, room)?;
         let sorts = told("sort pass", passes(references, SORT_BITS), SORT_BITS, fresh_room(room))?;
         let cheapest = told("cheapest pass", passes(blocks_of(references), CHEAPEST_BITS), CHEAPEST_BITS, 0)?;
         let levels = (0..given.max_depth + 2).map(|_| arena.alloc("level", 1, LEVEL_WORDS));
@@ -131,9 +128,7 @@ impl<'a> Lists<'a> {
             listed: arena.alloc("listed", given.treelet_refs, 1)?,
             params: arena.upload("params", std::slice::from_ref(given))?,
             state: arena.upload("state", &[State::default()])?.view(),
-            digits,
-            digit_counts: arena.alloc("digit counts", references.div_ceil(digits::BLOCK), LISTS * VALUES)?,
-            digit_totals: arena.alloc("digit totals", LISTS, VALUES)?,
+            radix: Radix::new(arena, LISTS, references, room)?,
             sorts,
             cheapest,
         };
@@ -167,8 +162,7 @@ impl<'a> Lists<'a> {
 
     /// Makes the root's lists.
     fn root(&self) -> Vec<Step<'_>> {
-        let (level, blocks) = (&self.levels[0], self.given.references.div_ceil(digits::BLOCK));
-        // With an odd number of digits the first of two buffers is the last one written.
+        let level = &self.levels[0];
         let start = start::Buffers {
             params: &self.params,
             positions: &self.mesh.positions,
@@ -176,22 +170,11 @@ impl<'a> Lists<'a> {
             kept: &self.kept,
             level,
             refs: self.refs[0].out(),
-            faces: self.faces[DIGITS as usize % 2].out(),
+            faces: self.faces[UNSORTED].out(),
         };
-        let mut steps = vec![start.indirect(level, OVER_REFERENCES)];
-        for (pass, i) in self.digits.iter().zip(DIGITS as usize..) {
-            let (from, to) = (&self.faces[i % 2], self.faces[(i + 1) % 2].out());
-            let (counts, totals) = (&self.digit_counts, &self.digit_totals);
-            let digits = digits::Buffers { pass, level, from, counts: counts.out() };
-            let runs = runs::Buffers { level, counts: counts.out(), totals: totals.out() };
-            let deal = deal::Buffers { pass, level, from, counts, totals, to };
-            steps.extend([
-                digits.groups(LISTS * blocks),
-                runs.groups(LISTS * VALUES),
-                deal.groups(LISTS * blocks),
-            ]);
-        }
-        steps
+        iter::once(start.indirect(level, OVER_REFERENCES))
+            .chain(self.radix.steps(level, &self.faces))
+            .collect()
     }
 
     /// Finds where the cells of a level are cut.

@@ -3,7 +3,7 @@
 use super::{COUNT, FIRST, PARTS, ROUND, SIZE, STATE_NEXT, STATE_NODES, SUMS, nearest, number, record};
 use crate::{
     Group,
-    build::scan::{LANES, before, scan, word},
+    build::scan::scan_pairs,
     glam::UVec2,
     mem::{Buf, Slots},
 };
@@ -22,36 +22,15 @@ pub fn advance(
     let (count, block) = (now.at(COUNT), now.at(SIZE));
     let stays = block == nearest::BLOCK && count <= block;
     let blocks = if stays { 0 } else { count.div_ceil(block) };
-    let share = blocks.div_ceil(LANES);
-    lanes!(group, |lane| {
-        let mut sum = UVec2::new(0, 0);
-        let mut i = lane * share;
-        while i < (lane + 1) * share && i < blocks {
-            sum += totals.at(i);
-            i += 1;
-        }
-        sums.put(word(0, lane), sum.x);
-        sums.put(word(1, lane), sum.y);
-    });
-    scan(group, 2, sums, parts);
-    lanes!(group, |lane| {
-        let mut sum = UVec2::new(before(sums, parts, 0, lane), before(sums, parts, 1, lane));
-        let mut i = lane * share;
-        while i < (lane + 1) * share && i < blocks {
-            let own = totals.at(i);
-            totals.put(i, sum);
-            sum += own;
-            i += 1;
-        }
-        if lane == 0 {
-            let (first, round) = (now.at(FIRST) + number(parts, 1), now.at(ROUND));
-            if stays {
-                record(next, count, block, first, round);
-            } else {
-                record(next, number(parts, 0), block, first, round + 1);
-                state.put(STATE_NODES, first);
-                state.put(STATE_NEXT, number(parts, 0));
-            }
+    scan_pairs(group, sums, parts, totals, 0, blocks);
+    lanes!(group, ..1, |_lane| {
+        let (first, round) = (now.at(FIRST) + number(parts, 1), now.at(ROUND));
+        if stays {
+            record(next, count, block, first, round);
+        } else {
+            record(next, number(parts, 0), block, first, round + 1);
+            state.put(STATE_NODES, first);
+            state.put(STATE_NEXT, number(parts, 0));
         }
     });
 }

@@ -70,7 +70,7 @@ fn represent(
 }
 
 /// Gives each child in turn the slot, of those that are free, where it lies farthest that way from the middle. Says how
-/// many are nodes.
+/// many are nodes, and how many triangles the others have.
 #[inline(always)]
 fn give_slots(
     i: u32,
@@ -80,9 +80,9 @@ fn give_slots(
     nodes: &Buf<UVec4>,
     found: &[u32; FOUND],
     slots: &mut Buf<u32>,
-) -> u32 {
+) -> (u32, u32) {
     let middle = centre(&Binary::load(nodes, i).bounds);
-    let (mut free, mut wide) = ((1 << SLOTS) - 1, 0);
+    let (mut free, mut wide, mut own) = ((1 << SLOTS) - 1, 0, 0);
     let mut k = 0;
     while k < number {
         let at = found.at(k * LANES + lane);
@@ -98,18 +98,22 @@ fn give_slots(
             }
         }
         slots.put(to + chosen, at);
-        wide += !child.is_slot() as u32;
+        if child.is_slot() {
+            own += child.count;
+        } else {
+            wide += 1;
+        }
         free ^= 1 << chosen;
         k += 1;
     }
     for slot in Bits(free) {
         slots.put(to + slot, NONE);
     }
-    wide
+    (wide, own)
 }
 
-/// Opens a block of the wide nodes of a level; `queue` then tells how many wide nodes the children of those before
-/// each in its block are.
+/// Opens a block of the wide nodes of a level. `queue` then tells how many wide nodes the children of those before each
+/// in its block are, and how many triangles it has itself.
 pub fn open(
     group: Group,
     found: &mut [u32; FOUND],
@@ -128,9 +132,11 @@ pub fn open(
         let i = group.id * LANES + lane;
         let mut wide = 0;
         if i < count {
-            let node = queue.at(first + i).x;
-            let number = represent(node, lane, triangles, nodes, children, found);
-            wide = give_slots(node, lane, number, SLOTS * (first + i), nodes, found, slots);
+            let entry = queue.at(first + i);
+            let number = represent(entry.x, lane, triangles, nodes, children, found);
+            let own;
+            (wide, own) = give_slots(entry.x, lane, number, SLOTS * (first + i), nodes, found, slots);
+            queue.put(first + i, UVec4::new(entry.x, entry.y, 0, own));
         }
         sums.put(word(0, lane), wide);
         sums.put(word(1, lane), (i < count) as u32);
@@ -140,7 +146,7 @@ pub fn open(
         let i = group.id * LANES + lane;
         if i < count {
             let entry = queue.at(first + i);
-            queue.put(first + i, UVec4::new(entry.x, entry.y, before(sums, parts, 0, lane), 0));
+            queue.put(first + i, UVec4::new(entry.x, entry.y, before(sums, parts, 0, lane), entry.w));
         }
         // Workgroups come in whole rows.
         if lane == 0 && group.id < count.div_ceil(LANES) {

@@ -26,20 +26,8 @@ pub fn place(
         let entry = queue.at(at);
         let first = next.at(FIRST) + totals.at(i / LANES).x + entry.z;
         queue.put(at, UVec4::new(entry.x, entry.y, first, 0));
-        let mut triangle = entry.y;
+        let (mut number, mut triangle) = (first, entry.y + entry.w);
         let mut slot = 0;
-        while slot < SLOTS {
-            let child = slots.at(SLOTS * at + slot);
-            if child != NONE {
-                let child = Binary::load(nodes, child);
-                if child.is_slot() {
-                    triangle += child.count;
-                }
-            }
-            slot += 1;
-        }
-        let mut number = first;
-        slot = 0;
         while slot < SLOTS {
             let child = slots.at(SLOTS * at + slot);
             if child != NONE {
