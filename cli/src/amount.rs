@@ -9,7 +9,7 @@ use crate::{
 };
 use raykd::{
     BuildOptions, Device, Error, Mesh, Traversal,
-    plan::{Calibration, Plan, choose},
+    plan::{Calibration, Plan, choose, choose_tree},
 };
 
 /// How a command shall build and trace.
@@ -21,12 +21,28 @@ pub(super) struct Amount {
     pub plan: Option<Plan>,
 }
 
+/// What it is for.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Job<'a> {
+    pub mesh: &'a Mesh,
+    pub rays: u64,
+    /// Whether more is asked for than closest and any hits by the default triangle test.
+    pub needs_tree: bool,
+}
+
+impl Job<'_> {
+    fn plan(&self, calibrations: &[&Calibration]) -> Plan {
+        let choose = if self.needs_tree { choose_tree } else { choose };
+        choose(self.mesh, self.rays, calibrations)
+    }
+}
+
 /// What was asked for; or, with `--quality auto`, what so many rays at this mesh need.
 pub(super) fn decide(
     how: &HowArgs,
     traversal: Traversal,
     on: &OneArgs,
-    (mesh, rays): (&Mesh, u64),
+    job: Job<'_>,
     notes: &Notes,
 ) -> anyhow::Result<(Machine, Amount)> {
     if how.amount.quality == Quality::Usual {
@@ -38,7 +54,7 @@ pub(super) fn decide(
         .iter()
         .map(|device| costs(device, how.amount.costs.as_deref(), notes))
         .collect::<Result<_, Error>>()?;
-    let plan = choose(mesh, rays, &all.iter().collect::<Vec<_>>());
+    let plan = job.plan(&all.iter().collect::<Vec<_>>());
     let automatic = devices.len() > 1;
     Ok((Machine::of(devices.swap_remove(plan.calibration), automatic), Amount::of(plan)))
 }
@@ -48,14 +64,14 @@ pub(super) fn on(
     device: &Device,
     how: &HowArgs,
     traversal: Traversal,
-    (mesh, rays): (&Mesh, u64),
+    job: Job<'_>,
     notes: &Notes,
 ) -> anyhow::Result<Amount> {
     if how.amount.quality == Quality::Usual {
         return Ok(Amount { options: how.tree.options(), traversal, plan: None });
     }
     let costs = costs(device, how.amount.costs.as_deref(), notes)?;
-    Ok(Amount::of(choose(mesh, rays, &[&costs])))
+    Ok(Amount::of(job.plan(&[&costs])))
 }
 
 impl Amount {
@@ -93,7 +109,11 @@ impl Told {
 
     /// In words.
     pub(super) fn words(&self) -> String {
-        let tree = if self.choice == "none" { "no tree".to_owned() } else { format!("{} tree", self.choice) };
+        let tree = match self.choice {
+            "none" => "no tree".to_owned(),
+            "wide" => "boxes, eight a node,".to_owned(),
+            tree => format!("{tree} tree"),
+        };
         let rays = if self.predicted_rays_ms > 0.0 {
             format!(" + rays {}", three(self.predicted_rays_ms))
         } else {

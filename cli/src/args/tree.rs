@@ -105,6 +105,11 @@ impl WalkArgs {
             .and_then(|()| test.goes_with(self.traversal));
         done.map_err(|error| error.to_string())
     }
+
+    /// Whether the triangle test goes with trees only.
+    pub(crate) fn needs_tree(&self) -> bool {
+        self.intersector.goes_with(Traversal::Wide).is_err()
+    }
 }
 
 /// How a tree is chosen.

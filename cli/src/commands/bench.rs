@@ -1,7 +1,7 @@
 //! `raykd bench`: the two tables of Meng Zhou, *Build and Travel KD-Tree with CUDA*, and whether the devices agree.
 
 use crate::{
-    amount::{self, Amount},
+    amount::{self, Amount, Job},
     args::{HowArgs, ReadArgs, WalkArgs, WhichArgs, whole},
     changes,
     files::Files,
@@ -194,7 +194,8 @@ fn rows(args: &BenchArgs, notes: &Notes) -> anyhow::Result<(Vec<Row>, Machines)>
         let picture = rays::Camera::framing(input.mesh.bounds()).rays(PICTURE, PICTURE);
         let first = rows.len();
         let measure = |device| -> anyhow::Result<Result<Row, Error>> {
-            let job = (&input.mesh, u64::from(args.rays));
+            let needs_tree = args.walk.needs_tree();
+            let job = Job { mesh: &input.mesh, rays: u64::from(args.rays), needs_tree };
             let amount = amount::on(device, &args.how, args.walk.traversal, job, notes)?;
             Ok(bench(device, &input, &amount, [&random, &picture], args, notes))
         };
@@ -244,9 +245,9 @@ fn bench(
     stage("building");
     let options = amount.options.clone().with_profile(args.profile);
     let mut built = measure::build(device, mesh, &options)?;
+    built.scene.traverse_by(amount.traversal)?;
     // By the default triangle test: whatever is measured, the rays are the same.
     let sets = Sets::new(name, mesh, |rays| built.scene.closest(rays))?;
-    built.scene.traverse_by(amount.traversal)?;
     built.scene.intersect_by(args.walk.intersector)?;
     stage("tracing random rays");
     let traced = measure::trace(&built.scene, Query::Closest, random)?;
@@ -263,7 +264,7 @@ fn bench(
     let sets_digest = hits_digest(&built.scene.closest(&all)?);
     let header = *built.scene.header();
     let moved = ms(traced.times.upload + traced.times.trace + traced.times.download);
-    let before = ms(built.upload + built.build + built.layout);
+    let before = ms(built.upload + built.build + built.layout + built.scene.times().prepare);
     Ok(Row {
         auto: amount.plan.as_ref().map(|plan| amount::Told::new(plan, before, Some(moved))),
         scene: name.clone(),

@@ -1,7 +1,7 @@
 //! `raykd build`: one tree, its statistics and its file.
 
 use crate::{
-    amount,
+    amount::{self, Job},
     args::{HowArgs, OneArgs, ReadArgs, Which, whole},
     builders,
     files::Files,
@@ -141,7 +141,7 @@ impl Task for BuildArgs {
             return builders::scaling(&several()?, (&options, self.json), &notes, out);
         }
         let input = Input::load(self.mesh.as_deref().unwrap_or_default(), self.read, &notes)?;
-        let job = (&input.mesh, self.rays.unwrap_or(USUAL_RAYS));
+        let job = Job { mesh: &input.mesh, rays: self.rays.unwrap_or(USUAL_RAYS), needs_tree: true };
         let device = &self.on;
         let (machine, amount) = amount::decide(&self.how, Traversal::default(), device, job, &notes)?;
         notes.stage(format_args!("{}: building", input.name));

@@ -1,7 +1,7 @@
 //! `raykd render`: a picture.
 
 use crate::{
-    amount,
+    amount::{self, Job},
     args::{HowArgs, OneArgs, ReadArgs, WalkArgs, direction, one_of, point, size, whole, within},
     files::{Files, renamed},
     input::Input,
@@ -106,8 +106,8 @@ impl Task for RenderArgs {
         let rays = u64::from(self.size[0]) * u64::from(self.size[1]) * u64::from(samples * samples);
         let rays = rays_of(shading, rays);
         let device = &self.on;
-        let (machine, amount) =
-            amount::decide(&self.how, self.walk.traversal, device, (&input.mesh, rays), &notes)?;
+        let job = Job { mesh: &input.mesh, rays, needs_tree: self.walk.needs_tree() };
+        let (machine, amount) = amount::decide(&self.how, self.walk.traversal, device, job, &notes)?;
         let draw = |device: &Device| -> Result<(Picture, String, [f64; 2]), Error> {
             notes.stage(format_args!("{}: building", input.name));
             let mut scene = Scene::build(device, &input.mesh, &amount.options)?;
@@ -116,8 +116,10 @@ impl Task for RenderArgs {
             notes.stage(format_args!("{}: tracing", input.name));
             let picture = render(&scene, &input.mesh, &camera, self.size, samples, shading)?;
             let (before, rays) = (scene.times(), picture.times);
-            let spent =
-                [before.upload + before.build + before.layout, rays.upload + rays.trace + rays.download];
+            let spent = [
+                before.upload + before.build + before.layout + before.prepare,
+                rays.upload + rays.trace + rays.download,
+            ];
             let spent = spent.map(ms);
             Ok((picture, format!("{}, {}", capitals(device), device.name()), spent))
         };

@@ -1,7 +1,7 @@
 //! `raykd trace`: a file of rays to a file of hits.
 
 use crate::{
-    amount,
+    amount::{self, Job},
     args::{HowArgs, OneArgs, ReadArgs, WalkArgs, Which, whole},
     compare,
     files::Files,
@@ -155,6 +155,12 @@ struct Told {
     ray_upload_ms: f64,
 }
 
+impl TraceArgs {
+    fn asks_for_all(&self) -> bool {
+        matches!(self.query, Ask::Count | Ask::All)
+    }
+}
+
 impl Task for TraceArgs {
     fn files(&self) -> Files {
         Files::of_scenes(std::slice::from_ref(&self.mesh), self.read)
@@ -175,8 +181,7 @@ impl Task for TraceArgs {
             return Err("--brute is for --compare".to_owned());
         }
         self.how.check(false)?;
-        let all = matches!(self.query, Ask::Count | Ask::All);
-        self.walk.check(all.then_some("a query for all hits"))
+        self.walk.check(self.asks_for_all().then_some("a query for all hits"))
     }
 
     fn run(&self, out: &mut StdoutLock<'_>) -> anyhow::Result<ExitCode> {
@@ -194,7 +199,8 @@ impl Task for TraceArgs {
         let start = Instant::now();
         let tree = self.tree.as_deref().map(|path| KdTree::load_up_to(path, limit)).transpose()?;
         input.load += start.elapsed();
-        let job = (&input.mesh, rays.len() as u64);
+        let needs_tree = self.asks_for_all() || self.walk.needs_tree();
+        let job = Job { mesh: &input.mesh, rays: rays.len() as u64, needs_tree };
         let device = &self.on;
         let (machine, amount) = amount::decide(&self.how, self.walk.traversal, device, job, &notes)?;
         let how = (&amount.options, amount.traversal);

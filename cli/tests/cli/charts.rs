@@ -33,7 +33,7 @@ fn favouring_on(device: &Device, name: &str) -> String {
             "spread": 1.0,
         })
     };
-    let seen = json!({ "whole": 10.0, "halfway": 20.0 });
+    let seen = json!({ "whole": 10.0, "halfway": 20.0, "wide": 5.0 });
     let costs: Vec<_> = CHOICES.iter().flat_map(|c| [cost(c.name, 100), cost(c.name, 1000)]).collect();
     json!({
         "version": env!("CARGO_PKG_VERSION"),
@@ -72,6 +72,33 @@ fn whatever_auto_chooses_hits_are_the_same_bytes() {
         assert!(json["auto"]["measured_ms"].as_f64() > Some(0.0), "{json}");
         assert_eq!(fs::read(&hits).unwrap(), expected, "{}", choice.name);
     }
+}
+
+/// Boxes answer closest and any hits by the test `strict`; all else needs a tree.
+#[test]
+fn auto_chooses_no_boxes_for_what_they_do_not_answer() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (rays, hits, costs) = (rays_file(folder.path()), path("hits"), path("costs.json"));
+    fs::write(&costs, favouring("wide")).unwrap();
+    let auto = ["--threads", "1", "--quality", "auto", "--costs", &costs, "--json"];
+    let trace = ["trace", "teapot", "--rays", &rays, "--hits", &hits];
+    let choice = |line: &[&str]| {
+        let output = raykd(&[line, &auto].concat());
+        assert!(output.status.success(), "{}", told(&output));
+        let json: Value = serde_json::from_slice(&output.stdout).unwrap();
+        json["auto"]["choice"].as_str().unwrap().to_owned()
+    };
+    let asked = |more: &[&str]| choice(&[trace.as_slice(), more].concat());
+    for boxes in [[].as_slice(), &["--any"], &["--intersector", "strict"]] {
+        assert_eq!(asked(boxes), "wide", "{boxes:?}");
+    }
+    for tree in
+        [["--query", "count"], ["--query", "all"], ["--intersector", "exact"], ["--intersector", "woop"]]
+    {
+        assert_ne!(asked(&tree), "wide", "{tree:?}");
+    }
+    assert_ne!(choice(&["build", "teapot"]), "wide");
 }
 
 #[test]

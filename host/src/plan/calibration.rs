@@ -54,8 +54,11 @@ impl Given {
     /// Refuses what no measurement gives.
     fn check(&self) -> Result<(), String> {
         let numbers = |c: &Cost| [c.upload_ms, c.build_ms, c.launch_ms, c.ray_ns, c.worst_ns, c.transfer_ns];
-        let looks =
-            self.looks.iter().flat_map(|&(_, looks)| looks).flat_map(|seen| [seen.whole, seen.halfway]);
+        let looks = self
+            .looks
+            .iter()
+            .flat_map(|&(_, looks)| looks)
+            .flat_map(|seen| [seen.whole, seen.halfway, seen.wide]);
         if self.costs.iter().flat_map(numbers).chain(looks).any(|x| !(x.is_finite() && x >= 0.0)) {
             return Err("a cost is negative or no number".to_owned());
         }
@@ -124,7 +127,7 @@ impl Calibration {
                     }
                     let (times, mut scene) = Round::run(device, &mesh, choice, &rays, ROUNDS)?;
                     done.push(times);
-                    if !choice.has_tree() {
+                    if choice.tests_all() {
                         // Brute force tests every triangle in full.
                         scene.traverse_by(Traversal::Brute)?;
                         *worst = worst.min(1e3 / cost::speed_in(&scene, &rays, ROUNDS)?);
@@ -133,7 +136,7 @@ impl Calibration {
             }
             for (choice, (done, worst)) in CHOICES.iter().zip(&rounds) {
                 let mut cost = Round::cost(done, choice, &moving);
-                if !choice.has_tree() {
+                if choice.tests_all() {
                     cost.worst_ns = cost.ray_ns.max(*worst);
                 }
                 costs.push(cost);
@@ -231,13 +234,17 @@ impl Calibration {
             let points = costs.iter().map(|cost| (f64::from(cost.triangles), number(cost)));
             power(&points.collect::<Vec<_>>(), f64::from(triangles))
         };
-        let steps = |seen: Seen| if choice.ends_halfway() { seen.halfway } else { seen.whole };
+        let steps = |seen: Seen| match (choice.is_wide(), choice.ends_halfway()) {
+            (true, _) => seen.wide,
+            (false, true) => seen.halfway,
+            (false, false) => seen.whole,
+        };
         let harder = seen.map_or(1.0, |(at, seen)| {
             let known: Vec<_> =
                 self.looks.iter().map(|&(n, looks)| (f64::from(n), steps(looks[at]))).collect();
             steps(seen) / power(&known, f64::from(triangles)).max(1e-3)
         });
-        let harder = if choice.has_tree() { harder } else { 1.0 };
+        let harder = if choice.tests_all() { 1.0 } else { harder };
         let (usual_ns, worst_ns) = (read(|cost| cost.ray_ns), read(|cost| cost.worst_ns));
         let ray_ns = usual_ns + through * (worst_ns - usual_ns);
         Some(Cost {
@@ -324,7 +331,7 @@ pub fn create_cache_file(device: &Device) -> Result<PathBuf, Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::choose;
+    use crate::plan::{choose, choose_tree};
 
     #[test]
     fn powers_are_read_exactly() {
@@ -343,10 +350,10 @@ mod tests {
             choice: choice.name.to_owned(),
             triangles,
             upload_ms: 0.0,
-            build_ms: if choice.has_tree() { f64::from(triangles) * 1e-3 * quality } else { 0.0 },
+            build_ms: if choice.tests_all() { 0.0 } else { f64::from(triangles) * 1e-3 * quality },
             launch_ms: 0.01,
-            ray_ns: if choice.has_tree() { 1000.0 / quality } else { f64::from(triangles) * 10.0 },
-            worst_ns: if choice.has_tree() { 1000.0 / quality } else { f64::from(triangles) * 10.0 },
+            ray_ns: if choice.tests_all() { f64::from(triangles) * 10.0 } else { 1000.0 / quality },
+            worst_ns: if choice.tests_all() { f64::from(triangles) * 10.0 } else { 1000.0 / quality },
             transfer_ns: 1.0,
             bytes: u64::from(triangles) * 10,
             spread: 1.0,
@@ -359,7 +366,7 @@ mod tests {
             device: "cpu".to_owned(),
             name: Device::cpu().name().to_owned(),
             looks: [(100, 10.0), (100_000, 20.0)]
-                .map(|(n, whole)| (n, [Seen { whole, halfway: 2.0 * whole }; 2]))
+                .map(|(n, whole)| (n, [Seen { whole, halfway: 2.0 * whole, wide: whole }; 2]))
                 .to_vec(),
             costs: costs.collect(),
         }
@@ -371,7 +378,10 @@ mod tests {
         let name = |rays| choose(&mesh, rays, &[&calibration]).choice.name;
         assert_eq!(name(1), "none");
         assert_eq!(name(3_000), "shallow");
-        assert_eq!(name(1_000_000_000), CHOICES[8].name);
+        assert_eq!(name(1_000_000_000), "wide");
+        let tree = |rays| choose_tree(&mesh, rays, &[&calibration]).choice.name;
+        assert_eq!(tree(1), "none");
+        assert_eq!(tree(1_000_000_000), "exact-small");
     }
 
     #[test]

@@ -12,10 +12,12 @@ pub struct Choice {
     price: Option<f32>,
     long: Option<u32>,
     depth: Option<u32>,
+    /// Boxes instead of a tree.
+    wide: bool,
 }
 
 const fn choice(name: &'static str, builder: Builder) -> Choice {
-    Choice { name, builder, price: None, long: None, depth: None }
+    Choice { name, builder, price: None, long: None, depth: None, wide: false }
 }
 
 /// Depth of the tree that ends halfway down.
@@ -24,7 +26,8 @@ pub(super) const HALFWAY: u32 = 12;
 /// Triangles that `stack` tests in one leaf.
 const LONG_LEAF: usize = 1 << 15;
 
-/// What there is to choose from: no tree, shallow ones, and those of all builders; small ones too.
+/// What there is to choose from: no tree, shallow ones, and those of all builders; small ones too; and the boxes of
+/// [`Traversal::Wide`] instead of a tree.
 pub const CHOICES: &[Choice] = &[
     Choice { depth: Some(0), ..choice("none", Builder::Median) },
     Choice { depth: Some(6), ..choice("shallow", Builder::Median) },
@@ -35,6 +38,7 @@ pub const CHOICES: &[Choice] = &[
     Choice { price: Some(40.0), long: Some(64), ..choice("binned-small", Builder::Binned) },
     choice("exact", Builder::Exact),
     Choice { price: Some(40.0), long: Some(64), ..choice("exact-small", Builder::Exact) },
+    Choice { depth: Some(0), wide: true, ..choice("wide", Builder::Median) },
 ];
 
 impl Choice {
@@ -61,9 +65,15 @@ impl Choice {
         }
     }
 
-    /// Whether there is more than one leaf.
-    pub(crate) const fn has_tree(&self) -> bool {
-        !matches!(self.depth, Some(0))
+    /// Whether all triangles are in one leaf, and tested by every ray.
+    pub(crate) const fn tests_all(&self) -> bool {
+        matches!(self.depth, Some(0)) && !self.wide
+    }
+
+    /// Whether there are boxes instead of a tree, by which closest and any hits are found and by the test `strict`
+    /// alone.
+    pub const fn is_wide(&self) -> bool {
+        self.wide
     }
 
     /// Whether the tree ends with long leaves halfway down.
@@ -75,6 +85,10 @@ impl Choice {
     /// the fastest way through a tree everywhere, and through a single leaf too, but software drivers end its loop if
     /// that is long.
     pub const fn traversal(&self, triangles: usize) -> Traversal {
-        if self.has_tree() || triangles <= LONG_LEAF { Traversal::Stack } else { Traversal::Brute }
+        match (self.wide, self.tests_all() && triangles > LONG_LEAF) {
+            (true, _) => Traversal::Wide,
+            (false, true) => Traversal::Brute,
+            (false, false) => Traversal::Stack,
+        }
     }
 }

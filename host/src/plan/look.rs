@@ -1,7 +1,7 @@
 //! A quick look at a mesh: how many steps a ray of the usual kind takes there, in a coarse copy of it.
 
 use super::{choice::HALFWAY, cost::usual_rays, grid::Grid};
-use crate::{BuildOptions, Builder, Device, Error, Hit, Mesh, Ray, Scene, Stepped, rays::Camera};
+use crate::{BuildOptions, Builder, Device, Error, Hit, Mesh, Ray, Scene, Stepped, Traversal, rays::Camera};
 use raykd_kernels::{
     glam::Vec3,
     trace::{
@@ -45,6 +45,8 @@ pub(super) struct Seen {
     pub whole: f64,
     /// [`Self::whole`], and the triangles in the leaves that it would meet in a tree that ends halfway down.
     pub halfway: f64,
+    /// Nodes of eight boxes and tests there, and one more for the start.
+    pub wide: f64,
 }
 
 /// A mesh that is looked at, perhaps more than once.
@@ -65,7 +67,7 @@ impl<'m> Looking<'m> {
         let device = Device::cpu();
         let coarse = coarse(self.mesh, look.cells);
         let options = BuildOptions { builder: Builder::Exact, ..BuildOptions::default() };
-        let scene = Scene::build(&device, &coarse, &options)?;
+        let mut scene = Scene::build(&device, &coarse, &options)?;
         let rays = usual_rays(&coarse, RAYS, |rays| scene.closest(rays))?;
         let Stepped { hits, steps, .. } = scene.steps(&rays)?;
         let mean = |sum: f64| sum / rays.len().max(1) as f64;
@@ -73,7 +75,11 @@ impl<'m> Looking<'m> {
         let grid = self.grid.get_or_init(|| Grid::new(self.mesh, HALFWAY));
         let end = |ray: &Ray, hit: &Hit| if hit.is_hit() { hit.t } else { ray.t_max };
         let ended = rays.iter().zip(&hits).map(|(ray, hit)| Ray { t_max: end(ray, hit), ..*ray });
-        Ok(Seen { whole, halfway: whole + mean(ended.map(|ray| grid.passed(&ray)).sum()) })
+        let halfway = whole + mean(ended.map(|ray| grid.passed(&ray)).sum());
+        scene.traverse_by(Traversal::Wide)?;
+        let Stepped { steps, .. } = scene.steps(&rays)?;
+        let wide = 1.0 + mean(steps.iter().map(|s| f64::from(s.inner + s.tests)).sum());
+        Ok(Seen { whole, halfway, wide })
     }
 }
 
@@ -187,6 +193,21 @@ mod tests {
         // A cube of 16 cells a side: a ray through it passes the triangles of as many cells, of 4096.
         let seen = Looking::at(&dust).seen(&LOOKS[0]).unwrap();
         assert!((1.0..8.0).contains(&(seen.halfway - seen.whole)), "{seen:?}");
+    }
+
+    /// Boxes around large triangles hold much that is empty, and overlap.
+    #[test]
+    fn large_triangles_suit_trees() {
+        let mut random = crate::rays::Random::new(1);
+        let positions = (0..3 * 500).map(|_| [(); 3].map(|()| random.unit() as f32)).collect();
+        let large = Mesh::new(positions, (0..500).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect()).unwrap();
+        for look in &LOOKS {
+            let [large, small] = [&large, &Mesh::teapot(20)].map(|mesh| {
+                let seen = Looking::at(mesh).seen(look).unwrap();
+                seen.wide / seen.whole
+            });
+            assert!(large > 1.5 * small, "{large} {small}");
+        }
     }
 
     #[test]

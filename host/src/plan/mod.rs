@@ -3,6 +3,7 @@
 //! A [`Calibration`] holds what each [`Choice`] cost on teapots of several sizes; [`choose`] reads between them and
 //! adds up what the whole job would take. If that is long enough, a coarse copy of the mesh is looked at first: how
 //! many steps a ray takes there, as against a teapot. All choices give the same closest hits.
+//! One of them, `wide`, has boxes instead of a tree; [`choose_tree`] leaves that out.
 //!
 //! ```no_run
 //! # fn main() -> Result<(), raykd::Error> {
@@ -59,21 +60,35 @@ const SLACK: f64 = 1.05;
 
 /// Of all choices on all devices that were calibrated, the one that takes the least time in all; or a smaller tree on
 /// that device, if building and tracing, and the whole job, take at most 5 % longer by it.
-/// The rays are taken to be of the usual kind, those of a picture and a bounce from each hit.
+/// The rays are taken to be of the usual kind, those of a picture and a bounce from each hit, and are asked for closest
+/// or any hits by the usual triangle test.
 ///
 /// # Panics
 /// There is no calibration.
 pub fn choose(mesh: &Mesh, rays: u64, calibrations: &[&Calibration]) -> Plan {
+    choose_of(CHOICES, mesh, rays, calibrations)
+}
+
+/// The same where there must be a tree: for other queries or triangle tests, or to save it.
+///
+/// # Panics
+/// There is no calibration.
+pub fn choose_tree(mesh: &Mesh, rays: u64, calibrations: &[&Calibration]) -> Plan {
+    let trees: Vec<Choice> = CHOICES.iter().filter(|choice| !choice.is_wide()).copied().collect();
+    choose_of(&trees, mesh, rays, calibrations)
+}
+
+fn choose_of(choices: &[Choice], mesh: &Mesh, rays: u64, calibrations: &[&Calibration]) -> Plan {
     let mesh = &*mesh.local();
     let triangles = mesh.kept().len() as u32;
     let through = look::through(mesh);
-    let mut plan = among(triangles, rays, through, None, calibrations);
+    let mut plan = among(choices, (triangles, rays), through, None, calibrations);
     let looking = Looking::at(mesh);
     for (at, look) in LOOKS.iter().enumerate() {
         if plan.total_ms() < look.from_ms + look.from_each_ms * f64::from(triangles) {
             break;
         }
-        plan = among(triangles, rays, through, seen(&looking, at), calibrations);
+        plan = among(choices, (triangles, rays), through, seen(&looking, at), calibrations);
     }
     plan
 }
@@ -92,17 +107,17 @@ pub fn costs(mesh: &Mesh, calibration: &Calibration) -> Vec<Cost> {
     CHOICES.iter().filter_map(|choice| calibration.predict(choice, triangles, through, seen)).collect()
 }
 
-/// The best of all choices on all devices, by what was seen.
+/// The best of some choices on all devices, by what was seen.
 fn among(
-    triangles: u32,
-    rays: u64,
+    choices: &[Choice],
+    (triangles, rays): (u32, u64),
     through: f64,
     seen: Option<(usize, Seen)>,
     calibrations: &[&Calibration],
 ) -> Plan {
     let mut plans = Vec::new();
     for (number, calibration) in calibrations.iter().enumerate() {
-        for &choice in CHOICES {
+        for &choice in choices {
             if let Some(cost) = calibration.predict(&choice, triangles, through, seen) {
                 plans.push(Plan { calibration: number, choice, cost, rays });
             }
