@@ -120,10 +120,11 @@ const ON_GPU: bool = cfg!(target_arch = "spirv");
 /// Every kernel that any device can run, in pipeline order.
 #[cfg(not(target_arch = "spirv"))]
 pub const KERNELS: &[&Kernel] = &{
-    const LISTS: [&[&Kernel]; 11] = [
+    const LISTS: [&[&Kernel]; 12] = [
         &[&probe::PROBE],
         build::survey::KERNELS,
         build::KERNELS,
+        build::radix::KERNELS,
         build::sweep::KERNELS,
         build::wide::KERNELS,
         trace::prepare::KERNELS,

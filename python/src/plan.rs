@@ -4,14 +4,14 @@ use crate::{device::device, error};
 use pyo3::{exceptions::PyUserWarning, prelude::*};
 use raykd::{
     Device, DeviceKind, Mesh,
-    plan::{Calibration, Plan, choose, create_cache_file},
+    plan::{Calibration, Plan, choose_tree, create_cache_file},
 };
 use std::{
     ffi::CString,
     path::{Path, PathBuf},
 };
 
-/// The device to use, and how to build and trace there.
+/// The device to use, and how to build and trace there. There is a tree, as scenes answer all queries.
 pub(crate) fn plan(
     py: Python<'_>,
     mesh: &Mesh,
@@ -22,7 +22,7 @@ pub(crate) fn plan(
     let mut devices = candidates(py, wish)?;
     let costs: Vec<Calibration> =
         devices.iter().map(|device| costs(py, device, file.as_deref())).collect::<PyResult<_>>()?;
-    let plan = py.detach(|| choose(mesh, rays, &costs.iter().collect::<Vec<_>>()));
+    let plan = py.detach(|| choose_tree(mesh, rays, &costs.iter().collect::<Vec<_>>()));
     Ok((devices.swap_remove(plan.calibration), plan))
 }
 

@@ -11,13 +11,10 @@ use crate::{
 };
 use bytemuck::Zeroable;
 use raykd_kernels::{
-    build::{
-        sweep::{LEVEL_LISTS, LEVEL_REFS, LEVEL_WORDS},
-        wide::{
-            Job, OVER_ALL, OVER_BLOCKS, RECORD_WORDS, State, advance, curve, encode, finish, merge,
-            nearest::{self, BLOCK},
-            open, place, record, singles,
-        },
+    build::wide::{
+        Job, OVER_ALL, OVER_BLOCKS, RECORD_WORDS, State, advance, curve, encode, finish, merge,
+        nearest::{self, BLOCK},
+        open, place, record, singles,
     },
     glam::{UVec2, UVec4, Vec4},
     trace::prepare::corners,
@@ -43,8 +40,6 @@ struct Lists<'a> {
     kept: Buffer<u32>,
     job: Buffer<u32>,
     state: Buffer<u32>,
-    /// How many triangles there are, in one list, as the kernels that sort take it.
-    level: Buffer<u32>,
     radix: Radix,
     places: [Buffer<UVec2>; 2],
     triangles: Buffer<u32>,
@@ -138,8 +133,6 @@ impl<'a> Lists<'a> {
         let places = if extent < 2f32.powi(-48) { 0.0 } else { curve::PLACES as f32 / (2.0 * extent) };
         let job =
             Job { triangles: count, lo: header.lo.map(|x| (2.0 * x).to_bits()), places: places.to_bits() };
-        let mut level = [0; LEVEL_WORDS as usize];
-        (level[LEVEL_REFS as usize], level[LEVEL_LISTS as usize]) = (count, 1);
         let mut round = [0; RECORD_WORDS as usize];
         record(&mut round, count, BLOCK, count, 0);
         let mut arena = Arena { device, bytes: 0 };
@@ -160,7 +153,6 @@ impl<'a> Lists<'a> {
             kept: kept.on(device)?,
             job: device.put("wide job", &[job])?.view(),
             state: device.put("wide state", &[State::default()])?.view(),
-            level: device.put("triangles of a list", &level)?,
             radix: Radix::new(&mut arena, 1, count, count)?,
             rounds: [device.put("wide round", &round)?, arena.alloc("wide round", 1, RECORD_WORDS)?],
             levels: arena.pair("wide level", 1, RECORD_WORDS)?,
@@ -170,10 +162,10 @@ impl<'a> Lists<'a> {
 
     /// Makes a cluster of each triangle, in the order of the curve.
     fn start(&self) -> Vec<Step<'_>> {
-        let Self { mesh: MeshBuffers { positions, indices, .. }, count, kept, job, level, .. } = self;
+        let Self { mesh: MeshBuffers { positions, indices, .. }, count, kept, job, .. } = self;
         let places = self.places[UNSORTED].out();
         let mut steps = vec![curve::Buffers { job, positions, indices, kept, places }.over(*count)];
-        steps.extend(self.radix.steps(level, &self.places));
+        steps.extend(self.radix.steps(&self.places));
         let singles = singles::Buffers {
             job,
             positions,

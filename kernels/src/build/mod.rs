@@ -22,6 +22,7 @@ pub mod faces;
 pub mod join;
 pub mod marks;
 pub mod place;
+pub mod radix;
 pub mod reference;
 mod scan;
 pub mod scatter;
@@ -512,6 +513,17 @@ impl Sah {
             leaf: self.leaf,
         }
     }
+}
+
+/// Takes a number apart into a row of `length`, of no more than so many rows, and a place in it.
+#[inline(always)]
+fn row_of(i: u32, length: u32, rows: u32) -> (u32, u32) {
+    let (mut row, mut rest) = (0, i);
+    while rest >= length && row < rows {
+        rest -= length;
+        row += 1;
+    }
+    (row, rest)
 }
 
 /// The surface area heuristic across one axis of a node.

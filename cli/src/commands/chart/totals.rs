@@ -8,7 +8,7 @@ use crate::report::three;
 use raykd::plan::CHOICES;
 
 /// Choices that figure 3 draws.
-const DRAWN: [&str; 6] = ["none", "shallow", "halfway", "median", "binned", "exact"];
+const DRAWN: [&str; 7] = ["none", "shallow", "halfway", "median", "binned", "exact", "wide"];
 /// The samples of a scene that are choices of the planner.
 pub(super) fn choices<'a>(data: &'a Data, scene: &'a str) -> impl Iterator<Item = &'a Sample> {
     data.samples.iter().filter(move |s| s.scene == scene && CHOICES.contains(&s.choice))

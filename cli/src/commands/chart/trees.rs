@@ -13,11 +13,7 @@ fn groups<'a>(data: &'a Data, scene: &str) -> Vec<(String, usize, bool, Vec<&'a 
     for device in ["cpu", "gpu"] {
         for (kind, builder) in Builder::ALL.iter().copied().enumerate() {
             let of = data.samples.iter().filter(|s| s.scene == scene && s.device == device);
-            let mut of: Vec<_> = of
-                .filter(|s| {
-                    s.builder() == builder.name() && !matches!(s.choice.name, "none" | "shallow" | "halfway")
-                })
-                .collect();
+            let mut of: Vec<_> = of.filter(|s| s.builder() == builder.name() && is_whole(s)).collect();
             of.sort_by(|a, b| a.choice.options().price.total_cmp(&b.choice.options().price));
             if !of.is_empty() {
                 let name = format!("{}, {}", device.to_uppercase(), builder.name());
@@ -26,6 +22,10 @@ fn groups<'a>(data: &'a Data, scene: &str) -> Vec<(String, usize, bool, Vec<&'a 
         }
     }
     groups
+}
+
+fn is_whole(sample: &Sample) -> bool {
+    sample.choice.options().max_depth == BuildOptions::default().max_depth
 }
 
 fn is_default(sample: &Sample) -> bool {

@@ -172,9 +172,7 @@ impl<'a> Lists<'a> {
             refs: self.refs[0].out(),
             faces: self.faces[UNSORTED].out(),
         };
-        iter::once(start.indirect(level, OVER_REFERENCES))
-            .chain(self.radix.steps(level, &self.faces))
-            .collect()
+        iter::once(start.indirect(level, OVER_REFERENCES)).chain(self.radix.steps(&self.faces)).collect()
     }
 
     /// Finds where the cells of a level are cut.

@@ -3,9 +3,10 @@
 
 use super::{
     Cell, FACES, LEAVES, LEVEL_REFS, LISTS, REFERENCE, STATE_STATUS, cell_of, count_before, fresh_room, pick,
-    ranked, room, row_of, sides_of,
+    ranked, room, sides_of,
 };
 use crate::{
+    build::row_of,
     glam::{UVec2, UVec4},
     mem::{Buf, Slots},
 };
@@ -31,7 +32,7 @@ pub fn carry(
     if i < LISTS * number && state.at(STATE_STATUS) == 0 {
         let params = params.at(0);
         let room = room(&params);
-        let (list, at) = row_of(i, number);
+        let (list, at) = row_of(i, number, LISTS);
         let row = FACES + list;
         let side = sides_of(ranks, room, row, at);
         if side != 0 {

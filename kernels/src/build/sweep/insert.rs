@@ -1,9 +1,10 @@
 //! Puts the faces of references that were clipped among those that [`super::carry`] moves.
 
 use super::{
-    Cell, FACES, LEVEL_FRESH, LISTS, REFERENCE, cell_of, count_before, fresh_room, pick, ranked, room, row_of,
+    Cell, FACES, LEVEL_FRESH, LISTS, REFERENCE, cell_of, count_before, fresh_room, pick, ranked, room,
 };
 use crate::{
+    build::row_of,
     glam::{UVec2, UVec4},
     mem::{Buf, Slots},
 };
@@ -27,7 +28,7 @@ pub fn insert(
     if i < LISTS * number {
         let params = params.at(0);
         let room = room(&params);
-        let (list, at) = row_of(i, number);
+        let (list, at) = row_of(i, number, LISTS);
         let face = fresh.at(list * fresh_room(room) + at);
         let place = cell_of(next_refs, face.y & REFERENCE);
         let child = Cell::load(next_cells, place);

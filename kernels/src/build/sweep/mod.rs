@@ -8,7 +8,7 @@
 //! references begin before a plane and how many end by it are two binary searches, whichever face the plane
 //! comes from; smaller cells count one by one.
 //!
-//! [`start`] makes the root's lists, which [`digits`], [`runs`] and [`deal`] sort. On each level [`sample`] weighs some
+//! [`start`] makes the root's lists, which the kernels of [`super::radix`] sort. On each level [`sample`] weighs some
 //! faces, [`weigh`] all that these do not rule out, block by block, and [`cheapest`] finds each cell's best plane.
 //! [`classify`] says where every reference goes, [`rank`], [`total`] and [`advance`] count, [`children`] makes the next
 //! level's cells and [`distribute`] its references. Faces of references that stay whole keep their order ([`carry`]);
@@ -20,14 +20,11 @@ pub mod carry;
 pub mod cheapest;
 pub mod children;
 pub mod classify;
-pub mod deal;
-pub mod digits;
 pub mod distribute;
 pub mod insert;
 pub mod leaves;
 pub mod number;
 pub mod rank;
-pub mod runs;
 pub mod sample;
 pub mod sizes;
 pub mod sort;
@@ -38,9 +35,6 @@ pub mod weigh;
 kernels! {
     /// The kernels of `exact`, in pipeline order.
     start::START,
-    digits::COUNT_DIGITS,
-    runs::RUNS,
-    deal::DEAL,
     sort::SORT,
     sample::SAMPLE,
     weigh::WEIGH,
@@ -345,15 +339,4 @@ fn lesser(a: u32, b: u32) -> u32 {
 #[inline(always)]
 fn pick(both: UVec2, above: u32) -> u32 {
     if above == 0 { both.x } else { both.y }
-}
-
-/// Takes a number apart into a row of `length` and a place in it.
-#[inline(always)]
-fn row_of(i: u32, length: u32) -> (u32, u32) {
-    let (mut row, mut rest) = (0, i);
-    while rest >= length && row < ROWS {
-        rest -= length;
-        row += 1;
-    }
-    (row, rest)
 }

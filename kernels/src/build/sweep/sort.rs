@@ -1,7 +1,8 @@
 //! Sorts the faces of references that were clipped, list by list and cell by cell: one pass of a merge sort.
 
-use super::{Cell, LEVEL_FRESH, LISTS, REFERENCE, SORT_BITS, cell_of, count_before, row_of};
+use super::{Cell, LEVEL_FRESH, LISTS, REFERENCE, SORT_BITS, cell_of, count_before};
 use crate::{
+    build::row_of,
     glam::{UVec2, UVec4},
     mem::{Buf, Slots},
 };
@@ -21,7 +22,7 @@ pub fn sort(
     let number = level.at(LEVEL_FRESH);
     if i < LISTS * number {
         let (bits, room) = (pass.at(0).x, pass.at(0).y);
-        let (list, at) = row_of(i, number);
+        let (list, at) = row_of(i, number, LISTS);
         let base = list * room;
         let face = from.at(base + at);
         let cell = Cell::load(cells, cell_of(refs, face.y & REFERENCE));

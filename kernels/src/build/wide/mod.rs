@@ -2,7 +2,7 @@
 //! Bittner 2018, "Parallel locally-ordered clustering for bounding volume hierarchy construction"), of whose nodes
 //! those are kept that cost least (Ylitie, Karras & Laine 2017, section 4.3).
 //!
-//! [`curve`] gives triangles their places on a Morton curve, by which the kernels of [`super::sweep`] sort them, and
+//! [`curve`] gives triangles their places on a Morton curve, by which the kernels of [`super::radix`] sort them, and
 //! each is a cluster then ([`singles`]). In each round a cluster finds the best of the neighbours within
 //! [`nearest::RADIUS`] of it in that order ([`nearest`]); two that find each other become a node ([`merge`]), which is
 //! one cluster of the next round ([`advance`]). When few clusters are left, one workgroup goes on ([`finish`]).

@@ -1,10 +1,6 @@
-//! Moves the faces of the root's lists to where a digit puts them; those with the same value keep their order.
+//! Moves elements to where a digit puts them; those with the same value keep their order.
 
-use super::{
-    LEVEL_REFS,
-    digits::{BLOCK, LANES, VALUES, end_of, run, value},
-    row_of,
-};
+use super::{BLOCK, LANES, PASS_DIGIT, PASS_ELEMENTS, PASS_ROOM, VALUES, block_of, run, value};
 use crate::{
     Group,
     build::scan::{self, before, scan, word},
@@ -16,28 +12,26 @@ const SUMS: usize = scan::sums(1);
 const PARTS: usize = scan::blocks(1);
 /// Words with a bit for each lane.
 const MASK: u32 = LANES / 32;
-/// For each value, which lanes' faces have it.
+/// For each value, which lanes' elements have it.
 const MASKS: usize = (VALUES * MASK) as usize;
 
-/// Deals a block of a list, by the digit number `pass.x`: 256 faces at a time. A list has room for `pass.y`.
+/// Deals a block of a list, 256 elements at a time.
 pub fn deal(
     group: Group,
     sums: &mut [u32; SUMS],
     parts: &mut [u32; PARTS],
     places: &mut [u32; VALUES as usize],
     masks: &mut [u32; MASKS],
-    pass: &Buf<UVec2>,
-    level: &Buf<u32>,
+    pass: &Buf<u32>,
     from: &Buf<UVec2>,
     counts: &Buf<u32>,
     totals: &Buf<u32>,
     to: &mut Buf<UVec2>,
 ) {
-    let number = level.at(LEVEL_REFS);
-    let (digit, room) = (pass.at(0).x, pass.at(0).y);
-    let blocks = number.div_ceil(BLOCK);
-    let (list, block) = row_of(group.id, blocks);
-    let (base, end) = (list * room, end_of(list, block, level));
+    let digit = pass.at(PASS_DIGIT);
+    let blocks = pass.at(PASS_ELEMENTS).div_ceil(BLOCK);
+    let (list, block, end) = block_of(group.id, pass);
+    let base = list * pass.at(PASS_ROOM);
     lanes!(group, |lane| {
         sums.put(word(0, lane), if lane < VALUES && end > 0 { totals.at(list * VALUES + lane) } else { 0 });
         let mut i = lane;
@@ -52,28 +46,28 @@ pub fn deal(
             places.put(lane, before(sums, parts, 0, lane) + counts.at(run(list, lane, blocks) + block));
         }
     });
-    let mut faces = PerLane::<UVec2, { LANES as usize }>::default();
+    let mut elements = PerLane::<UVec2, { LANES as usize }>::default();
     let mut first = block * BLOCK;
     while first < end {
-        faces.forget();
+        elements.forget();
         lanes!(group, |lane| {
             if first + lane < end {
-                let face = from.at(base + first + lane);
-                faces.put(lane, face);
-                masks.or(value(face, digit) * MASK + lane / 32, 1 << (lane % 32));
+                let element = from.at(base + first + lane);
+                elements.put(lane, element);
+                masks.or(value(element, digit) * MASK + lane / 32, 1 << (lane % 32));
             }
         });
         lanes!(group, |lane| {
             if first + lane < end {
-                let face = faces.at(lane);
-                let value = value(face, digit);
+                let element = elements.at(lane);
+                let value = value(element, digit);
                 let mut rank = (masks.at(value * MASK + lane / 32) & ((1 << (lane % 32)) - 1)).count_ones();
                 let mut word = 0;
                 while word < lane / 32 {
                     rank += masks.at(value * MASK + word).count_ones();
                     word += 1;
                 }
-                to.put(base + places.at(value) + rank, face);
+                to.put(base + places.at(value) + rank, element);
             }
         });
         lanes!(group, |lane| {
@@ -93,10 +87,9 @@ pub fn deal(
 }
 
 kernel! {
-    /// [`deal`] over all blocks of the root's lists.
+    /// [`deal`] over all blocks of all lists.
     group DEAL = deal, threads 256,
         shared [sums: SUMS, parts: PARTS, places: VALUES as usize, masks: MASKS], {
-        0 pass: read UVec2, 1 level: read u32, 2 from: read UVec2, 3 counts: read u32, 4 totals: read u32,
-        5 to: write UVec2,
+        0 pass: read u32, 1 from: read UVec2, 2 counts: read u32, 3 totals: read u32, 4 to: write UVec2,
     }
 }

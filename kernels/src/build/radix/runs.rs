@@ -1,9 +1,6 @@
-//! How many faces of a list with a digit's value lie in the blocks before each: one workgroup a list and value.
+//! How many elements of a list with a digit's value lie in the blocks before each: one workgroup a list and value.
 
-use super::{
-    LEVEL_LISTS, LEVEL_REFS,
-    digits::{BLOCK, VALUES},
-};
+use super::{BLOCK, PASS_ELEMENTS, PASS_LISTS, VALUES};
 use crate::{
     Group,
     build::scan::{self, scan_counts, total},
@@ -18,12 +15,12 @@ pub fn runs(
     group: Group,
     sums: &mut [u32; SUMS],
     parts: &mut [u32; PARTS],
-    level: &Buf<u32>,
+    pass: &Buf<u32>,
     counts: &mut Buf<u32>,
     totals: &mut Buf<u32>,
 ) {
-    let is_one = group.id < level.at(LEVEL_LISTS) * VALUES;
-    let blocks = if is_one { level.at(LEVEL_REFS).div_ceil(BLOCK) } else { 0 };
+    let is_one = group.id < pass.at(PASS_LISTS) * VALUES;
+    let blocks = if is_one { pass.at(PASS_ELEMENTS).div_ceil(BLOCK) } else { 0 };
     scan_counts(group, sums, parts, counts, group.id * blocks, blocks);
     lanes!(group, ..1, |_lane| {
         if is_one {
@@ -35,6 +32,6 @@ pub fn runs(
 kernel! {
     /// [`runs`] over all lists and values.
     group RUNS = runs, threads 256, shared [sums: SUMS, parts: PARTS], {
-        0 level: read u32, 1 counts: write u32, 2 totals: write u32,
+        0 pass: read u32, 1 counts: write u32, 2 totals: write u32,
     }
 }
