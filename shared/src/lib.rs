@@ -12,8 +12,8 @@
 //!
 //! A tree is a header, `nodes: [Node]` with the root at 0, and `refs: [u32]`, the triangle list its leaves
 //! index. [`TreeView`] borrows the three and [`TreeView::validate`] checks them.
-//! A tree file, as `raykd build -o` writes it, is the 8 bytes `raykd-kd`, [`LAYOUT_VERSION`] as `u32`, the three in this
-//! order, and the SHA-256 of all that in 32 bytes, with nothing between.
+//! A tree file, as `raykd build -o` writes it, is the 8 bytes `raykd-kd`, [`LAYOUT_VERSION`] as `u32`, the three in
+//! this order, and the SHA-256 of all that in 32 bytes, with nothing between.
 //!
 //! ```
 //! use bytemuck::Zeroable;
