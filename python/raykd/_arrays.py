@@ -37,7 +37,8 @@ def numbers(array: Any, name: str) -> np.ndarray:
     array = on_host(array)
     if array.dtype.kind not in "fiu":
         raise ValueError(f"{name} must be numbers, but are {array.dtype}")
-    return array if array.dtype == np.float32 else array.astype(np.float64, copy=False)
+    kept: np.ndarray = array if array.dtype == np.float32 else array.astype(np.float64, copy=False)
+    return kept
 
 
 def points(array: Any, name: str = "points") -> tuple[np.ndarray, tuple[int, ...]]:
@@ -182,7 +183,8 @@ class Hits:
     @property
     def is_hit(self) -> np.ndarray:
         """Which rays hit something."""
-        return self.triangle != _raykd.MISS
+        hit: np.ndarray = self.triangle != _raykd.MISS
+        return hit
 
     def digest(self) -> str:
         """SHA-256 of the hits, the same on every machine, as the program ``raykd`` prints it."""

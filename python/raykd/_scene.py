@@ -276,7 +276,8 @@ class Scene:
         """
         if not self.mesh.is_closed:
             warnings.warn("the mesh is not closed, so inside is not certain", stacklevel=2)
-        return self.winding(points) != 0
+        inside: np.ndarray = self.winding(points) != 0
+        return inside
 
     def steps(self, origins: Any, directions: Any, t_min: Any = 0.0, t_max: Any = np.inf) -> Steps:
         """What the closest hit of each ray takes: inner nodes, leaves and triangle tests."""

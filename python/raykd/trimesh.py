@@ -97,12 +97,14 @@ class RayMeshIntersector:
         if points.ndim != 2 or points.shape[1] != 3:
             raise ValueError(f"points must be of shape (n, 3), but are of shape {points.shape}")
         if self.scene.mesh.is_closed:
-            return self.scene.winding(points) != 0
+            inside: np.ndarray = self.scene.winding(points) != 0
+            return inside
         odd = []
         for direction in ([0.0, 0.0, 1.0], [0.0, 0.0, -1.0]):
             crossed = self.scene.crossings(points, direction)
             odd.append((crossed.leaving + crossed.entering) % 2 == 1)
-        return odd[0] & odd[1]
+        both: np.ndarray = odd[0] & odd[1]
+        return both
 
     def _locations(self, triangle: np.ndarray, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """Where lines meet the planes of triangles, to the digits of float64."""
@@ -110,7 +112,8 @@ class RayMeshIntersector:
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         along = np.einsum("ij,ij->i", normals, directions)
         t = np.einsum("ij,ij->i", normals, corners[:, 0] - origins) / along
-        return origins + t[:, None] * directions
+        locations: np.ndarray = origins + t[:, None] * directions
+        return locations
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_built": None}
