@@ -386,7 +386,7 @@ def test_what_is_not_a_mesh_is_refused_in_words(teapot):
 
 def write_costs(path, device):
     """Costs of a device in the form that `raykd calibrate` writes: a better tree takes longer."""
-    names = "none shallow halfway median zhou binned binned-small exact exact-small".split()
+    names = "none shallow halfway median zhou binned binned-small exact exact-small wide".split()
     costs = []
     for quality, name in enumerate(names):
         for triangles in (100, 100_000):
@@ -395,7 +395,7 @@ def write_costs(path, device):
             cost |= {"upload_ms": 0, "build_ms": triangles * 1e-3 * quality, "launch_ms": 0.01, "transfer_ns": 1}
             cost["spread"] = 1
             costs.append(cost)
-    looks = [[triangles, [{"whole": 10, "halfway": 20}] * 2] for triangles in (100, 100_000)]
+    looks = [[triangles, [{"whole": 10, "halfway": 20, "wide": 10}] * 2] for triangles in (100, 100_000)]
     device = {"version": raykd.__version__, "device": device["kind"], "name": device["name"]}
     path.write_text(json.dumps({**device, "looks": looks, "costs": costs}))
 
