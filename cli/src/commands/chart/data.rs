@@ -46,6 +46,34 @@ impl Sample {
     pub(super) fn bytes_per_triangle(&self) -> f64 {
         self.cost.bytes as f64 / f64::from(self.cost.triangles.max(1))
     }
+
+    /// One for tests.
+    #[cfg(test)]
+    pub(super) fn example(choice: &str, build_ms: f64, ray_ns: f64) -> Self {
+        let cost = serde_json::json!({
+            "choice": choice,
+            "triangles": 10,
+            "upload_ms": 0.0,
+            "build_ms": build_ms,
+            "launch_ms": 0.0,
+            "ray_ns": ray_ns,
+            "worst_ns": ray_ns,
+            "transfer_ns": 0.0,
+            "bytes": 100,
+            "spread": 1.0,
+        });
+        let cost: Cost = serde_json::from_value(cost).unwrap();
+        let choice = Choice::named(choice).unwrap();
+        Self {
+            scene: "s".to_owned(),
+            device: "cpu",
+            threads: 0,
+            choice,
+            cost,
+            sah: 1.0,
+            refs_per_triangle: 1.0,
+        }
+    }
 }
 
 /// A triangle test and a way to find triangles.
@@ -344,4 +372,20 @@ pub(super) fn run(jobs: Vec<Job<'_>>, notes: &Notes) -> anyhow::Result<Data> {
         notes.step();
     }
     Ok(data)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn of_samples_of_one_choice_the_lower_costs_are_kept() {
+        let mut samples = Vec::new();
+        for (choice, build_ms, ray_ns) in [("exact", 5.0, 200.0), ("wide", 1.0, 900.0), ("exact", 7.0, 100.0)]
+        {
+            keep(&mut samples, Sample::example(choice, build_ms, ray_ns));
+        }
+        let costs: Vec<_> = samples.iter().map(|s| (s.choice.name, s.cost.build_ms, s.cost.ray_ns)).collect();
+        assert_eq!(costs, [("exact", 5.0, 100.0), ("wide", 1.0, 900.0)]);
+    }
 }

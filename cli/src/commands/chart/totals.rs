@@ -89,37 +89,11 @@ fn break_even<'a>(samples: &[&'a Sample]) -> Vec<(&'a str, f64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use raykd::plan::{Choice, Cost};
-
-    fn sample(choice: &str, build_ms: f64, ray_ns: f64) -> Sample {
-        let cost = serde_json::json!({
-            "choice": choice,
-            "triangles": 10,
-            "upload_ms": 0.0,
-            "build_ms": build_ms,
-            "launch_ms": 0.0,
-            "ray_ns": ray_ns,
-            "worst_ns": ray_ns,
-            "transfer_ns": 0.0,
-            "bytes": 100,
-            "spread": 1.0,
-        });
-        let cost: Cost = serde_json::from_value(cost).unwrap();
-        let choice = Choice::named(choice).unwrap();
-        Sample {
-            scene: "s".to_owned(),
-            device: "cpu",
-            threads: 0,
-            choice,
-            cost,
-            sah: 1.0,
-            refs_per_triangle: 1.0,
-        }
-    }
 
     #[test]
     fn break_even_points() {
-        let all = [sample("none", 0.0, 1e4), sample("median", 10.0, 1e3), sample("exact", 1000.0, 100.0)];
+        let all = [("none", 0.0, 1e4), ("median", 10.0, 1e3), ("exact", 1000.0, 100.0)]
+            .map(|(choice, build_ms, ray_ns)| Sample::example(choice, build_ms, ray_ns));
         let steps = break_even(&all.iter().collect::<Vec<_>>());
         let names: Vec<_> = steps.iter().map(|(name, _)| *name).collect();
         assert_eq!(names, ["none", "median", "exact"]);

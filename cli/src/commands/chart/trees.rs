@@ -7,7 +7,7 @@ use super::{
 use crate::report::three;
 use raykd::{BuildOptions, Builder};
 
-/// Samples of a scene that have a tree, by device and builder; shallow trees are no builder's.
+/// Samples of a scene that have a tree, by device and builder; trees that end early are no builder's.
 fn groups<'a>(data: &'a Data, scene: &str) -> Vec<(String, usize, bool, Vec<&'a Sample>)> {
     let mut groups = Vec::new();
     for device in ["cpu", "gpu"] {
@@ -218,4 +218,20 @@ fn say_bytes(groups: &[Group<'_>]) -> String {
         ));
     }
     format!("What is right of the left end of the plateau is waste. {}.", told.join(". "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use raykd::plan::CHOICES;
+
+    #[test]
+    fn what_ends_early_or_is_no_tree_is_no_builders() {
+        let mut data = Data::default();
+        data.samples.extend(CHOICES.iter().map(|choice| Sample::example(choice.name, 1.0, 1.0)));
+        let groups = groups(&data, "s");
+        let mut names: Vec<_> = groups.iter().flat_map(|(.., of)| of.iter().map(|s| s.choice.name)).collect();
+        names.sort_unstable();
+        assert_eq!(names, ["binned", "binned-small", "exact", "exact-small", "median", "zhou"]);
+    }
 }
