@@ -234,10 +234,14 @@ impl Calibration {
             let points = costs.iter().map(|cost| (f64::from(cost.triangles), number(cost)));
             power(&points.collect::<Vec<_>>(), f64::from(triangles))
         };
-        let steps = |seen: Seen| match (choice.is_wide(), choice.ends_halfway()) {
-            (true, _) => seen.wide,
-            (false, true) => seen.halfway,
-            (false, false) => seen.whole,
+        let steps = |seen: Seen| {
+            if choice.is_wide() {
+                seen.wide
+            } else if choice.ends_halfway() {
+                seen.halfway
+            } else {
+                seen.whole
+            }
         };
         let harder = seen.map_or(1.0, |(at, seen)| {
             let known: Vec<_> =
@@ -440,6 +444,9 @@ mod tests {
         refused(more, "no choice guess");
         let mut negative = good.clone();
         negative.costs[3].ray_ns = -1.0;
+        refused(negative, "negative");
+        let mut negative = good.clone();
+        negative.looks[1].1[0].wide = -1.0;
         refused(negative, "negative");
         std::fs::write(&path, "{ nonsense").unwrap();
         let told = Calibration::load(&path, &device).unwrap_err().to_string();

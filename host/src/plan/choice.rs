@@ -85,10 +85,12 @@ impl Choice {
     /// the fastest way through a tree everywhere, and through a single leaf too, but software drivers end its loop if
     /// that is long.
     pub const fn traversal(&self, triangles: usize) -> Traversal {
-        match (self.wide, self.tests_all() && triangles > LONG_LEAF) {
-            (true, _) => Traversal::Wide,
-            (false, true) => Traversal::Brute,
-            (false, false) => Traversal::Stack,
+        if self.wide {
+            Traversal::Wide
+        } else if self.tests_all() && triangles > LONG_LEAF {
+            Traversal::Brute
+        } else {
+            Traversal::Stack
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Moves elements to where a digit puts them; those with the same value keep their order.
 
-use super::{BLOCK, LANES, PASS_DIGIT, PASS_ELEMENTS, PASS_ROOM, VALUES, block_of, run, value};
+use super::{Block, LANES, VALUES, value};
 use crate::{
     Group,
     build::scan::{self, before, scan, word},
@@ -28,12 +28,12 @@ pub fn deal(
     totals: &Buf<u32>,
     to: &mut Buf<UVec2>,
 ) {
-    let digit = pass.at(PASS_DIGIT);
-    let blocks = pass.at(PASS_ELEMENTS).div_ceil(BLOCK);
-    let (list, block, end) = block_of(group.id, pass);
-    let base = list * pass.at(PASS_ROOM);
+    let block = Block::of(group.id, pass);
     lanes!(group, |lane| {
-        sums.put(word(0, lane), if lane < VALUES && end > 0 { totals.at(list * VALUES + lane) } else { 0 });
+        sums.put(
+            word(0, lane),
+            if lane < VALUES && block.end > 0 { totals.at(block.list * VALUES + lane) } else { 0 },
+        );
         let mut i = lane;
         while i < MASKS as u32 {
             masks.put(i, 0);
@@ -42,32 +42,32 @@ pub fn deal(
     });
     scan(group, 1, sums, parts);
     lanes!(group, |lane| {
-        if lane < VALUES && end > 0 {
-            places.put(lane, before(sums, parts, 0, lane) + counts.at(run(list, lane, blocks) + block));
+        if lane < VALUES && block.end > 0 {
+            places.put(lane, before(sums, parts, 0, lane) + counts.at(block.count(lane)));
         }
     });
     let mut elements = PerLane::<UVec2, { LANES as usize }>::default();
-    let mut first = block * BLOCK;
-    while first < end {
+    let mut first = block.start;
+    while first < block.end {
         elements.forget();
         lanes!(group, |lane| {
-            if first + lane < end {
-                let element = from.at(base + first + lane);
+            if first + lane < block.end {
+                let element = from.at(block.base + first + lane);
                 elements.put(lane, element);
-                masks.or(value(element, digit) * MASK + lane / 32, 1 << (lane % 32));
+                masks.or(value(element, block.digit) * MASK + lane / 32, 1 << (lane % 32));
             }
         });
         lanes!(group, |lane| {
-            if first + lane < end {
+            if first + lane < block.end {
                 let element = elements.at(lane);
-                let value = value(element, digit);
+                let value = value(element, block.digit);
                 let mut rank = (masks.at(value * MASK + lane / 32) & ((1 << (lane % 32)) - 1)).count_ones();
                 let mut word = 0;
                 while word < lane / 32 {
                     rank += masks.at(value * MASK + word).count_ones();
                     word += 1;
                 }
-                to.put(base + places.at(value) + rank, element);
+                to.put(block.base + places.at(value) + rank, element);
             }
         });
         lanes!(group, |lane| {

@@ -1,6 +1,6 @@
 //! How many elements of each block have which value of a digit.
 
-use super::{BLOCK, LANES, PASS_DIGIT, PASS_ELEMENTS, PASS_LISTS, PASS_ROOM, VALUES, block_of, run, value};
+use super::{Block, LANES, VALUES, value};
 use crate::{
     Group,
     glam::UVec2,
@@ -15,25 +15,22 @@ pub fn digits(
     from: &Buf<UVec2>,
     counts: &mut Buf<u32>,
 ) {
-    let digit = pass.at(PASS_DIGIT);
-    let blocks = pass.at(PASS_ELEMENTS).div_ceil(BLOCK);
-    let (list, block, end) = block_of(group.id, pass);
-    let base = list * pass.at(PASS_ROOM);
+    let block = Block::of(group.id, pass);
     lanes!(group, |lane| {
         if lane < VALUES {
             values.put(lane, 0);
         }
     });
     lanes!(group, |lane| {
-        let mut i = block * BLOCK + lane;
-        while i < end {
-            values.add(value(from.at(base + i), digit), 1);
+        let mut i = block.start + lane;
+        while i < block.end {
+            values.add(value(from.at(block.base + i), block.digit), 1);
             i += LANES;
         }
     });
     lanes!(group, |lane| {
-        if lane < VALUES && list < pass.at(PASS_LISTS) {
-            counts.put(run(list, lane, blocks) + block, values.at(lane));
+        if lane < VALUES && block.end > 0 {
+            counts.put(block.count(lane), values.at(lane));
         }
     });
 }

@@ -52,19 +52,43 @@ fn value(element: UVec2, digit: u32) -> u32 {
     rest & (VALUES - 1)
 }
 
-/// Where the counts of a list's elements with a value stand, block by block.
-#[inline(always)]
-fn run(list: u32, value: u32, blocks: u32) -> u32 {
-    (list * VALUES + value) * blocks
+/// A workgroup's block of a list, and the digit by which its elements are sorted.
+struct Block {
+    digit: u32,
+    list: u32,
+    /// Its number, and how many a list has.
+    number: u32,
+    blocks: u32,
+    /// Where the list starts.
+    base: u32,
+    /// Its elements in the list: the first, and the last and one more. None if there is no such list, as workgroups
+    /// come in whole rows.
+    start: u32,
+    end: u32,
 }
 
-/// The list of a workgroup and its block there, and the block's last element and one more: none if there is no such
-/// list, as workgroups come in whole rows.
-#[inline(always)]
-fn block_of(group: u32, pass: &Buf<u32>) -> (u32, u32, u32) {
-    let (lists, elements) = (pass.at(PASS_LISTS), pass.at(PASS_ELEMENTS));
-    let (list, block) = row_of(group, elements.div_ceil(BLOCK), lists);
-    let end = (block + 1) * BLOCK;
-    let end = if end < elements { end } else { elements };
-    (list, block, if list < lists { end } else { 0 })
+impl Block {
+    #[inline(always)]
+    fn of(group: u32, pass: &Buf<u32>) -> Self {
+        let (lists, elements) = (pass.at(PASS_LISTS), pass.at(PASS_ELEMENTS));
+        let blocks = elements.div_ceil(BLOCK);
+        let (list, number) = row_of(group, blocks, lists);
+        let end = (number + 1) * BLOCK;
+        let end = if end < elements { end } else { elements };
+        Self {
+            digit: pass.at(PASS_DIGIT),
+            list,
+            number,
+            blocks,
+            base: list * pass.at(PASS_ROOM),
+            start: number * BLOCK,
+            end: if list < lists { end } else { 0 },
+        }
+    }
+
+    /// Where the count of its elements with a value stands: value by value, those of a list's blocks in turn.
+    #[inline(always)]
+    fn count(&self, value: u32) -> u32 {
+        (self.list * VALUES + value) * self.blocks + self.number
+    }
 }
