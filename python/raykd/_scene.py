@@ -121,9 +121,10 @@ class Scene:
     ``BuildOptions``: ``cost_step``, ``cost_test``, ``price``, ``long``, ``budget``, ``empty``, ``max_depth``, ``clip``.
 
     With ``quality="auto"`` builder, traversal and build options are those that take the least time for this mesh and
-    so many ``rays`` (left out: a million); with ``device="auto"`` the device, too. ``plan`` tells what was chosen. That
-    needs what trees cost on the device: ``costs`` names a file that ``raykd calibrate -o`` wrote. Left out, they are
-    taken from the cache that the program has, too, or measured once, with a warning, and kept there.
+    so many ``rays`` (left out: a million); with ``device="auto"`` the device, too. A tree is always built, as a scene
+    answers all queries. ``plan`` tells what was chosen. That needs what trees cost on the device: ``costs`` names a
+    file that ``raykd calibrate -o`` wrote. Left out, they are taken from the cache that the program has, too, or
+    measured once, with a warning, and kept there.
 
     Closest hits do not depend on device, threads, builder and traversal. Scenes may be used by several threads at once;
     the interpreter's lock is released while rays are traced.
