@@ -4,7 +4,6 @@
 //! has them: see [`packet`](crate::trace::side_by_side).
 
 use crate::{
-    bounds::Bounds,
     glam::{UVec4, Vec3, Vec4},
     math::{Digits, Listed, Number, Row, Sides},
     mem::Buf,
@@ -174,20 +173,27 @@ impl Eight {
         (belows, aboves)
     }
 
-    /// What a histogram of a node that begins at `from` needs of a box: the bins of its low faces and its high faces,
-    /// and the words for where those stand; three each, and one of no meaning.
+    /// Enters a box, whose corners stand in the first three words of `lo` and `hi`, into the histogram of a node that
+    /// begins at `from`. That begins at word `BEFORE`; its words stand in pairs, a count and a place, bin by bin: of
+    /// low faces on each axis, then of high faces.
     #[inline(always)]
-    pub(crate) fn entry(part: &Bounds, from: Vec3, rates: Vec3) -> ([u32; 8], [u32; 8]) {
-        let (mut bins, mut words) = ([0; 8], [0; 8]);
+    pub(crate) fn enter<const BEFORE: usize, const WORDS: usize>(
+        table: &mut [u32; WORDS],
+        lo: UVec4,
+        hi: UVec4,
+        from: Vec3,
+        rates: Vec3,
+    ) {
         avx2!({
             let twice = |v: Vec3| _mm256_setr_ps(v.x, v.y, v.z, 0.0, v.x, v.y, v.z, 0.0);
-            let Bounds { lo, hi } = *part;
-            let faces = _mm256_setr_ps(lo.x, lo.y, lo.z, 0.0, hi.x, hi.y, hi.z, 0.0);
+            let four = |v: UVec4| _mm_loadu_ps((&raw const v).cast());
+            let faces = _mm256_blend_ps::<0x88>(_mm256_set_m128(four(hi), four(lo)), _mm256_setzero_ps());
             let bin = _mm256_mul_ps(_mm256_sub_ps(faces, twice(from)), twice(rates));
             // As `whole` does: what is no number becomes 0.
             let bin = _mm256_max_ps(bin, _mm256_setzero_ps());
             let bin = _mm256_min_ps(_mm256_set1_ps((BINS - 1) as f32), bin);
-            _mm256_storeu_si256(bins.as_mut_ptr().cast(), _mm256_cvttps_epi32(bin));
+            // No bin is out of range, which a compiler cannot know.
+            let bin = _mm256_and_si256(_mm256_cvttps_epi32(bin), _mm256_set1_epi32((BINS - 1).cast_signed()));
             // As `ordered` does; low faces inverted, and all bits of those that lie in the high ones.
             let bits = _mm256_castps_si256(faces);
             let sign = _mm256_or_si256(_mm256_srai_epi32::<31>(bits), _mm256_set1_epi32(i32::MIN));
@@ -195,10 +201,26 @@ impl Eight {
             let order = _mm256_xor_si256(_mm256_xor_si256(bits, sign), is_low);
             let highs = _mm256_permute2f128_ps::<1>(faces, faces);
             let extends = _mm256_castps_si256(_mm256_cmp_ps::<_CMP_LT_OQ>(faces, highs));
-            let flat = _mm256_andnot_si256(extends, is_low);
-            _mm256_storeu_si256(words.as_mut_ptr().cast(), _mm256_or_si256(order, flat));
+            let places = _mm256_or_si256(order, _mm256_andnot_si256(extends, is_low));
+            // Each place behind a zero, to be compared with a pair.
+            let x_and_z = _mm256_slli_epi64::<32>(places);
+            let y = _mm256_blend_epi32::<0x55>(places, _mm256_setzero_si256());
+            let mut tally = |face: usize, bin: i32, place: __m128i| {
+                let at = BEFORE + 2 * (face * BINS as usize + bin as usize);
+                let pair = &mut table[at..at + 2];
+                let counted =
+                    _mm_add_epi32(_mm_loadl_epi64(pair.as_ptr().cast()), _mm_setr_epi32(1, 0, 0, 0));
+                _mm_storel_epi64(pair.as_mut_ptr().cast(), _mm_max_epu32(counted, place));
+            };
+            let (low, high) = (_mm256_castsi256_si128(bin), _mm256_extracti128_si256::<1>(bin));
+            let (low_xz, high_xz) = (_mm256_castsi256_si128(x_and_z), _mm256_extracti128_si256::<1>(x_and_z));
+            tally(0, _mm_extract_epi32::<0>(low), low_xz);
+            tally(1, _mm_extract_epi32::<1>(low), _mm256_castsi256_si128(y));
+            tally(2, _mm_extract_epi32::<2>(low), _mm_unpackhi_epi64(low_xz, low_xz));
+            tally(3, _mm_extract_epi32::<0>(high), high_xz);
+            tally(4, _mm_extract_epi32::<1>(high), _mm256_extracti128_si256::<1>(y));
+            tally(5, _mm_extract_epi32::<2>(high), _mm_unpackhi_epi64(high_xz, high_xz));
         });
-        (bins, words)
     }
 
     /// Those bits of each.

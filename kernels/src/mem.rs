@@ -93,6 +93,11 @@ pub fn view<T>(slice: &[T]) -> View<'_, T> {
 pub trait Slots<T: Copy> {
     /// Reads element `i`.
     fn at(&self, i: u32) -> T;
+    /// Reads elements `i` and `i + 1`.
+    #[inline(always)]
+    fn two(&self, i: u32) -> (T, T) {
+        (self.at(i), self.at(i + 1))
+    }
     /// Reads elements `i`, `i + 1` and `i + 2`.
     #[inline(always)]
     fn three(&self, i: u32) -> (T, T, T) {
@@ -105,6 +110,12 @@ pub trait Slots<T: Copy> {
     }
     /// Writes element `i`.
     fn put(&mut self, i: u32, value: T);
+    /// Writes elements `i` and `i + 1`.
+    #[inline(always)]
+    fn put_two(&mut self, i: u32, (first, second): (T, T)) {
+        self.put(i, first);
+        self.put(i + 1, second);
+    }
     /// Says that element `i` will be read, if there is one: a CPU, which runs few lanes at a time, then
     /// fetches it.
     #[inline(always)]
@@ -396,15 +407,30 @@ mod cpu {
     use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 
     impl<T> Buf<T> {
+        /// Where elements `i` to `i + n - 1` stand.
         #[inline(always)]
-        fn slot(&self, i: u32) -> *mut T {
+        fn slots(&self, i: u32, n: usize) -> *mut T {
             #[cfg(feature = "traffic")]
-            self.moved.set(self.moved.get() + size_of::<T>() as u64);
+            self.moved.set(self.moved.get() + (n * size_of::<T>()) as u64);
             let i = i as usize;
-            assert!(i < self.len, "index {i} in a buffer of {}", self.len);
-            // SAFETY: i is below len, and `new` promised len elements.
+            if i >= self.len.saturating_sub(n - 1) {
+                outside(i, n, self.len);
+            }
+            // SAFETY: they are below len, and `new` promised len elements.
             unsafe { self.ptr.add(i) }
         }
+
+        #[inline(always)]
+        fn slot(&self, i: u32) -> *mut T {
+            self.slots(i, 1)
+        }
+    }
+
+    /// Apart from where it is called, which would else keep the index in memory for the message.
+    #[cold]
+    #[inline(never)]
+    fn outside(i: usize, n: usize, len: usize) -> ! {
+        panic!("{n} elements from {i} on, in a buffer of {len}")
     }
 
     impl<T: Copy> Slots<T> for Buf<T> {
@@ -414,21 +440,30 @@ mod cpu {
             unsafe { self.slot(i).read() }
         }
         #[inline(always)]
+        fn two(&self, i: u32) -> (T, T) {
+            let first = self.slots(i, 2);
+            // SAFETY: as above.
+            unsafe { (first.read(), first.add(1).read()) }
+        }
+        #[inline(always)]
         fn three(&self, i: u32) -> (T, T, T) {
-            #[cfg(feature = "traffic")]
-            self.moved.set(self.moved.get() + 3 * size_of::<T>() as u64);
-            let i = i as usize;
-            assert!(i < self.len.saturating_sub(2), "indices from {i} in a buffer of {}", self.len);
-            // SAFETY: all three are below len; else as above.
-            unsafe {
-                let first = self.ptr.add(i);
-                (first.read(), first.add(1).read(), first.add(2).read())
-            }
+            let first = self.slots(i, 3);
+            // SAFETY: as above.
+            unsafe { (first.read(), first.add(1).read(), first.add(2).read()) }
         }
         #[inline(always)]
         fn put(&mut self, i: u32, value: T) {
             // SAFETY: in bounds; `new` promised that nobody else touches this element now.
             unsafe { self.slot(i).write(value) }
+        }
+        #[inline(always)]
+        fn put_two(&mut self, i: u32, values: (T, T)) {
+            let first = self.slots(i, 2);
+            // SAFETY: as above.
+            unsafe {
+                first.write(values.0);
+                first.add(1).write(values.1);
+            }
         }
         #[inline(always)]
         fn soon(&self, i: u32) {

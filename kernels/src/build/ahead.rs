@@ -2,6 +2,7 @@
 
 use crate::{
     Group, ON_GPU,
+    kernel::Bits,
     mem::{Buf, Slots},
 };
 
@@ -11,29 +12,33 @@ fn asks(group: Group) -> bool {
     group.sharers() == 1 && cfg!(not(feature = "traffic"))
 }
 
-/// Asks for the triangles whose bits are set.
+/// Asks where the corners of the triangles stand whose bits are set.
 #[inline(always)]
-pub(super) fn triangles(
+pub(super) fn indices(group: Group, indices: &Buf<u32>, mask: u32, triangle: impl Fn(u32) -> u32) {
+    if ON_GPU || !asks(group) {
+        return;
+    }
+    for i in Bits(mask) {
+        indices.soon(3 * triangle(i));
+    }
+}
+
+/// Asks for the corners of the triangles whose bits are set. It reads where they stand: [`indices`] asked for that.
+#[inline(always)]
+pub(super) fn corners(
     group: Group,
     positions: &Buf<f32>,
     indices: &Buf<u32>,
     mask: u32,
-    mut triangle: impl FnMut(u32) -> u32,
+    triangle: impl Fn(u32) -> u32,
 ) {
     if ON_GPU || !asks(group) {
         return;
     }
-    let mut rest = mask;
-    while rest != 0 {
-        indices.soon(3 * triangle(rest.trailing_zeros()));
-        rest &= rest - 1;
-    }
-    rest = mask;
-    while rest != 0 {
-        let (a, b, c) = indices.three(3 * triangle(rest.trailing_zeros()));
+    for i in Bits(mask) {
+        let (a, b, c) = indices.three(3 * triangle(i));
         positions.soon(3 * a);
         positions.soon(3 * b);
         positions.soon(3 * c);
-        rest &= rest - 1;
     }
 }

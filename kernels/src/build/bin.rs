@@ -6,10 +6,9 @@
 //! And the last end and the first start in each bin: planes there cut fewer triangles than one at the bin's
 //! border.
 
-use super::{Item, LEVEL_CHUNKS, chunk_of, reference::Reference};
+use super::{Item, LEVEL_CHUNKS, chunk_of, reference::Words};
 use crate::{
-    Group,
-    bounds::Bounds,
+    Group, ON_GPU,
     glam::{UVec4, Vec3},
     math::{component, ratio, whole},
     mem::{Atomics, Buf, Slots},
@@ -24,20 +23,45 @@ use raykd_shared::{
 pub const STARTS: u32 = 0;
 /// How many end there.
 pub const ENDS: u32 = 3 * BINS;
-/// Where the last of them does, [`ordered`].
-pub const LAST_ENDS: u32 = 6 * BINS;
 /// Where the first that starts in a bin does, [`ordered`] and inverted; [`UNTOLD`] if a flat one does, which
 /// lies below a plane through it.
-pub const FIRST_STARTS: u32 = 9 * BINS;
+pub const FIRST_STARTS: u32 = 6 * BINS;
+/// Where the last that ends in a bin does, [`ordered`].
+pub const LAST_ENDS: u32 = 9 * BINS;
 /// No first start is told.
 pub const UNTOLD: u32 = u32::MAX;
 /// Words of a node's histogram.
 pub const HIST_WORDS: u32 = 12 * BINS;
 /// Where the histogram starts in workgroup memory: [`super::split`] reads a word before it, which does not
 /// matter.
-pub const BEFORE: u32 = 1;
+pub const BEFORE: u32 = 2;
 /// Words for it there.
 pub const TABLE: usize = (BEFORE + HIST_WORDS) as usize;
+
+/// Where a histogram's word stands in workgroup memory while boxes are entered: on a CPU, which changes both at once, a
+/// count beside the place in the same bin.
+#[inline(always)]
+const fn entered(word: u32) -> u32 {
+    if ON_GPU {
+        BEFORE + word
+    } else if word < FIRST_STARTS {
+        BEFORE + 2 * word
+    } else {
+        BEFORE + 2 * (word - FIRST_STARTS) + 1
+    }
+}
+
+/// Puts the words of a histogram into their order, when all boxes are entered.
+#[inline(always)]
+fn put_in_order(table: &mut [u32; TABLE]) {
+    let entries = *table;
+    let mut count = 0;
+    while count < FIRST_STARTS {
+        table.put(BEFORE + count, entries.at(BEFORE + 2 * count));
+        table.put(BEFORE + FIRST_STARTS + count, entries.at(BEFORE + 2 * count + 1));
+        count += 1;
+    }
+}
 
 /// How many large nodes may have histograms, if lists have room for so many references.
 #[inline(always)]
@@ -73,12 +97,12 @@ pub fn unordered(bits: u32) -> f32 {
 /// Counts a box's start and end on an axis.
 #[inline(always)]
 fn enter(table: &mut [u32; TABLE], axis: u32, lo: f32, hi: f32, from: f32, per_bin: f32) {
-    let start = BEFORE + axis * BINS + bin_of(lo, from, per_bin);
-    let end = BEFORE + axis * BINS + bin_of(hi, from, per_bin);
-    table.add(STARTS + start, 1);
-    table.add(ENDS + end, 1);
-    table.raise(LAST_ENDS + end, ordered(hi));
-    table.raise(FIRST_STARTS + start, if lo < hi { !ordered(lo) } else { UNTOLD });
+    let start = axis * BINS + bin_of(lo, from, per_bin);
+    let end = axis * BINS + bin_of(hi, from, per_bin);
+    table.add(entered(STARTS + start), 1);
+    table.add(entered(ENDS + end), 1);
+    table.raise(entered(LAST_ENDS + end), ordered(hi));
+    table.raise(entered(FIRST_STARTS + start), if lo < hi { !ordered(lo) } else { UNTOLD });
 }
 
 /// Clears a table, and finds how many bins there are to a unit of length on each axis of a box.
@@ -109,11 +133,12 @@ pub fn rates(rate: &[u32; 3]) -> Vec3 {
 
 /// Counts a box's starts and ends, in a node that begins at `from`.
 #[inline(always)]
-pub fn enter_box(group: &Group, table: &mut [u32; TABLE], rates: Vec3, from: Vec3, part: &Bounds) {
+pub fn enter_box(group: &Group, table: &mut [u32; TABLE], rates: Vec3, from: Vec3, part: Words) {
     by_eight!(
         group.usual,
-        enter_all(table, Eight::entry(part, from, rates)),
+        Eight::enter::<{ BEFORE as usize }, TABLE>(table, part.lo, part.hi, from, rates),
         else {
+            let part = part.bounds();
             enter(table, 0, part.lo.x, part.hi.x, from.x, rates.x);
             enter(table, 1, part.lo.y, part.hi.y, from.y, rates.y);
             enter(table, 2, part.lo.z, part.hi.z, from.z, rates.z);
@@ -121,26 +146,9 @@ pub fn enter_box(group: &Group, table: &mut [u32; TABLE], rates: Vec3, from: Vec
     );
 }
 
-/// [`enter`] on all axes: the bins of the low faces and, from the fourth on, of the high ones, and the words to raise
-/// there.
-#[inline(always)]
-fn enter_all(table: &mut [u32; TABLE], (bins, words): ([u32; 8], [u32; 8])) {
-    let mut axis = 0;
-    while axis < 3 {
-        // No bin is out of range, which a compiler cannot know.
-        let start = BEFORE + axis * BINS + bins[axis as usize] % BINS;
-        let end = BEFORE + axis * BINS + bins[axis as usize + 4] % BINS;
-        table.add(STARTS + start, 1);
-        table.add(ENDS + end, 1);
-        table.raise(FIRST_STARTS + start, words[axis as usize]);
-        table.raise(LAST_ENDS + end, words[axis as usize + 4]);
-        axis += 1;
-    }
-}
-
 /// The histogram of `count` references from `first` on, of node `item`.
 #[inline(always)]
-pub fn fill(
+fn fill(
     group: Group,
     table: &mut [u32; TABLE],
     rate: &mut [u32; 3],
@@ -155,10 +163,27 @@ pub fn fill(
         let rates = rates(rate);
         let mut i = lane;
         while i < count {
-            enter_box(&group, table, rates, item.lo, &Reference::load(refs, first + i).bounds);
+            enter_box(&group, table, rates, item.lo, Words::load(refs, first + i));
             i += step;
         }
     });
+}
+
+/// The same, with its words in order.
+#[inline(always)]
+pub fn fill_in_order(
+    group: Group,
+    table: &mut [u32; TABLE],
+    rate: &mut [u32; 3],
+    item: &Item,
+    refs: &Buf<UVec4>,
+    first: u32,
+    count: u32,
+) {
+    fill(group, table, rate, item, refs, first, count);
+    if !ON_GPU {
+        put_in_order(table);
+    }
 }
 
 /// Reads the histogram of a node.
@@ -181,8 +206,8 @@ pub fn add(group: Group, table: &[u32; TABLE], hists: &mut Buf<u32>, node: u32) 
     lanes!(group, ..step, |lane| {
         let mut word = lane;
         while word < HIST_WORDS {
-            let (at, value) = (node * HIST_WORDS + word, table.at(BEFORE + word));
-            if value != 0 && word < LAST_ENDS {
+            let (at, value) = (node * HIST_WORDS + word, table.at(entered(word)));
+            if value != 0 && word < FIRST_STARTS {
                 hists.add(at, value);
             } else if value != 0 {
                 hists.raise(at, value);

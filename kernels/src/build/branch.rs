@@ -8,12 +8,12 @@
 use super::{
     ARGS_BRANCHES, ARGS_TREELET_BLOCKS, Item, ROUND_EARLIER, ROUND_FROM, ROUND_NUMBER, ROUND_ROOM, ROUND_TOP,
     ROUND_TREELETS, STATE_STATUS, SplitPlane, ahead,
-    bin::{TABLE, fill},
+    bin::{TABLE, fill_in_order},
     clip::sides_of_halves,
     corners_at, cut, growth_left,
     marks::{BLOCKS, Marks, WORDS, scan, sides_of},
     put_corners,
-    reference::Reference,
+    reference::{Reference, Words},
     split::{FOUND, WEIGHING, chosen, find},
     tally::blocks_of,
 };
@@ -22,7 +22,7 @@ use crate::{
     bounds::Bounds,
     glam::{UVec2, UVec4},
     kernel::Bits,
-    mem::{Atomics, Buf, PerLane, Slots},
+    mem::{Atomics, Buf, PerLane, Slots, scratch},
     put_groups,
 };
 use raykd_shared::{
@@ -256,6 +256,9 @@ impl Halves {
 /// What each lane holds of a node: every 128th reference, from its own number on.
 type Held = PerLane<[Halves; 2], { LANES as usize }>;
 
+/// Most references of a node.
+const MOST: usize = BRANCH as usize;
+
 /// Lanes that hold any of `count` references.
 #[inline(always)]
 const fn holders(count: u32) -> u32 {
@@ -269,6 +272,7 @@ fn divide(
     belows: &mut [u32; WORDS],
     aboves: &mut [u32; WORDS],
     held: &mut Held,
+    words: &mut [Words; MOST],
     node: &Item,
     plane: SplitPlane,
     clips: bool,
@@ -278,8 +282,11 @@ fn divide(
 ) {
     #[cfg(not(target_arch = "spirv"))]
     if group.sharers() == 1 {
-        return divide_words(group, belows, aboves, held, node, plane, clips, positions, indices, refs);
+        return divide_words(
+            group, belows, aboves, held, words, node, plane, clips, positions, indices, refs,
+        );
     }
+    let _ = words;
     lanes!(group, ..node.count.div_ceil(32), |word| {
         belows.put(word, 0);
         aboves.put(word, 0);
@@ -301,7 +308,8 @@ fn divide(
     });
 }
 
-/// [`divide`] on a CPU, whose one lane takes the references by words of marks.
+/// [`divide`] on a CPU, whose one lane takes the references by words of marks. Only of what goes both ways it holds
+/// halves; of the others all, or what clipping has left, stands in `words`.
 #[cfg(not(target_arch = "spirv"))]
 #[inline(always)]
 fn divide_words(
@@ -309,6 +317,7 @@ fn divide_words(
     belows: &mut [u32; WORDS],
     aboves: &mut [u32; WORDS],
     held: &mut Held,
+    words: &mut [Words; MOST],
     node: &Item,
     plane: SplitPlane,
     clips: bool,
@@ -318,19 +327,35 @@ fn divide_words(
 ) {
     let mut i = 0;
     while i < node.count {
-        let (mut below, mut above) = sides_of(refs, node.first + i, node.count - i, plane);
-        let straddling = if clips { below & above } else { 0 };
+        let (below, above) = sides_of(refs, node.first + i, node.count - i, plane);
+        belows.put(i / 32, below);
+        aboves.put(i / 32, above);
         for at in i..if node.count < i + 32 { node.count } else { i + 32 } {
-            let Reference { bounds, triangle, .. } = Reference::load(refs, node.first + at);
-            *held.one(at) = Halves { under: bounds, over: bounds, triangle, sides: 0 };
+            words.put(at, Words::load(refs, node.first + at));
         }
-        ahead::triangles(group, positions, indices, straddling, |k| held.one(i + k).triangle);
-        for k in Bits(straddling) {
-            let own = held.one(i + k);
-            let whole = Reference { triangle: own.triangle, cell: 0, bounds: own.under };
-            (own.under, own.over) = whole.halves(positions, indices, plane);
-            below &= !((own.under.is_empty() as u32) << k);
-            above &= !((own.over.is_empty() as u32) << k);
+        if clips {
+            ahead::indices(group, indices, below & above, |k| words.at(i + k).lo.w);
+        }
+        i += 32;
+    }
+    if !clips {
+        return;
+    }
+    i = 0;
+    while i < node.count {
+        let (mut below, mut above) = (belows.at(i / 32), aboves.at(i / 32));
+        ahead::corners(group, positions, indices, below & above, |k| words.at(i + k).lo.w);
+        for k in Bits(below & above) {
+            let whole = words.at(i + k).read();
+            let (under, over) = whole.halves(positions, indices, plane);
+            let sides = sides_of_halves(&under, &over);
+            if sides != 3 {
+                words
+                    .put(i + k, Reference { bounds: if sides == 2 { over } else { under }, ..whole }.words());
+            }
+            *held.one(i + k) = Halves { under, over, triangle: whole.triangle, sides };
+            below &= !((!sides & 1) << k);
+            above &= !((!sides >> 1 & 1) << k);
         }
         belows.put(i / 32, below);
         aboves.put(i / 32, above);
@@ -343,36 +368,44 @@ fn divide_words(
 fn replace(
     group: Group,
     held: &mut Held,
+    words: &[Words; MOST],
     node: &Item,
     children: Children,
+    clips: bool,
     marks: Marks,
     refs: &mut Buf<UVec4>,
 ) {
+    let (first_below, first_above) = (children.first_below, children.first_above);
     #[cfg(not(target_arch = "spirv"))]
     if group.sharers() == 1 {
         for first in (0..node.count).step_by(32) {
-            for i in Bits(marks.belows.at(first / 32)).map(|k| first + k) {
-                let Halves { under: bounds, triangle, .. } = *held.one(i);
-                let at = children.first_below + marks.below_before(i);
-                Reference { triangle, cell: 0, bounds }.store(refs, at);
+            let (below, above) = (marks.belows.at(first / 32), marks.aboves.at(first / 32));
+            let straddling = if clips { below & above } else { 0 };
+            for i in Bits(below & !straddling).map(|k| first + k) {
+                words.at(i).store(refs, first_below + marks.below_before(i));
             }
-            for i in Bits(marks.aboves.at(first / 32)).map(|k| first + k) {
-                let Halves { over: bounds, triangle, .. } = *held.one(i);
-                let at = children.first_above + marks.above_before(i);
-                Reference { triangle, cell: 0, bounds }.store(refs, at);
+            for i in Bits(above & !straddling).map(|k| first + k) {
+                words.at(i).store(refs, first_above + marks.above_before(i));
+            }
+            for i in Bits(straddling).map(|k| first + k) {
+                let Halves { under, over, triangle, .. } = *held.one(i);
+                let half = |bounds| Reference { triangle, cell: 0, bounds };
+                half(under).store(refs, first_below + marks.below_before(i));
+                half(over).store(refs, first_above + marks.above_before(i));
             }
         }
         return;
     }
+    let _ = (words, clips);
     let put = move |refs: &mut Buf<UVec4>, marks: Marks, at: u32, halves: Halves| {
         let Halves { under, over, triangle, sides } = halves;
         if sides & 1 != 0 {
             let reference = Reference { triangle, cell: 0, bounds: under };
-            reference.store(refs, children.first_below + marks.below_before(at));
+            reference.store(refs, first_below + marks.below_before(at));
         }
         if sides & 2 != 0 {
             let reference = Reference { triangle, cell: 0, bounds: over };
-            reference.store(refs, children.first_above + marks.above_before(at));
+            reference.store(refs, first_above + marks.above_before(at));
         }
     };
     lanes!(group, ..holders(node.count), |lane| {
@@ -502,19 +535,22 @@ pub fn branch(
             }
         });
         let mut held = Held::default();
+        let mut words = scratch::<Words, MOST>();
         while own.at(WAITING) > 0 && own.at(STOPPED) == 0 {
             held.forget();
             let node = next_node(stack, own);
             let (first, count) = (node.first, node.count);
-            fill(group, table, rate, &node, refs, first, count);
+            fill_in_order(group, table, rate, &node, refs, first, count);
             find(group, table, found, &params, node.extra, &node);
             let plane = chosen(found);
-            divide(group, belows, aboves, &mut held, &node, plane, clips, positions, indices, refs);
+            divide(
+                group, belows, aboves, &mut held, &mut words, &node, plane, clips, positions, indices, refs,
+            );
             scan(group, belows, aboves, sums, blocks, count.div_ceil(32));
             let marks = Marks { belows, aboves, sums };
             let children = Children::of(own, &node, plane, marks.counts(count), small, room_here / SHARE);
             if children.fit {
-                replace(group, &mut held, &node, children, marks, refs);
+                replace(group, &mut held, &words, &node, children, clips, marks, refs);
                 finish(group, stack, own, children, base, items, nodes);
             } else {
                 lanes!(group, ..1, |_lane| {

@@ -8,6 +8,7 @@ use super::{
 use crate::{
     Group, ON_GPU,
     glam::UVec4,
+    kernel::Bits,
     mem::{Atomics, Buf, Slots},
 };
 use raykd_shared::limits::{MOST_CHUNK, chunk};
@@ -40,6 +41,9 @@ pub fn mark(
     number: u32,
     plane: SplitPlane,
 ) {
+    if !ON_GPU && group.sharers() == 1 {
+        return mark_words(group, belows, aboves, clips, positions, indices, refs, start, number, plane);
+    }
     let step = group.sharers();
     lanes!(group, ..step, |lane| {
         let mut word = lane;
@@ -50,13 +54,10 @@ pub fn mark(
         }
     });
     lanes!(group, ..step, |lane| {
-        // In batches: triangles are looked at together, in which lanes meet and for which a CPU asks ahead.
+        // In batches: triangles are looked at together, in which lanes meet.
         let mut i = lane;
         while i < number {
-            let mut straddling = mark_boxes(group, belows, aboves, clips, refs, (start, i, number), plane);
-            ahead::triangles(group, positions, indices, straddling, |k| {
-                triangle_at(refs, start + i + k * step)
-            });
+            let mut straddling = mark_boxes(belows, aboves, clips, refs, (start, i, number), step, plane);
             while straddling != 0 {
                 let at = i + straddling.trailing_zeros() * step;
                 straddling &= straddling - 1;
@@ -87,25 +88,63 @@ pub(super) fn sides_of(refs: &Buf<UVec4>, first: u32, number: u32, plane: SplitP
     (below, above)
 }
 
+/// [`mark`] by the one lane of a CPU: what straddles the plane is found first, and asked for.
+#[inline(always)]
+fn mark_words(
+    group: Group,
+    belows: &mut [u32; WORDS],
+    aboves: &mut [u32; WORDS],
+    clips: bool,
+    positions: &Buf<f32>,
+    indices: &Buf<u32>,
+    refs: &mut Buf<UVec4>,
+    start: u32,
+    number: u32,
+    plane: SplitPlane,
+) {
+    let words = number.div_ceil(32);
+    for word in 0..words {
+        let (below, above) = sides_of(refs, start + 32 * word, number - 32 * word, plane);
+        belows.put(word, below);
+        aboves.put(word, above);
+        if clips {
+            ahead::indices(group, indices, below & above, |k| triangle_at(refs, start + 32 * word + k));
+        }
+    }
+    let both = |belows: &[u32; WORDS], aboves: &[u32; WORDS], word: u32| {
+        if clips && word < words { belows.at(word) & aboves.at(word) } else { 0 }
+    };
+    for word in 0..words {
+        let next = both(belows, aboves, word + 1);
+        ahead::corners(group, positions, indices, next, |k| triangle_at(refs, start + 32 * (word + 1) + k));
+        let (mut below, mut above) = (belows.at(word), aboves.at(word));
+        for k in Bits(both(belows, aboves, word)) {
+            let mut reference = Reference::load(refs, start + 32 * word + k);
+            let (under, over) = reference.halves(positions, indices, plane);
+            let s = sides_of_halves(&under, &over);
+            if s != 3 {
+                reference.bounds = if s == 2 { over } else { under };
+                reference.store(refs, start + 32 * word + k);
+            }
+            below &= !((!s & 1) << k);
+            above &= !((!s >> 1 & 1) << k);
+        }
+        belows.put(word, below);
+        aboves.put(word, above);
+    }
+}
+
 /// [`mark`] for every `step`-th reference from `i` on, 32 at most; a bit for each box that straddles the plane.
 #[inline(always)]
 fn mark_boxes(
-    group: Group,
     belows: &mut [u32; WORDS],
     aboves: &mut [u32; WORDS],
     clips: bool,
     refs: &Buf<UVec4>,
     (start, i, number): (u32, u32, u32),
+    step: u32,
     plane: SplitPlane,
 ) -> u32 {
-    let step = group.sharers();
-    if !ON_GPU && step == 1 {
-        let (below, above) = sides_of(refs, start + i, number - i, plane);
-        let straddling = if clips { below & above } else { 0 };
-        belows.put(i / 32, below & !straddling);
-        aboves.put(i / 32, above & !straddling);
-        return straddling;
-    }
     let mut straddling = 0u32;
     let mut k = 0;
     while k < 32 && i + k * step < number {

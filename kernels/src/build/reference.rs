@@ -22,6 +22,42 @@ pub struct Reference {
     pub bounds: Bounds,
 }
 
+/// A reference as it stands in a list.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Words {
+    /// The lower corner of the box, and the triangle's number.
+    pub lo: UVec4,
+    /// The upper corner, and [`Reference::cell`].
+    pub hi: UVec4,
+}
+
+impl Words {
+    /// Reads reference `i` of a list.
+    #[inline(always)]
+    pub fn load(list: &Buf<UVec4>, i: u32) -> Self {
+        let (lo, hi) = list.two(2 * i);
+        Self { lo, hi }
+    }
+
+    /// Writes reference `i` of a list.
+    #[inline(always)]
+    pub fn store(self, list: &mut Buf<UVec4>, i: u32) {
+        list.put_two(2 * i, (self.lo, self.hi));
+    }
+
+    /// The box.
+    #[inline(always)]
+    pub fn bounds(self) -> Bounds {
+        Bounds { lo: from_bits(self.lo), hi: from_bits(self.hi) }
+    }
+
+    /// The reference.
+    #[inline(always)]
+    pub fn read(self) -> Reference {
+        Reference { triangle: self.lo.w, cell: self.hi.w, bounds: self.bounds() }
+    }
+}
+
 /// The triangle of reference `i` of a list.
 #[inline(always)]
 pub fn triangle_at(list: &Buf<UVec4>, i: u32) -> u32 {
@@ -42,15 +78,19 @@ impl Reference {
     /// Reads reference `i` of a list.
     #[inline(always)]
     pub fn load(list: &Buf<UVec4>, i: u32) -> Self {
-        let (lo, hi) = (list.at(2 * i), list.at(2 * i + 1));
-        Self { triangle: lo.w, cell: hi.w, bounds: Bounds { lo: from_bits(lo), hi: from_bits(hi) } }
+        Words::load(list, i).read()
     }
 
     /// Writes reference `i` of a list.
     #[inline(always)]
     pub fn store(&self, list: &mut Buf<UVec4>, i: u32) {
-        list.put(2 * i, to_bits(self.bounds.lo, self.triangle));
-        list.put(2 * i + 1, to_bits(self.bounds.hi, self.cell));
+        self.words().store(list, i);
+    }
+
+    /// As it stands in a list.
+    #[inline(always)]
+    pub fn words(&self) -> Words {
+        Words { lo: to_bits(self.bounds.lo, self.triangle), hi: to_bits(self.bounds.hi, self.cell) }
     }
 
     /// Boxes around what of it lies below and above a plane that its box straddles.

@@ -8,7 +8,7 @@ use super::{
     chunk_of, cut,
     marks::{self, BLOCKS, Marks, WORDS, scan},
     plane_of,
-    reference::{Reference, triangle_at},
+    reference::{Reference, Words, triangle_at},
 };
 use crate::{
     Group, ON_GPU,
@@ -90,15 +90,17 @@ fn move_references(
             next,
             branch_refs,
         );
-        ahead::triangles(group, positions, indices, straddling, |k| triangle_at(refs, start + i + k * step));
+        let triangle_of = |k| triangle_at(refs, start + i + k * step);
+        ahead::indices(group, indices, straddling, triangle_of);
+        ahead::corners(group, positions, indices, straddling, triangle_of);
         while straddling != 0 {
             let at = i + straddling.trailing_zeros() * step;
             straddling &= straddling - 1;
             let whole = Reference::load(refs, start + at);
             let (under, over) = whole.halves(positions, indices, plane);
             let (under, over) = (Reference { bounds: under, ..whole }, Reference { bounds: over, ..whole });
-            below.put(group, &under, marks.below_before(at), below_table, next, branch_refs);
-            above.put(group, &over, marks.above_before(at), above_table, next, branch_refs);
+            below.put(group, under.words(), marks.below_before(at), below_table, next, branch_refs);
+            above.put(group, over.words(), marks.above_before(at), above_table, next, branch_refs);
         }
         i += 32 * step;
     }
@@ -123,12 +125,12 @@ fn move_boxes(
         let (is_below, is_above) = (marks.belows.at(i / 32), marks.aboves.at(i / 32));
         let straddling = if clips { is_below & is_above } else { 0 };
         for k in Bits(is_below & !straddling) {
-            let reference = Reference::load(refs, start + i + k);
-            below.put(group, &reference, marks.below_before(i + k), below_table, next, branch_refs);
+            let words = Words::load(refs, start + i + k);
+            below.put(group, words, marks.below_before(i + k), below_table, next, branch_refs);
         }
         for k in Bits(is_above & !straddling) {
-            let reference = Reference::load(refs, start + i + k);
-            above.put(group, &reference, marks.above_before(i + k), above_table, next, branch_refs);
+            let words = Words::load(refs, start + i + k);
+            above.put(group, words, marks.above_before(i + k), above_table, next, branch_refs);
         }
         return straddling;
     }
@@ -138,15 +140,15 @@ fn move_boxes(
         let at = i + k * step;
         let (is_below, is_above) = marks.sides(at);
         if is_below | is_above {
-            let reference = Reference::load(refs, start + at);
+            let words = Words::load(refs, start + at);
             if clips && is_below && is_above {
                 straddling |= 1 << k;
             } else {
                 if is_below {
-                    below.put(group, &reference, marks.below_before(at), below_table, next, branch_refs);
+                    below.put(group, words, marks.below_before(at), below_table, next, branch_refs);
                 }
                 if is_above {
-                    above.put(group, &reference, marks.above_before(at), above_table, next, branch_refs);
+                    above.put(group, words, marks.above_before(at), above_table, next, branch_refs);
                 }
             }
         }
@@ -256,7 +258,7 @@ impl Target {
     fn put(
         &self,
         group: Group,
-        reference: &Reference,
+        words: Words,
         before: u32,
         table: &mut [u32; TABLE],
         next: &mut Buf<UVec4>,
@@ -265,10 +267,10 @@ impl Target {
         // Not one store to either: a choice of buffers is no SPIR-V for Vulkan, and an H200's driver dies of
         // it.
         if self.is_branch {
-            reference.store(branch_refs, self.first + before);
+            words.store(branch_refs, self.first + before);
         } else {
-            reference.store(next, self.first + before);
-            enter_box(&group, table, self.rates, self.from, &reference.bounds);
+            words.store(next, self.first + before);
+            enter_box(&group, table, self.rates, self.from, words);
         }
     }
 }

@@ -220,6 +220,7 @@ fn start(
     stack: &mut [u32; ENTRIES],
     own: &mut [u32; OWN],
     item: &Item,
+    indices: &Buf<u32>,
     refs: &Buf<UVec4>,
 ) {
     let small = item.count <= TREELET;
@@ -240,6 +241,7 @@ fn start(
         }
         put_pad(boxes, lane, members);
     });
+    ahead::indices(group, indices, ones(members), |i| triangle_at(refs, item.first + i));
     if BY_MEMBER {
         lanes!(group, ..members, |lane| {
             if is_flat(&box_at(boxes, lane)) {
@@ -479,9 +481,7 @@ fn divide_all(
         halves.put(i, Halves { under: bounds, over: bounds, number: boxes.at(at) });
     }
     let straddling = if clips { belows & aboves } else { 0 };
-    ahead::triangles(group, positions, indices, straddling, |i| {
-        triangle_at(refs, first + halves.at(i).number)
-    });
+    ahead::corners(group, positions, indices, straddling, |i| triangle_at(refs, first + halves.at(i).number));
     for i in Bits(straddling) {
         let Halves { under: bounds, number, .. } = halves.at(i);
         let (a, b, c) = triangle(positions, indices, triangle_at(refs, first + number));
@@ -638,7 +638,7 @@ pub fn treelet(
         let base = scratch_base(item.first, group.id);
         let clips = (rule & rule::CLIP) != 0;
         let leaves = (rule & rule::LEAVES) != 0;
-        start(group, boxes, stack, own, &item, refs);
+        start(group, boxes, stack, own, &item, indices, refs);
         let mut picks = PerLane::<(u32, u32), LANES>::default();
         let mut halves = PerLane::<Halves, LANES>::default();
         while own.at(WAITING) > 0 {
